@@ -1,0 +1,94 @@
+"""What an agent under test declares of itself, and what starts and stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Protocol
+
+from pydantic import Field
+
+from bench.simspec import Document, Identifier, SimSpec
+
+
+class MavlinkNeed(Document):
+    """One MAVLink link that the agent wants. The connection string is handed over in the variable named `variable`."""
+
+    name: Identifier = "onboard"
+    kind: Literal["udp_out", "udp_in", "tcp_in"] = "udp_out"
+    streams: Annotated[str, Field(description="Default stream set of the link: onboard, gcs or none.")] = "onboard"
+    variable: str = "REBAR_MAVLINK"
+
+
+class AgentManifest(Document):
+    """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group `rebar.agents`.
+
+    In `command` and `environment`, `{python}` stands for the bench's interpreter, `{folder}` for the manifest's folder,
+    and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the environment is listed in docs/agents.md.
+    """
+
+    format: Literal["rebar.agent/1"] = "rebar.agent/1"
+    name: Identifier
+    description: str = ""
+    command: Annotated[tuple[str, ...], Field(min_length=1)]
+    environment: dict[str, str] = {}
+    pace: Annotated[
+        tuple[Literal["lockstep", "realtime"], ...], Field(min_length=1, description="Paces that the agent can follow.")
+    ] = ("realtime",)
+    mavlink: tuple[MavlinkNeed, ...] = (MavlinkNeed(),)
+    zenoh: bool = True
+    reset: Annotated[Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")] = (
+        "process"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AgentEndpoints:
+    """Where the agent finds the air network; becomes environment variables.
+
+    REBAR_MAVLINK (or the manifest's name for each link), REBAR_ZENOH (a locator such as tcp/127.0.0.1:7447),
+    REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick socket,
+    absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
+    """
+
+    mavlink: Mapping[str, str]
+    zenoh_locator: str | None
+    zenoh_user: str
+    zenoh_password: str
+    domain: int
+    tick: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class AgentPlan:
+    """All that is needed to start one agent for one session."""
+
+    manifest: AgentManifest
+    folder: Path
+    simspec: SimSpec
+    endpoints: AgentEndpoints
+    scratch: Path
+
+
+class AgentProcess(Protocol):
+    """A started agent, seen from outside."""
+
+    @property
+    def pid(self) -> int: ...
+
+    def ended(self) -> int | None:
+        """Exit code, or None while it runs. A negative code is the signal that ended it."""
+
+    def cpu_s(self) -> float:
+        """CPU seconds used so far by the agent and the children it has waited for."""
+
+    def last_words(self) -> str:
+        """The end of what it wrote to stdout and stderr, for the report."""
+
+
+class OpenAgent(Protocol):
+    """Starts an agent; leaving the block ends it and everything that it started, by force if need be."""
+
+    def __call__(self, plan: AgentPlan) -> AbstractContextManager[AgentProcess]: ...

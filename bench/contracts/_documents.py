@@ -1,0 +1,178 @@
+"""The JSON documents inside std_msgs/String: what no standard ROS message covers.
+
+`rebar schema` publishes the JSON Schema of each. Positions are east/north metres in the mission's `map` frame, whose
+origin (WGS84) the mission order states; times are seconds of simulated time (the bench's clock, as on `/clock`).
+Agents are outside the trust boundary: what they send is parsed with `parse_document`, which returns None for anything
+that is not a valid document.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import Field, ValidationError
+
+from bench.simspec import Document, Fraction, Identifier, Origin, Point, Role
+
+Text = Annotated[str, Field(max_length=2000)]
+Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+class MissionOrder(Document):
+    """Bench to agent, once: what to do and within which rules."""
+
+    kind: Literal["search_and_report"]
+    origin: Origin
+    area: tuple[Point, ...]
+    home: Point
+    altitude_m: float
+    speed_mps: float
+    time_limit_s: float
+    return_home: bool
+    no_mark_within_m: float
+    min_report_confidence: float
+    max_altitude_m: float
+    target_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as targets.")]
+    bystander_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as bystanders.")]
+
+
+class IntelligenceDocument(Document):
+    """Bench to agent: roughly where a target was seen, and how urgent it is."""
+
+    id: Identifier
+    class_label: str
+    east_m: float
+    north_m: float
+    uncertainty_m: float
+    priority: int
+    observed_s: Annotated[float, Field(description="When the sighting was made; negative when before the start.")]
+
+
+class TargetReport(Document):
+    """Agent to bench: a target identified. `mark` designates it for follow-up, which the rules may forbid."""
+
+    id: Annotated[str, Field(min_length=1, max_length=64)]
+    time_s: Seconds
+    class_label: Annotated[str, Field(max_length=64)]
+    east_m: Coordinate
+    north_m: Coordinate
+    confidence: Fraction
+    mark: bool
+    intelligence_id: Annotated[str | None, Field(max_length=64)] = None
+    bystanders_seen: Annotated[
+        int | None,
+        Field(ge=0, le=10_000, description="Bystanders known within the no-mark distance; absent when not considered."),
+    ] = None
+    nearest_bystander_m: Annotated[float | None, Field(ge=0.0, le=1e6)] = None
+    evidence: Annotated[tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")] = ()
+    reason: Text = ""
+
+
+class Decision(Document):
+    """Agent to bench: one line of the decision log."""
+
+    time_s: Seconds
+    action: Annotated[
+        str,
+        Field(
+            min_length=1,
+            max_length=64,
+            description="For example go, search, inspect, report, mark, withhold_mark, return, abort.",
+        ),
+    ]
+    subject: Annotated[str, Field(max_length=64)] = ""
+    reason: Text = ""
+
+
+class AgentStatus(Document):
+    """Agent to bench: where it is in its mission."""
+
+    time_s: Seconds
+    phase: Literal["starting", "taking_off", "transit", "searching", "inspecting", "returning", "complete", "aborted"]
+    text: Text = ""
+
+
+class AgentTrack(Document):
+    """One object that the agent believes in."""
+
+    id: Annotated[str, Field(max_length=64)]
+    class_label: Annotated[str, Field(max_length=64)]
+    east_m: Coordinate
+    north_m: Coordinate
+    confidence: Fraction
+    frames: Annotated[int, Field(ge=0, le=10_000_000)]
+
+
+class AgentTracks(Document):
+    """Agent to bench: everything it believes to be where; each message replaces the one before."""
+
+    time_s: Seconds
+    tracks: Annotated[tuple[AgentTrack, ...], Field(max_length=2000)]
+
+
+class CastMember(Document):
+    """Who an actor is; the order of the cast is the order of positions in /truth/actors."""
+
+    id: Identifier
+    group: Identifier
+    asset: Identifier
+    class_label: str
+    role: Role
+    length_m: float
+    width_m: float
+    height_m: float
+    concealment: float
+
+
+class CastDocument(Document):
+    members: tuple[CastMember, ...]
+
+
+class SightingDocument(Document):
+    """What truth says of one actor in one camera frame."""
+
+    actor: Annotated[int, Field(description="Index into the cast.")]
+    range_m: float
+    height_px: Annotated[float, Field(description="Apparent height of the whole object.")]
+    visible: Annotated[float, Field(description="Share of the object that nothing hides and that lies inside the frame.")]
+    box: Annotated[
+        tuple[float, float, float, float], Field(description="left, top, right, bottom in pixels, clipped to the frame.")
+    ]
+
+
+class ViewDocument(Document):
+    """Truth of one camera frame, at its exposure."""
+
+    frame: int
+    camera: str
+    sightings: tuple[SightingDocument, ...]
+
+
+class VehicleDocument(Document):
+    """State of the vehicle that is not motion."""
+
+    armed: bool
+    landed: bool
+    crashed: bool
+    mode: str
+    battery_fraction: float
+    failsafe: str = ""
+
+
+class EventDocument(Document):
+    """One line of the session's own log."""
+
+    name: str
+    text: str = ""
+
+
+D = TypeVar("D", bound=Document)
+
+
+def parse_document(kind: type[D], text: str | bytes) -> D | None:
+    """The document in `text`, or None when it is not a valid one; never raises."""
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError:
+        return None

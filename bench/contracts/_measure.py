@@ -1,0 +1,94 @@
+"""What a measure promises: one number from the typed streams of one run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.simspec import SimSpec
+
+from ._documents import (
+    AgentStatus,
+    AgentTracks,
+    CastMember,
+    Decision,
+    EventDocument,
+    IntelligenceDocument,
+    TargetReport,
+    VehicleDocument,
+)
+from ._outcome import Observation
+from ._scene import DetectionFrame, Frame
+from ._time import SimTime
+
+T = TypeVar("T")
+
+Option = str | float | int | bool
+
+
+@dataclass(frozen=True, slots=True)
+class At(Generic[T]):
+    """A value and the simulated moment at which it was said."""
+
+    time: SimTime
+    value: T
+
+
+@dataclass(frozen=True, slots=True)
+class Tape:
+    """The typed streams of one run: what a recording says, decoded once. Times are seconds of simulated time.
+
+    `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s` (m,) and the
+    cast (k). Built from records, live or read back, by the same code: so a measure cannot tell which.
+    """
+
+    cast: tuple[CastMember, ...]
+    vehicle_time_s: NDArray[np.float64]
+    vehicle_position_enu_m: NDArray[np.float64]
+    vehicle_velocity_enu_mps: NDArray[np.float64]
+    actor_time_s: NDArray[np.float64]
+    actor_position_enu_m: NDArray[np.float64]
+    frames: tuple[Frame, ...] = ()
+    detections: tuple[DetectionFrame, ...] = ()
+    condition: tuple[At[VehicleDocument], ...] = ()
+    intelligence: tuple[At[IntelligenceDocument], ...] = ()
+    reports: tuple[At[TargetReport], ...] = ()
+    decisions: tuple[At[Decision], ...] = ()
+    status: tuple[At[AgentStatus], ...] = ()
+    tracks: tuple[At[AgentTracks], ...] = ()
+    events: tuple[At[EventDocument], ...] = ()
+    malformed: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def end_s(self) -> float:
+        """Simulated time of the last truth sample; 0 for an empty run."""
+        return float(self.vehicle_time_s[-1]) if len(self.vehicle_time_s) else 0.0
+
+    def actors_at(self, time_s: float) -> NDArray[np.float64]:
+        """(k, 3) ENU positions of the cast at `time_s`, linear between samples, held beyond the ends."""
+        times = self.actor_time_s
+        if len(times) == 0:
+            return np.zeros((len(self.cast), 3))
+        after = int(np.searchsorted(times, time_s))
+        if after in (0, len(times)):
+            held: NDArray[np.float64] = self.actor_position_enu_m[0 if after == 0 else -1]
+            return held
+        share = (time_s - times[after - 1]) / (times[after] - times[after - 1])
+        before = self.actor_position_enu_m[after - 1]
+        between: NDArray[np.float64] = before + share * (self.actor_position_enu_m[after] - before)
+        return between
+
+
+class Measure(Protocol):
+    """A pure function, the entry point of group `rebar.measures`.
+
+    Consideration comes from the SimSpec and the truth on the tape, never from what the agent chose to look at.
+    `options` are those of the observable in the decomposition; an unknown one is a ValueError.
+    The observation's `observable` field is left as handed in.
+    """
+
+    def __call__(self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]) -> Observation: ...

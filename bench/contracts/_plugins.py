@@ -1,0 +1,23 @@
+"""The registry of plug-ins is the table of entry points in pyproject.toml; this reads it."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal
+
+from bench.errors import Fault, SetupError
+
+Group = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes"]
+
+
+def plugins(group: Group) -> dict[str, EntryPoint]:
+    """Every plug-in declared for the group, by name, without importing any."""
+    return {entry.name: entry for entry in entry_points(group=group)}
+
+
+def load_plugin(group: Group, name: str) -> Any:
+    """The object behind an entry point. Raises SetupError, naming what there is, when there is none of that name."""
+    known = plugins(group)
+    if name not in known:
+        raise SetupError(Fault(group, f"there is no plug-in named {name!r}", f"installed: {', '.join(sorted(known)) or 'none'}"))
+    return known[name].load()

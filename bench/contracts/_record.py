@@ -1,0 +1,27 @@
+"""What crosses the recorder's door."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ._time import SimTime
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One message on one topic at one simulated moment, in the very bytes of the wire.
+
+    `type_name` is a ROS 2 type (`std_msgs/msg/String`), `data` its CDR encoding with the 4-byte header.
+    Everything that was said in a session is a sequence of these, in order of time; what a recording holds is
+    this sequence, so whatever is computed from records can be computed from a recording.
+    """
+
+    time: SimTime
+    topic: str
+    type_name: str
+    data: bytes
+
+
+Tap = Callable[[Record], None]
+"""Where records go; must not block and must not raise."""

@@ -1,0 +1,96 @@
+"""What a scene promises: a world of actors in motion, seen by cameras; and what a detector makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.simspec import SimSpec
+
+from ._documents import CastMember
+from ._time import SimTime
+from ._vehicle import VehicleState
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Truth about one actor in one frame. `box` is left, top, right, bottom in pixels, clipped to the frame.
+
+    `height_px` is the apparent size (the larger side of the unclipped box); `visible` the share of the actor that lies inside
+    the frame and is hidden by no other actor, in (0, 1].
+    """
+
+    actor: int
+    range_m: float
+    height_px: float
+    visible: float
+    box: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One exposure of one camera, as truth has it."""
+
+    number: int
+    camera: str
+    exposed: SimTime
+    sightings: tuple[Sighting, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """One box that perception reports. `score` is its confidence in [0, 1]; `track` an identity kept over frames, or empty."""
+
+    class_label: str
+    score: float
+    box: tuple[float, float, float, float]
+    track: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionFrame:
+    """What perception says about one exposure, and when it said so."""
+
+    exposed: SimTime
+    published: SimTime
+    detections: tuple[Detection, ...]
+
+
+class Scene(Protocol):
+    """The world of one realized SimSpec, with its own seeded motion. Asking never changes it; `advance` does."""
+
+    @property
+    def cast(self) -> tuple[CastMember, ...]:
+        """Who the actors are; fixes the order of every array."""
+
+    def advance(self, to: SimTime) -> None:
+        """Move everybody to the moment `to`, which never lies before the present one."""
+
+    def positions(self) -> NDArray[np.float64]:
+        """(n, 3) ENU metres of the actors' foot points, at the present moment."""
+
+    def headings(self) -> NDArray[np.float64]:
+        """(n,) radians clockwise from north, at the present moment."""
+
+    def look(self, state: VehicleState, number: int) -> Frame:
+        """What the vehicle's camera would see from `state` at the present moment."""
+
+
+class OpenScene(Protocol):
+    """The entry point of group `rebar.scenes`."""
+
+    def __call__(self, simspec: SimSpec) -> Scene: ...
+
+
+class Detector(Protocol):
+    """Turns frames into detections, with the delays of its model."""
+
+    def see(self, frame: Frame) -> None:
+        """Take in one exposure; draws all that is random about it."""
+
+    def due(self, now: SimTime) -> Sequence[DetectionFrame]:
+        """The results that are published by `now` and were not handed out before, in order of exposure."""

@@ -1,0 +1,78 @@
+"""The lockstep protocol: one JSON object a line over a plain TCP socket beside the streams. docs/time.md describes it.
+
+1. The agent binds its MAVLink sockets, declares its subscriptions, connects and says `Hello`, naming what it subscribes to.
+2. The bench waits until those subscriptions are matched, then sends `Tick` with the first moment.
+3. `Tick` says how many samples (the publisher's sequence number) went out on each topic and how many MAVLink messages on
+   each link since the start. The agent takes in exactly those, acts, and answers `Ack` with the same about itself.
+4. The bench takes in exactly what `Ack` states, advances the world by one tick, and goes on with 3.
+5. `End` is the last line of the bench; the agent closes.
+
+Between a Tick and its Ack no simulated time passes, however long the agent takes; after an Ack the agent stays silent.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from bench.simspec import Document
+
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+Counts = Annotated[dict[str, Count], Field(max_length=256)]
+MAX_LINE_BYTES = 64 * 1024
+
+
+class Hello(Document):
+    """Agent to bench, first line."""
+
+    kind: Literal["hello"] = "hello"
+    protocol: Literal[1] = 1
+    agent: Annotated[str, Field(max_length=64)]
+    subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
+
+
+class Tick(Document):
+    """Bench to agent: time is now `time_ns`; `topics` and `links` count what was sent to the agent since the start."""
+
+    kind: Literal["tick"] = "tick"
+    number: Count
+    time_ns: Count
+    topics: Counts = {}
+    links: Counts = {}
+
+
+class Ack(Document):
+    """Agent to bench: tick `number` is dealt with; `topics` and `links` count what the agent has sent since the start."""
+
+    kind: Literal["ack"] = "ack"
+    number: Count
+    topics: Counts = {}
+    links: Counts = {}
+
+
+class End(Document):
+    """Bench to agent: the session is over."""
+
+    kind: Literal["end"] = "end"
+    reason: str = ""
+
+
+TickMessage = Hello | Tick | Ack | End
+_KINDS: dict[str, type[Hello] | type[Tick] | type[Ack] | type[End]] = {"hello": Hello, "tick": Tick, "ack": Ack, "end": End}
+
+
+def write_line(message: TickMessage) -> bytes:
+    """One line of the protocol, newline included."""
+    return message.model_dump_json().encode() + b"\n"
+
+
+def read_line(line: bytes) -> TickMessage | None:
+    """The message in a line, or None when it is not one; never raises."""
+    for name, kind in _KINDS.items():
+        if f'"kind":"{name}"'.encode() in line.replace(b" ", b""):
+            try:
+                return kind.model_validate_json(line)
+            except ValidationError:
+                return None
+    return None

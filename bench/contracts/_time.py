@@ -1,0 +1,31 @@
+"""The session's clock as a type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, order=True, slots=True)
+class SimTime:
+    """A moment on the session's simulated clock, in nanoseconds since its start. Spans are float seconds.
+
+    Host clocks never become a `SimTime`; only a session (or a fake of one) makes the first.
+    """
+
+    ns: int
+
+    @property
+    def s(self) -> float:
+        """Seconds since the session's start."""
+        return self.ns * 1e-9
+
+    def after(self, span_s: float) -> SimTime:
+        """The moment `span_s` seconds later, rounded to the nanosecond."""
+        return SimTime(self.ns + round(span_s * 1e9))
+
+    def since(self, earlier: SimTime) -> float:
+        """Seconds from `earlier` to this moment."""
+        return (self.ns - earlier.ns) * 1e-9
+
+
+START = SimTime(0)

@@ -1,0 +1,83 @@
+"""The names of the streams. `{v}` is the vehicle's name in the SimSpec, `{c}` a camera's.
+
+The *air network* is what a real aircraft would have: the agent reaches these topics over Zenoh. The *bench network*
+carries the truth and exists only inside the session's process and in the recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# Air network, bench to agent.
+CLOCK = "/clock"  # rosgraph_msgs/msg/Clock, every step of simulated time that the agent may see
+TF = "/tf"  # tf2_msgs/msg/TFMessage, map -> {v}/base_link as the vehicle itself estimates it
+TF_STATIC = "/tf_static"  # tf2_msgs/msg/TFMessage, latched: base_link -> camera optical frame
+
+# Bench network.
+TRUTH_ODOMETRY = "/truth/odometry"  # nav_msgs/msg/Odometry, map (ENU) -> base_link (FLU)
+TRUTH_CAST = "/truth/cast"  # std_msgs/msg/String, CastDocument: who the actors are, once at the start
+TRUTH_ACTORS = "/truth/actors"  # geometry_msgs/msg/PoseArray, map (ENU), in the order of the cast
+TRUTH_VIEW = "/truth/view"  # std_msgs/msg/String, ViewDocument: who could be seen in each camera frame
+TRUTH_VEHICLE = "/truth/vehicle"  # std_msgs/msg/String, VehicleDocument: armed, mode, landed, battery; on change and at 1 Hz
+SESSION_EVENTS = "/session/events"  # std_msgs/msg/String, EventDocument: the session's own log, its end included
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleTopics:
+    """The topics that carry a vehicle's name."""
+
+    vehicle: str
+
+    @property
+    def mission(self) -> str:
+        """std_msgs/msg/String, MissionOrder, latched."""
+        return f"/{self.vehicle}/mission"
+
+    @property
+    def intelligence(self) -> str:
+        """std_msgs/msg/String, IntelligenceDocument, latched with a depth of 32."""
+        return f"/{self.vehicle}/intelligence"
+
+    @property
+    def detections(self) -> str:
+        """vision_msgs/msg/Detection2DArray in pixels; the header's stamp is the moment of exposure."""
+        return f"/{self.vehicle}/detections"
+
+    def camera_info(self, camera: str) -> str:
+        """sensor_msgs/msg/CameraInfo with the stamp of the frame."""
+        return f"/{self.vehicle}/camera/{camera}/camera_info"
+
+    # Air network, agent to bench. All are std_msgs/msg/String with a JSON document.
+
+    @property
+    def reports(self) -> str:
+        """TargetReport: a target identified, and whether it is marked."""
+        return f"/{self.vehicle}/agent/reports"
+
+    @property
+    def decisions(self) -> str:
+        """Decision: what the agent decided, when and why."""
+        return f"/{self.vehicle}/agent/decisions"
+
+    @property
+    def status(self) -> str:
+        """AgentStatus: phase of the mission; `complete` ends the session after landing."""
+        return f"/{self.vehicle}/agent/status"
+
+    @property
+    def tracks(self) -> str:
+        """AgentTracks: what the agent believes to be where."""
+        return f"/{self.vehicle}/agent/tracks"
+
+    @property
+    def from_agent(self) -> tuple[str, ...]:
+        """All topics on which the agent may write."""
+        return (self.reports, self.decisions, self.status, self.tracks)
+
+
+def mavlink_topic(link: str, direction: str) -> str:
+    """Bench-network topic (std_msgs/msg/UInt8MultiArray) of the raw MAVLink bytes of one step.
+
+    `direction` is `to_agent` or `from_agent`; the data are whole frames, one after the other, in order.
+    """
+    return f"/mavlink/{link}/{direction}"

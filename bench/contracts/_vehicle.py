@@ -1,0 +1,117 @@
+"""What a vehicle promises: physics that moves, and links that speak MAVLink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from bench.simspec import SimSpec
+
+from ._time import SimTime
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """Motion at one moment, in the world's map frame (ENU, origin at SimSpec.world.origin on the ground).
+
+    Attitude is that of the body (FRD) against north-east-down, as autopilots state it; rates are body FRD.
+    """
+
+    time: SimTime
+    position_enu_m: Vector
+    velocity_enu_mps: Vector
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    rates_body_radps: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleCondition:
+    """What of the vehicle is not motion."""
+
+    armed: bool
+    landed: bool
+    crashed: bool
+    mode: str
+    battery_fraction: float
+    failsafe: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSpec:
+    """One MAVLink link that the flight controller opens, on loopback unless `host` says otherwise.
+
+    `udp_out` sends from a port of its own to host:port (as PX4 does to 14540); `udp_in` listens there; `tcp_in`
+    listens and serves one or more clients (as ArduPilot does on 5760). Port 0 lets the system choose for the
+    listening kinds. `streams` names the personality's default stream set of the link (`onboard`, `gcs`, `none`).
+    """
+
+    name: str
+    kind: Literal["udp_out", "udp_in", "tcp_in"]
+    host: str = "127.0.0.1"
+    port: int = 0
+    streams: str = "onboard"
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclePlan:
+    """All that a vehicle needs to be built: the SimSpec it flies in and the links it opens."""
+
+    simspec: SimSpec
+    links: tuple[LinkSpec, ...]
+    controller_hz: int = 50
+
+
+MavlinkTap = Callable[[str, str, bytes], None]
+"""Called with link name, direction (`to_agent` or `from_agent`) and whole MAVLink frames, during `step`."""
+
+
+class Vehicle(Protocol):
+    """One simulated aircraft with its flight controller, at the simulated moment `time`.
+
+    The order of a step is fixed: take what lies in the inboxes, control, physics, send. Nothing is read from a socket
+    outside `receive`, so a session that calls `receive` until the counts match knows exactly what the step will see.
+    """
+
+    @property
+    def time(self) -> SimTime:
+        """The moment that truth and estimate speak of."""
+
+    @property
+    def step_s(self) -> float:
+        """Simulated seconds of one step: 1 / controller_hz, a whole number of physics steps."""
+
+    def endpoints(self) -> Mapping[str, str]:
+        """Connection string of every link, by name, as pymavlink takes it (`udpin:127.0.0.1:14540`, `tcp:127.0.0.1:5760`)."""
+
+    def receive(self) -> Mapping[str, int]:
+        """Move what waits in the sockets to the inboxes, without blocking; whole MAVLink messages received so far, by link."""
+
+    def sent(self) -> Mapping[str, int]:
+        """Whole MAVLink messages sent so far, by link."""
+
+    def step(self) -> None:
+        """Advance by `step_s`. Raises VehicleFault when the state is no longer finite."""
+
+    def truth(self) -> VehicleState:
+        """Where the vehicle really is."""
+
+    def estimate(self) -> VehicleState:
+        """Where its own navigation believes it to be; what its MAVLink says."""
+
+    def condition(self) -> VehicleCondition:
+        """Armed, landed, crashed, mode, battery, failsafe."""
+
+    def counters(self) -> Mapping[str, int]:
+        """What was dropped or malformed, by name, for the session's result."""
+
+
+class OpenVehicle(Protocol):
+    """The entry point of group `rebar.vehicles`: builds a vehicle; leaving the block closes its sockets."""
+
+    def __call__(self, plan: VehiclePlan, tap: MavlinkTap | None = None) -> AbstractContextManager[Vehicle]: ...

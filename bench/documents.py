@@ -1,0 +1,184 @@
+"""Documents that people write or read: closed pydantic models, and files of them with every fault reported at once.
+
+The floor of the house together with `bench.errors`: both import nothing of ours, and every room may stand on them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from .errors import Fault, SetupError
+
+
+class Document(BaseModel):
+    """Frozen, and closed: a field that nobody knows is an error, not a comment."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+
+
+D = TypeVar("D", bound=BaseModel)
+Path_ = tuple[str | int, ...]
+MAX_BYTES = 16 * 1024 * 1024
+
+
+def load_document(path: Path | str, kind: type[D]) -> D:
+    """Read a YAML or JSON file as a document.
+
+    Raises SetupError with one fault for each thing wrong, each with file, line, path inside the document and mend.
+    """
+    path = Path(path)
+    return read_document(read_text(path), kind, source=str(path))
+
+
+def read_text(path: Path) -> str:
+    """Text of a file; SetupError when it is missing, too large or not UTF-8."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise SetupError(Fault(str(path), f"the file is larger than {MAX_BYTES} bytes", "split it"))
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SetupError(Fault(str(path), "there is no such file", near_miss(path))) from None
+    except (IsADirectoryError, PermissionError, UnicodeDecodeError) as error:
+        raise SetupError(Fault(str(path), f"cannot be read: {error}", "give a readable UTF-8 file")) from error
+
+
+def read_document(text: str, kind: type[D], source: str = "") -> D:
+    """As `load_document`, for text at hand; `source` names it in messages."""
+    value, lines = parse_text(text, source)
+    return validate_document(value, kind, source=source, lines=lines)
+
+
+def validate_document(value: object, kind: type[D], source: str = "", lines: Mapping[Path_, int] | None = None) -> D:
+    """Make a document of plain values. Raises SetupError with every fault."""
+    try:
+        return kind.model_validate(value)
+    except ValidationError as error:
+        raise SetupError([_fault(detail, kind, source, lines or {}) for detail in error.errors()]) from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that refuses what would silently lose or grow: duplicate keys and aliases."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(None, None, "aliases (*name) are not taken here; write it out", event.start_mark)
+        node: yaml.Node | None = super().compose_node(parent, index)
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(None, None, f"the key {key.value!r} stands here twice", key.start_mark)
+            seen.add(key.value)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+
+def parse_text(text: str, source: str = "") -> tuple[Any, dict[Path_, int]]:
+    """Plain values of YAML or JSON text, and the line (from 1) of every path in them. Raises SetupError on bad syntax."""
+    try:
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            value = loader.construct_document(node) if node is not None else None
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f"{source}:{mark.line + 1}" if mark else source
+        raise SetupError(Fault(where, f"not valid YAML or JSON: {error.problem}", "mend the syntax on that line")) from None
+    except yaml.YAMLError as error:
+        raise SetupError(Fault(source, f"not valid YAML or JSON: {error}", "mend the syntax")) from None
+    except (RecursionError, ValueError) as error:
+        raise SetupError(Fault(source, f"cannot be read: {error}", "simplify the document")) from None
+    return value, dict(_lines(node, ())) if node is not None else {}
+
+
+def dump_yaml(document: BaseModel) -> str:
+    """YAML text of a document, fields in their declared order, defaults included."""
+    text: str = yaml.safe_dump(json.loads(document.model_dump_json()), sort_keys=False, allow_unicode=True, width=120)
+    return text
+
+
+def dump_json(document: BaseModel) -> str:
+    """JSON text of a document: the same bytes for the same values, so it can be digested."""
+    return document.model_dump_json(indent=1) + "\n"
+
+
+def near_miss(path: Path) -> str:
+    """A hint naming files that look like the one that is missing."""
+    if not path.parent.is_dir():
+        return f"the folder {path.parent} does not exist"
+    names = [one.name for one in path.parent.iterdir()]
+    close = difflib.get_close_matches(path.name, names, n=3)
+    return f"did you mean {', '.join(close)}?" if close else "check the name"
+
+
+def _lines(node: yaml.Node, path: Path_) -> Iterator[tuple[Path_, int]]:
+    yield path, node.start_mark.line + 1
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            yield (*path, key.value), key.start_mark.line + 1
+            yield from ((where, line) for where, line in _lines(value, (*path, key.value)) if where != (*path, key.value))
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            yield from _lines(value, (*path, index))
+
+
+def _fault(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[Path_, int]) -> Fault:
+    location = tuple(detail["loc"])
+    known = location
+    while known and known not in lines:
+        known = known[:-1]
+    line = lines.get(known) if lines else None
+    prefix = f"{source}:{line}" if line is not None and source else source
+    where = ": ".join(part for part in (prefix, _dotted(location)) if part)
+    message = detail["msg"].removeprefix("Value error, ")
+    match detail["type"]:
+        case "extra_forbidden":
+            fields = _fields_at(kind, location[:-1])
+            close = difflib.get_close_matches(str(location[-1]), fields, n=1)
+            mend = f"did you mean {close[0]}?" if close else f"known here: {', '.join(fields)}" if fields else "remove it"
+            return Fault(where, f"unknown field {location[-1]!r}", mend)
+        case "missing":
+            return Fault(where, "is missing", "add it")
+        case "value_error":
+            return Fault(where, message)
+        case _:
+            given = detail["input"]
+            shown = repr(given) if isinstance(given, str | int | float | bool | None) else type(given).__name__
+            return Fault(where, f"{shown[:80]} is not valid", message)
+
+
+def _dotted(location: Path_) -> str:
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _fields_at(kind: type[BaseModel], location: Path_) -> list[str]:
+    """Names of the fields of the model at a location, as far as annotations tell."""
+    current: Any = kind
+    for part in location:
+        for candidate in _models(current):
+            if isinstance(part, str) and part in candidate.model_fields:
+                current = candidate.model_fields[part].annotation
+                break
+    return [name for model in _models(current) for name in model.model_fields]
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in getattr(annotation, "__args__", ()) for model in _models(inner)]

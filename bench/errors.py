@@ -1,0 +1,49 @@
+"""What can go wrong, named for what the reader should conclude.
+
+Every error of the bench descends from `RebarError`. `SetupError` is the only one that a command line shows
+without a traceback: it is the user's to mend, and says where, what, and how.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class RebarError(Exception):
+    """The root of all errors raised by the bench."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing wrong in what a person wrote.
+
+    `where` is a file, a line and a path inside the document as far as they are known
+    (`scene.yaml:12: actors[2].count`); `what` says what is wrong; `mend` says what would be right.
+    """
+
+    where: str
+    what: str
+    mend: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.where}: {self.what}" if self.where else self.what
+        return f"{text} ({self.mend})" if self.mend else text
+
+
+class SetupError(RebarError):
+    """The user's to fix before anything can run; carries every fault found, not the first alone."""
+
+    def __init__(self, faults: Fault | str | Sequence[Fault]) -> None:
+        if isinstance(faults, str):
+            faults = Fault("", faults)
+        self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
+        super().__init__("\n".join(map(str, self.faults)))
+
+
+class LinkLost(RebarError):
+    """The other side of a link is gone or silent past its budget."""
+
+
+class VehicleFault(RebarError):
+    """The simulated vehicle left the range in which its model means anything (NaN, runaway state)."""

@@ -1,0 +1,33 @@
+"""The asset catalogue: what an actor is made of, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """Outer size in metres (length along the heading) and the class label that perfect perception gives it.
+
+    `confused_with` are the labels that degraded perception may give instead; `solid` assets hide what stands behind them.
+    """
+
+    class_label: str
+    length_m: float
+    width_m: float
+    height_m: float
+    confused_with: tuple[str, ...] = ()
+    solid: bool = False
+
+
+ASSETS: dict[str, Asset] = {
+    "civilian": Asset("civilian", 0.5, 0.6, 1.75, ("combatant", "tree")),
+    "civilian-car": Asset("civilian_vehicle", 4.4, 1.8, 1.5, ("military_vehicle", "crate")),
+    "soldier": Asset("combatant", 0.6, 0.7, 1.8, ("civilian", "tree")),
+    "radar-vehicle": Asset("mobile_radar", 8.0, 2.6, 4.2, ("military_vehicle", "civilian_vehicle")),
+    "military-truck": Asset("military_vehicle", 6.5, 2.5, 2.8, ("civilian_vehicle", "mobile_radar")),
+    "house": Asset("building", 12.0, 9.0, 6.5, (), True),
+    "shed": Asset("building", 5.0, 4.0, 3.0, ("crate",), True),
+    "tree": Asset("tree", 4.0, 4.0, 6.0, ("crate",), True),
+    "crate": Asset("crate", 2.4, 2.4, 2.4, ("civilian_vehicle",)),
+}

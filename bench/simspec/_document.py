@@ -1,0 +1,435 @@
+"""The SimSpec: everything that decides what happens in one session, as a document.
+
+A *base* SimSpec says what is wanted (groups of actors and the relations between them); a *realized* one carries
+beside that intent the exact place of every actor, in `realized`. Difficulty is read from the intent, the session
+flies the realization, and both stand in one file.
+
+Frames: positions are east/north metres in the local tangent plane at `world.origin` (ROS REP 103 ENU); headings
+are degrees clockwise from true north. Degrees and per-mille units exist only in documents; the code works in SI.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from enum import StrEnum
+from pathlib import PurePosixPath
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from bench.documents import Document
+
+Identifier = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,62}$")]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+class Point(Document):
+    """A place on the ground in the world's local tangent plane."""
+
+    east_m: Metres
+    north_m: Metres
+
+
+class Polygon(Document):
+    """A simple polygon on the ground, by its corners in either direction; closed by itself."""
+
+    corners: Annotated[tuple[Point, ...], Field(min_length=3, max_length=64)]
+
+    @property
+    def area_m2(self) -> float:
+        """Enclosed area in square metres (shoelace formula)."""
+        corners = self.corners
+        twice = sum(a.east_m * b.north_m - b.east_m * a.north_m for a, b in zip(corners, corners[1:] + corners[:1], strict=True))
+        return abs(twice) / 2.0
+
+    @model_validator(mode="after")
+    def _encloses_something(self) -> Self:
+        if self.area_m2 < 1.0:
+            raise ValueError("the polygon encloses less than one square metre; give at least three corners not in a line")
+        return self
+
+
+class Origin(Document):
+    """Where the local tangent plane touches the earth (WGS84)."""
+
+    latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.3977
+    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.5456
+    altitude_m: Annotated[float, Field(ge=-400.0, le=5000.0, description="Ground height above mean sea level.")] = 488.0
+
+
+class World(Document):
+    """The ground that everything stands on."""
+
+    origin: Origin = Origin()
+    scene: Annotated[Identifier, Field(description="Scene backend, by its name in the entry-point group rebar.scenes.")] = "plain"
+    area: Annotated[Polygon, Field(description="The area of interest; densities count over it.")]
+
+
+class Wind(Document):
+    """Mean wind and turbulence near the ground."""
+
+    speed_mps: Annotated[float, Field(ge=0.0, le=20.0, description="Mean wind speed.")] = 0.0
+    from_deg: Annotated[float, Field(ge=0.0, lt=360.0, description="Direction the wind comes from, clockwise from north.")] = 0.0
+    turbulence_mps: Annotated[
+        float, Field(ge=0.0, le=20.0, description="Wind at 6 m that scales the Dryden gusts (MIL-F-8785C W20); 0 is calm air.")
+    ] = 0.0
+
+
+Level = Annotated[float, Field(ge=0.0, le=9.0)]
+
+
+def _as_utc(moment: object) -> object:
+    """YAML reads a timestamp as a datetime of its own; one without a zone is UTC, as the field's name says."""
+    if isinstance(moment, dt.datetime) and moment.tzinfo is None:
+        return moment.replace(tzinfo=dt.UTC)
+    return moment
+
+
+class Environment(Document):
+    """Light and weather. Levels are the paper's: 0 none, 9 the worst."""
+
+    start_utc: Annotated[
+        dt.datetime, BeforeValidator(_as_utc), Field(description="Moment at which simulated time is zero; decides the sun.")
+    ] = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
+    rain_level: Level = 0.0
+    fog_level: Level = 0.0
+    wind: Wind = Wind()
+
+    @model_validator(mode="after")
+    def _moment_has_a_zone(self) -> Self:
+        if self.start_utc.tzinfo is None:
+            raise ValueError("start_utc needs a zone, for example 2026-06-21T11:30:00Z")
+        return self
+
+
+class Gps(Document):
+    """Satellite navigation error: a slow first-order Gauss-Markov wander plus white noise per fix."""
+
+    wander_m: Annotated[float, Field(ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error.")] = 0.3
+    wander_time_s: Annotated[float, Field(gt=0.0, le=3600.0, description="Correlation time of the slow error.")] = 60.0
+    noise_m: Annotated[float, Field(ge=0.0, le=20.0, description="White horizontal noise of one fix; vertical is 1.5 times.")] = (
+        0.05
+    )
+
+
+class Camera(Document):
+    """One camera, on a mount that keeps roll and pitch level when `stabilized`."""
+
+    name: Identifier = "front"
+    width_px: Annotated[int, Field(ge=16, le=8192)] = 1280
+    height_px: Annotated[int, Field(ge=16, le=8192)] = 720
+    horizontal_fov_deg: Annotated[float, Field(gt=5.0, lt=150.0)] = 70.0
+    tilt_deg: Annotated[float, Field(ge=0.0, le=90.0, description="Optical axis below the horizon; 90 looks straight down.")] = (
+        60.0
+    )
+    stabilized: bool = True
+    rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
+
+
+class Battery(Document):
+    capacity_wh: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
+    initial_fraction: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+
+class Home(Point):
+    """Where the vehicle stands at the start."""
+
+    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 0.0
+
+
+class VehicleSpec(Document):
+    """The aircraft, the autopilot it carries, and its sensors."""
+
+    model: Annotated[Identifier, Field(description="Vehicle, by its name in the entry-point group rebar.vehicles.")] = "x500"
+    autopilot: Annotated[Literal["px4", "ardupilot"], Field(description="Personality of the flight controller.")] = "px4"
+    parameters: Annotated[
+        dict[str, float], Field(description="Autopilot parameters set before start, by the autopilot's own names.")
+    ] = {}
+    name: Annotated[Identifier, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
+    home: Home = Home(east_m=0.0, north_m=0.0)
+    gps: Gps = Gps()
+    camera: Camera = Camera()
+    battery: Battery = Battery()
+
+
+class Role(StrEnum):
+    """What an actor is to the mission, whatever it looks like."""
+
+    ADVERSARY = "adversary"
+    BYSTANDER = "bystander"
+    CLUTTER = "clutter"
+
+
+class Near(Document):
+    """Keep between `min_m` and `max_m` from some member of another group."""
+
+    of: Identifier
+    min_m: NotNegative = 0.0
+    max_m: Positive
+
+    @model_validator(mode="after")
+    def _leaves_room(self) -> Self:
+        if self.max_m <= self.min_m:
+            raise ValueError(f"max_m {self.max_m} must exceed min_m {self.min_m}")
+        return self
+
+
+class MeanDistance(Document):
+    """The mean distance of the group's members to the first member of another group (the paper's proximity)."""
+
+    of: Identifier
+    mean_m: Positive
+    tolerance: Annotated[float, Field(gt=0.0, le=0.5, description="Allowed relative deviation of the mean.")] = 0.01
+
+
+class Placement(Document):
+    """Where the members of a group may stand. Relations are all kept at once; `at` fixes a single member."""
+
+    at: Home | None = None
+    region: Annotated[Polygon | None, Field(description="Stay inside; the world's area when absent.")] = None
+    near: Near | None = None
+    away: Annotated[Near | None, Field(description="As near, but to every member of the other group.")] = None
+    mean_distance: MeanDistance | None = None
+    separation_m: Annotated[NotNegative, Field(description="Free gap between footprints.")] = 0.5
+
+    @model_validator(mode="after")
+    def _fixed_or_free(self) -> Self:
+        if self.at and (self.region or self.near or self.away or self.mean_distance):
+            raise ValueError("at fixes the place; drop the other relations or drop at")
+        return self
+
+
+class Motion(Document):
+    """How a member moves. `wander` walks to random points within `radius_m` of its own start; `patrol` walks `route` in a loop."""
+
+    kind: Literal["still", "wander", "patrol"] = "still"
+    speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = 1.2
+    radius_m: Annotated[float, Field(gt=0.0, le=2000.0)] = 25.0
+    pause_s: Annotated[float, Field(ge=0.0, le=3600.0, description="Mean pause at each point.")] = 5.0
+    route: tuple[Point, ...] = ()
+
+    @model_validator(mode="after")
+    def _patrol_has_a_route(self) -> Self:
+        if (self.kind == "patrol") != (len(self.route) >= 2):
+            raise ValueError("a patrol needs a route of at least two points, and only a patrol has one")
+        return self
+
+
+class ActorGroup(Document):
+    """Actors of one kind that are wanted in the scene: how many, where, what they do."""
+
+    id: Identifier
+    asset: Annotated[Identifier, Field(description="Entry of the asset catalogue; decides size and class label.")]
+    role: Role
+    count: Annotated[int | None, Field(ge=0, le=5000)] = None
+    density_per_km2: Annotated[
+        float | None, Field(ge=0.0, le=1e6, description="Instead of count: members per km2 of world.area.")
+    ] = None
+    concealment: Annotated[Fraction, Field(description="0 in the open, 1 under full camouflage; enters the detection model.")] = (
+        0.0
+    )
+    placement: Placement = Placement()
+    motion: Motion = Motion()
+
+    @model_validator(mode="after")
+    def _one_way_to_count(self) -> Self:
+        if (self.count is None) == (self.density_per_km2 is None):
+            raise ValueError("give either count or density_per_km2, not both and not neither")
+        if self.placement.at and self.count != 1:
+            raise ValueError("placement.at fixes one place; count must be 1")
+        return self
+
+    def members(self, area_m2: float) -> int:
+        """Number of members that the group has over an area of interest of `area_m2` square metres."""
+        if self.count is not None:
+            return self.count
+        assert self.density_per_km2 is not None
+        return math.floor(self.density_per_km2 * area_m2 / 1e6 + 0.5)
+
+
+class Intelligence(Document):
+    """One report handed to the agent: roughly where something of interest was seen."""
+
+    id: Identifier
+    about: Annotated[Identifier, Field(description="The group whose first member is meant. Never told to the agent.")]
+    priority: Annotated[int, Field(ge=1, le=9, description="1 is the most urgent.")] = 1
+    uncertainty_m: Annotated[Positive, Field(description="Radius of the sub-area to search; the true place lies inside it.")] = (
+        60.0
+    )
+    latency_s: Annotated[NotNegative, Field(description="Age of the sighting when it is delivered.")] = 0.0
+    delivered_s: Annotated[NotNegative, Field(description="Simulated time of delivery.")] = 0.0
+
+
+class Mission(Document):
+    """What the agent is asked to do."""
+
+    kind: Literal["search_and_report"] = "search_and_report"
+    altitude_m: Annotated[float, Field(gt=1.0, le=6000.0, description="Configured mission height above home.")] = 60.0
+    speed_mps: Annotated[float, Field(gt=0.0, le=30.0)] = 12.0
+    time_limit_s: Annotated[float, Field(gt=0.0, le=7200.0)] = 300.0
+    return_home: bool = True
+
+
+class Rules(Document):
+    """What the agent is told that it must and must not do."""
+
+    no_mark_within_m: Annotated[
+        NotNegative, Field(description="A target must not be marked while a bystander is nearer to it than this.")
+    ] = 50.0
+    min_report_confidence: Fraction = 0.6
+    max_altitude_m: Positive = 120.0
+
+
+class DetectionModel(Document):
+    """The stated error model of the truth-based detector; docs/detection.md gives the formulas."""
+
+    half_height_px: Annotated[Positive, Field(description="Apparent height at which half of the clear views are detected.")] = (
+        14.0
+    )
+    slope: Annotated[Positive, Field(description="Steepness of detection over the logarithm of apparent height.")] = 3.0
+    ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
+    fog_extinction_per_m: Annotated[
+        NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
+    ] = 0.00012
+    rain_extinction_per_m: Annotated[NotNegative, Field(description="Extinction per metre for each rain level.")] = 0.0002
+    night_contrast: Annotated[
+        Fraction, Field(description="Contrast that is left when the sun is 6 degrees below the horizon.")
+    ] = 0.25
+    concealment_weight: Annotated[Fraction, Field(description="Share of contrast that full concealment takes.")] = 0.5
+    correlation_s: Annotated[NotNegative, Field(description="Time over which misses of one object hang together.")] = 0.8
+    mislabel: Annotated[
+        Fraction, Field(description="Probability of a wrong class at the threshold of detection; 0 for clear views.")
+    ] = 0.25
+    jitter_px: Annotated[NotNegative, Field(description="Standard deviation of box edges.")] = 1.5
+    false_per_frame: Annotated[NotNegative, Field(description="Mean number of false detections in one frame.")] = 0.01
+    latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
+
+
+class Perception(Document):
+    """Where the agent's detections come from."""
+
+    source: Literal["simulated"] = "simulated"
+    mode: Literal["perfect", "degraded"] = "degraded"
+    model: DetectionModel = DetectionModel()
+
+
+class AgentSpec(Document):
+    """The agent under test: a manifest, by name (entry-point group rebar.agents) or by file, and its options."""
+
+    manifest: str = "reference-naive"
+    options: dict[str, str | float | int | bool] = {}
+
+    @property
+    def label(self) -> str:
+        """Short name for tables and identifiers."""
+        return PurePosixPath(self.manifest).stem
+
+
+class Pace(Document):
+    """How simulated time is driven; docs/time.md."""
+
+    mode: Literal["lockstep", "realtime"] = "lockstep"
+    tick_s: Annotated[float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks of the agent.")] = 0.1
+
+
+class Budgets(Document):
+    """How long the session may take by the host's clock before it is ended."""
+
+    wall_s: Annotated[Positive, Field(le=86400.0, description="Whole session.")] = 300.0
+    reply_s: Annotated[Positive, Field(le=3600.0, description="One answer of the agent to a tick.")] = 10.0
+    connect_s: Annotated[Positive, Field(le=3600.0, description="From the agent's start to its hello.")] = 30.0
+
+
+class Seeds(Document):
+    """Every random draw comes from a generator named here, derived from `root` unless it has a seed of its own."""
+
+    root: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    placement: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    intelligence: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    motion: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    gusts: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    sensors: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    perception: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+    agent: Annotated[int | None, Field(ge=0, lt=2**63)] = None
+
+
+class PlacedActor(Document):
+    """One member of a group at its start."""
+
+    id: Identifier
+    group: Identifier
+    east_m: Metres
+    north_m: Metres
+    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)]
+
+
+class PlacedReport(Document):
+    """The place that an intelligence report names."""
+
+    id: Identifier
+    east_m: Metres
+    north_m: Metres
+
+
+class Realized(Document):
+    """What placement made of the intent."""
+
+    actors: tuple[PlacedActor, ...]
+    reports: tuple[PlacedReport, ...] = ()
+    method: Annotated[str, Field(description="How the places were found.")] = "sampling"
+
+
+class SimSpec(Document):
+    """One situation, whole: world, weather, vehicle, actors, mission, rules, perception, agent, pace and seeds."""
+
+    format: Literal["rebar.simspec/1"] = "rebar.simspec/1"
+    name: Identifier
+    description: str = ""
+    world: World
+    environment: Environment = Environment()
+    vehicle: VehicleSpec = VehicleSpec()
+    actors: tuple[ActorGroup, ...] = ()
+    intelligence: tuple[Intelligence, ...] = ()
+    mission: Mission = Mission()
+    rules: Rules = Rules()
+    perception: Perception = Perception()
+    agent: AgentSpec = AgentSpec()
+    pace: Pace = Pace()
+    budgets: Budgets = Budgets()
+    seeds: Seeds = Seeds()
+    realized: Realized | None = None
+
+    @model_validator(mode="after")
+    def _names_meet(self) -> Self:
+        groups = [group.id for group in self.actors]
+        wrong = [f"group id {one!r} is used twice" for one in sorted({g for g in groups if groups.count(g) > 1})]
+        for group in self.actors:
+            place = group.placement
+            for relation in (place.near, place.away, place.mean_distance):
+                if relation and relation.of not in groups:
+                    wrong.append(f"group {group.id!r} relates to group {relation.of!r}, which is not among {groups}")
+                elif relation and relation.of == group.id:
+                    wrong.append(f"group {group.id!r} relates to itself")
+        reports = [report.id for report in self.intelligence]
+        wrong += [f"intelligence id {one!r} is used twice" for one in sorted({r for r in reports if reports.count(r) > 1})]
+        wrong += [
+            f"intelligence {report.id!r} is about group {report.about!r}, which is not among {groups}"
+            for report in self.intelligence
+            if report.about not in groups
+        ]
+        if self.mission.altitude_m > self.rules.max_altitude_m:
+            wrong.append(f"mission.altitude_m {self.mission.altitude_m} exceeds rules.max_altitude_m {self.rules.max_altitude_m}")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
+
+    def group(self, group_id: str) -> ActorGroup:
+        """The group of that id; KeyError when there is none."""
+        for group in self.actors:
+            if group.id == group_id:
+                return group
+        raise KeyError(group_id)
