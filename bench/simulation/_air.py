@@ -1,0 +1,162 @@
+"""The air network as the session uses it: what the agent hears, and what it says."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics
+from bench.simspec import Document, SimSpec
+from bench.streams import (
+    AirAccess,
+    AirPlan,
+    CameraInfo,
+    Clock,
+    Detection2DArray,
+    Publisher,
+    Router,
+    String,
+    Subscription,
+    TFMessage,
+    encode,
+    open_router,
+    type_name_of,
+)
+
+from ._ending import SessionEnds
+
+DOMAIN = 1  # each session has a router of its own, so every one may use the same ROS domain
+MATCH_BUDGET_S = 5.0
+
+
+@dataclass(slots=True)
+class Outlet:
+    """One topic towards the agent: every message is recorded, and published while `heard`."""
+
+    topic: str
+    kind: type[object]
+    tap: Tap
+    publisher: Publisher | None
+    latched: bool = False
+    heard: bool = False
+
+    def say(self, time: SimTime, message: object) -> None:
+        """Encode once, record, publish."""
+        data = encode(message)
+        self.tap(Record(time, self.topic, type_name_of(self.kind), data))
+        if self.publisher is not None and (self.heard or self.latched):
+            self.publisher.put_bytes(data)
+
+    def say_document(self, time: SimTime, document: Document) -> None:
+        """A JSON document as std_msgs/String."""
+        self.say(time, String(document.model_dump_json()))
+
+    @property
+    def sent(self) -> int:
+        """Samples that went out so far."""
+        return self.publisher.sequence if self.publisher is not None else 0
+
+
+@dataclass(slots=True)
+class Ear:
+    """One topic from the agent."""
+
+    topic: str
+    subscription: Subscription
+
+
+class Air:
+    """Outlets and ears of one session by topic. Without a router (the agent wants none) outlets only record."""
+
+    def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap) -> None:
+        self._tap = tap
+        self.access: AirAccess | None = router.access if router else None
+        topics = VehicleTopics(simspec.vehicle.name)
+        node = router.node("session", f"/{simspec.vehicle.name}") if router else None
+
+        def outlet(topic: str, kind: type[object], depth: int = 0) -> Outlet:
+            publisher = None
+            if node is not None:
+                publisher = node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind)
+            return Outlet(topic, kind, tap, publisher, latched=depth > 0)
+
+        self.clock = outlet(CLOCK, Clock)
+        self.tf = outlet(TF, TFMessage)
+        self.tf_static = outlet(TF_STATIC, TFMessage, depth=1)
+        self.mission = outlet(topics.mission, String, depth=1)
+        self.intelligence = outlet(topics.intelligence, String, depth=32)
+        self.camera_info = outlet(topics.camera_info(simspec.vehicle.camera.name), CameraInfo)
+        self.detections = outlet(topics.detections, Detection2DArray)
+        self._outlets = (self.clock, self.tf, self.tf_static, self.mission, self.intelligence, self.camera_info, self.detections)
+        self._ears = tuple(Ear(topic, node.subscribe(topic, String)) for topic in sorted(topics.from_agent)) if node else ()
+
+    def open_for(self, subscribes: Iterable[str]) -> None:
+        """Publish to the topics that the agent says it subscribes to, once the network knows of each subscription."""
+        wanted = set(subscribes)
+        deadline = time.monotonic() + MATCH_BUDGET_S
+        for outlet in self._outlets:
+            if outlet.topic in wanted:
+                outlet.heard = True
+                while outlet.publisher is not None and not outlet.publisher.matched:
+                    if time.monotonic() > deadline:
+                        raise SessionEnds(Outcome.AGENT_PROTOCOL, f"the agent says it subscribes to {outlet.topic}, but does not")
+                    time.sleep(0.001)
+
+    def open_for_all(self) -> None:
+        """Publish on every topic, heard or not: the realtime pace, in which nobody introduces himself."""
+        for outlet in self._outlets:
+            outlet.heard = True
+
+    def sent(self) -> dict[str, int]:
+        """Samples sent so far on every topic that the agent listens to."""
+        return {outlet.topic: outlet.sent for outlet in self._outlets if outlet.heard}
+
+    def gather(self, time: SimTime, stated: Mapping[str, int] | None, budget_s: float) -> dict[str, list[str | bytes]]:
+        """Take in what the agent has said, record it, and return its documents by topic.
+
+        With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what is here.
+        """
+        said: dict[str, list[str | bytes]] = {}
+        for ear in self._ears:
+            if stated is not None and not ear.subscription.wait(stated.get(ear.topic, 0), budget_s):
+                raise SessionEnds(
+                    Outcome.AGENT_PROTOCOL,
+                    f"the agent says it sent {stated[ear.topic]} samples on {ear.topic}; {ear.subscription.highest} came",
+                )
+            for sample in ear.subscription.take():
+                self._tap(Record(time, ear.topic, "std_msgs/msg/String", sample.data))
+                message = sample.message()
+                if isinstance(message, String):
+                    said.setdefault(ear.topic, []).append(message.data)
+        return said
+
+    def counters(self) -> dict[str, int]:
+        """What was dropped or malformed on the way in."""
+        overflowed = sum(ear.subscription.overflowed for ear in self._ears)
+        malformed = sum(ear.subscription.malformed for ear in self._ears)
+        return {"air_overflowed": overflowed, "air_malformed": malformed}
+
+
+@contextmanager
+def open_air(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Air]:
+    """The air network of one session: an embedded router with one credential, on which truth never is."""
+    topics = VehicleTopics(simspec.vehicle.name)
+    string, camera = "std_msgs/msg/String", topics.camera_info(simspec.vehicle.camera.name)
+    plan = AirPlan(
+        domain=DOMAIN,
+        agent_reads=(
+            (CLOCK, "rosgraph_msgs/msg/Clock"),
+            (TF, "tf2_msgs/msg/TFMessage"),
+            (TF_STATIC, "tf2_msgs/msg/TFMessage"),
+            (topics.mission, string),
+            (topics.intelligence, string),
+            (camera, "sensor_msgs/msg/CameraInfo"),
+            (topics.detections, "vision_msgs/msg/Detection2DArray"),
+        ),
+        agent_writes=tuple((topic, string) for topic in topics.from_agent),
+    )
+    with ExitStack() as stack:
+        router = stack.enter_context(open_router(plan)) if zenoh else None
+        yield Air(simspec, router, tap)

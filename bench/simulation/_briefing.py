@@ -1,0 +1,180 @@
+"""What the agent is told, beat by beat: the clock first, then where the vehicle believes to be, then what is new."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from bench.contracts import (
+    Detection,
+    DetectionFrame,
+    Detector,
+    IntelligenceDocument,
+    MissionOrder,
+    Scene,
+    SimTime,
+    Vehicle,
+    VehicleState,
+)
+from bench.simspec import ASSETS, Point, Role, SimSpec
+from bench.streams import (
+    BoundingBox2D,
+    CameraInfo,
+    Clock,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Point2D,
+    Pose,
+    Pose2D,
+    PoseWithCovariance,
+    Quaternion,
+    RegionOfInterest,
+    TFMessage,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
+from bench.streams import (
+    Point as RosPoint,
+)
+
+from ._air import Air
+from ._camera import PinholeCamera
+from ._frames import body_in_map
+from ._truth import stamp
+
+_NOWHERE = PoseWithCovariance(
+    pose=Pose(position=RosPoint(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)),
+    covariance=(0.0,) * 36,
+)
+_WHOLE_IMAGE = RegionOfInterest(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+
+
+class Briefing:
+    """Says on the air network what is due: `/clock`, `/tf`, orders, intelligence, camera info and detections, in that order."""
+
+    def __init__(self, simspec: SimSpec, air: Air, scene: Scene) -> None:
+        self._air = air
+        self._base = f"{simspec.vehicle.name}/base_link"
+        self._optical = f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
+        self._camera = PinholeCamera.of(simspec.vehicle.camera)
+        self._order = mission_order(simspec)
+        self._intelligence = deque(sorted(intelligence(simspec), key=lambda pair: (pair[0], pair[1].id)))
+        self._exposures: deque[SimTime] = deque()
+        self._briefed = False
+
+    def exposed(self, time: SimTime) -> None:
+        """A frame was exposed: its camera info goes out with the next beat."""
+        self._exposures.append(time)
+
+    def tell(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
+        """Everything that the agent may know at `now` and has not been told."""
+        air = self._air
+        air.clock.say(now, Clock(clock=stamp(now)))
+        if not self._briefed:
+            self._briefed = True
+            air.tf_static.say(now, self._mount(now))
+            air.mission.say_document(now, self._order)
+        air.tf.say(now, self._pose(now, vehicle.estimate()))
+        while self._intelligence and self._intelligence[0][0] <= now.s:
+            air.intelligence.say_document(now, self._intelligence.popleft()[1])
+        while self._exposures:
+            air.camera_info.say(now, self._camera_info(self._exposures.popleft()))
+        for frame in detector.due(now):
+            air.detections.say(now, self._detections(frame))
+
+    def _pose(self, now: SimTime, state: VehicleState) -> TFMessage:
+        east, north, up = state.position_enu_m
+        transform = Transform(
+            translation=Vector3(x=east, y=north, z=up), rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad)
+        )
+        return TFMessage(
+            transforms=(
+                TransformStamped(header=Header(stamp=stamp(now), frame_id="map"), child_frame_id=self._base, transform=transform),
+            )
+        )
+
+    def _mount(self, now: SimTime) -> TFMessage:
+        x, y, z, w = self._camera.mount_quaternion()
+        transform = Transform(translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w))
+        header = Header(stamp=stamp(now), frame_id=self._base)
+        return TFMessage(transforms=(TransformStamped(header=header, child_frame_id=self._optical, transform=transform),))
+
+    def _camera_info(self, exposed: SimTime) -> CameraInfo:
+        camera = self._camera
+        return CameraInfo(
+            header=Header(stamp=stamp(exposed), frame_id=self._optical),
+            height=camera.height_px,
+            width=camera.width_px,
+            distortion_model="plumb_bob",
+            d=(0.0, 0.0, 0.0, 0.0, 0.0),
+            k=(camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0),
+            r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+            p=(camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0),
+            binning_x=0,
+            binning_y=0,
+            roi=_WHOLE_IMAGE,
+        )
+
+    def _detections(self, frame: DetectionFrame) -> Detection2DArray:
+        header = Header(stamp=stamp(frame.exposed), frame_id=self._optical)
+        return Detection2DArray(header=header, detections=tuple(_detection(header, one) for one in frame.detections))
+
+
+def _detection(header: Header, detection: Detection) -> Detection2D:
+    left, top, right, bottom = detection.box
+    hypothesis = ObjectHypothesis(class_id=detection.class_label, score=detection.score)
+    center = Pose2D(position=Point2D(x=(left + right) / 2.0, y=(top + bottom) / 2.0), theta=0.0)
+    return Detection2D(
+        header=header,
+        results=(ObjectHypothesisWithPose(hypothesis=hypothesis, pose=_NOWHERE),),
+        bbox=BoundingBox2D(center=center, size_x=right - left, size_y=bottom - top),
+        id=detection.track,
+    )
+
+
+def mission_order(simspec: SimSpec) -> MissionOrder:
+    """What the agent is asked to do: the SimSpec's mission and rules, and nothing of its actors but their classes."""
+
+    def classes(role: Role) -> tuple[str, ...]:
+        return tuple(sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role is role}))
+
+    home, mission, rules = simspec.vehicle.home, simspec.mission, simspec.rules
+    return MissionOrder(
+        kind=mission.kind,
+        origin=simspec.world.origin,
+        area=simspec.world.area.corners,
+        home=Point(east_m=home.east_m, north_m=home.north_m),
+        altitude_m=mission.altitude_m,
+        speed_mps=mission.speed_mps,
+        time_limit_s=mission.time_limit_s,
+        return_home=mission.return_home,
+        no_mark_within_m=rules.no_mark_within_m,
+        min_report_confidence=rules.min_report_confidence,
+        max_altitude_m=rules.max_altitude_m,
+        target_classes=classes(Role.ADVERSARY),
+        bystander_classes=classes(Role.BYSTANDER) or ("civilian",),
+    )
+
+
+def intelligence(simspec: SimSpec) -> list[tuple[float, IntelligenceDocument]]:
+    """Every intelligence report of a realized SimSpec, with its time of delivery in seconds."""
+    assert simspec.realized is not None
+    places = {report.id: report for report in simspec.realized.reports}
+    return [
+        (
+            report.delivered_s,
+            IntelligenceDocument(
+                id=report.id,
+                class_label=ASSETS[simspec.group(report.about).asset].class_label,
+                east_m=places[report.id].east_m,
+                north_m=places[report.id].north_m,
+                uncertainty_m=report.uncertainty_m,
+                priority=report.priority,
+                observed_s=report.delivered_s - report.latency_s,
+            ),
+        )
+        for report in simspec.intelligence
+    ]

@@ -1,0 +1,316 @@
+"""One session: a realized SimSpec, flown.
+
+`run_session` is the only door: it opens everything the session needs, lets it run to one of its named ends, closes
+everything again, and returns how it ended. What was said meanwhile went to the tap, record by record.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bench.contracts import (
+    START,
+    AgentEndpoints,
+    AgentManifest,
+    AgentPlan,
+    AgentProcess,
+    AgentStatus,
+    Detector,
+    LinkSpec,
+    OpenAgent,
+    OpenScene,
+    OpenVehicle,
+    Outcome,
+    Scene,
+    SimTime,
+    Tap,
+    Tick,
+    Vehicle,
+    VehiclePlan,
+    VehicleTopics,
+    load_plugin,
+    parse_document,
+)
+from bench.errors import Fault, SetupError, VehicleFault
+from bench.simspec import SimSpec
+
+from ._air import Air, open_air
+from ._briefing import Briefing
+from ._detector import open_detector
+from ._ending import SessionEnds
+from ._ticks import TickServer, open_tick_server
+from ._truth import Truth
+
+COUNT_BUDGET_S = 5.0  # for samples that the agent says are under way
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPlan:
+    """All that one session needs. `scratch` is an empty folder for the agent; `tap` hears every record."""
+
+    simspec: SimSpec
+    manifest: AgentManifest
+    manifest_folder: Path
+    open_agent: OpenAgent
+    scratch: Path
+    tap: Tap
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnd:
+    """How a session ended. Times by the host are for budgets and tables, never for the recording."""
+
+    outcome: Outcome
+    reason: str
+    simulated_s: float
+    wall_s: float
+    cpu_s: float
+    agent_cpu_s: float
+    counters: dict[str, int] = field(default_factory=dict)
+    trace: str = ""
+
+
+def run_session(plan: SessionPlan) -> SessionEnd:
+    """Fly one session to its end. Never raises for anything that happens inside; KeyboardInterrupt travels on."""
+    began_wall, began_cpu = time.monotonic(), time.process_time()
+    book = _Book()
+    trace = ""
+    try:
+        with open_session(plan, book) as session:
+            session.run()
+        raise AssertionError("a session ends by saying so")
+    except SessionEnds as end:
+        outcome, reason = end.outcome, end.reason
+    except SetupError as error:
+        outcome, reason = Outcome.SETUP_INVALID, str(error)
+    except VehicleFault as error:
+        outcome, reason = Outcome.BENCH_ERROR, f"the vehicle model failed: {error}"
+    except Exception as error:  # the one broad except: a fault of ours costs this session and no more
+        outcome, reason, trace = Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}", traceback.format_exc()
+    return SessionEnd(
+        outcome=outcome,
+        reason=reason,
+        simulated_s=book.now.s,
+        wall_s=time.monotonic() - began_wall,
+        cpu_s=time.process_time() - began_cpu,
+        agent_cpu_s=book.agent_cpu_s,
+        counters=book.counters,
+        trace=trace,
+    )
+
+
+@dataclass(slots=True)
+class _Book:
+    """What is known of a session however it ends."""
+
+    now: SimTime = START
+    agent_cpu_s: float = 0.0
+    counters: dict[str, int] = field(default_factory=dict)
+
+
+class Session:
+    """The parts of a running session and the order in which they act. Made by `open_session`.
+
+    One beat: tell the agent how things stand, let it act, take in what it did, advance the world by one tick.
+    """
+
+    def __init__(
+        self, plan: SessionPlan, vehicle: Vehicle, scene: Scene, detector: Detector, air: Air, truth: Truth, book: _Book
+    ) -> None:
+        self._spec = plan.simspec
+        self._plan = plan
+        self._vehicle = vehicle
+        self._scene = scene
+        self._detector = detector
+        self._air = air
+        self._truth = truth
+        self._book = book
+        self._topics = VehicleTopics(plan.simspec.vehicle.name)
+        self._briefing = Briefing(plan.simspec, air, scene)
+        self._agent: AgentProcess | None = None
+        self._ticks: TickServer | None = None
+        self._complete = False
+        self._frame = 0
+        self._frame_period_ns = round(1e9 / plan.simspec.vehicle.camera.rate_hz)
+        self._next_frame_ns = 0
+        self._wall_deadline = time.monotonic() + plan.simspec.budgets.wall_s
+
+    def attach(self, agent: AgentProcess, ticks: TickServer | None) -> None:
+        """The started agent, and the tick socket in lockstep."""
+        self._agent, self._ticks = agent, ticks
+        if ticks is not None:
+            ticks.watch(self._agent_lives)
+
+    def run(self) -> None:
+        """Beat until something ends the session; ends by raising SessionEnds."""
+        self._truth.event(self._book.now, "started", self._spec.name)
+        self._truth.cast(self._book.now, self._scene)
+        self._truth.sample(self._book.now, self._vehicle, self._scene)
+        try:
+            if self._ticks is not None:
+                self._run_lockstep(self._ticks)
+            else:
+                self._run_realtime()
+        except SessionEnds as end:
+            self._truth.sample(self._book.now, self._vehicle, self._scene)
+            self._truth.event(self._book.now, "ended", f"{end.outcome}")
+            raise
+        finally:
+            self._book.counters = {**self._vehicle.counters(), **self._air.counters()}
+
+    def _run_lockstep(self, ticks: TickServer) -> None:
+        budgets = self._spec.budgets
+        hello = ticks.hello(budgets.connect_s)
+        self._truth.event(self._book.now, "agent connected", hello.agent)
+        self._air.open_for(hello.subscribes)
+        number = 0
+        while True:
+            now = self._book.now
+            self._briefing.tell(now, self._vehicle, self._detector)
+            tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent()))
+            ack = ticks.exchange(tick, budgets.reply_s)
+            self._receive_exactly(ack.links)
+            self._hear(self._air.gather(now, ack.topics, COUNT_BUDGET_S))
+            self._advance(self._spec.pace.tick_s)
+            number += 1
+
+    def _run_realtime(self) -> None:
+        self._air.open_for_all()
+        began = time.monotonic()
+        while True:
+            now = self._book.now
+            self._agent_lives()
+            self._briefing.tell(now, self._vehicle, self._detector)
+            ahead_s = now.s - (time.monotonic() - began)
+            if ahead_s > 0:
+                time.sleep(ahead_s)
+            self._vehicle.receive()
+            self._hear(self._air.gather(now, None, 0.0))
+            self._advance(self._vehicle.step_s)
+
+    def _advance(self, span_s: float) -> None:
+        """Move the world on by `span_s`, and end the session if that brought its end."""
+        until = self._book.now.after(span_s)
+        while self._book.now < until:
+            began = self._book.now
+            self._vehicle.step()
+            self._book.now = now = self._vehicle.time
+            self._truth.wire(began, now)
+            if now.ns >= self._next_frame_ns:
+                self._expose(now)
+            self._truth.sample(now, self._vehicle, self._scene)
+        self._look_for_the_end()
+
+    def _expose(self, now: SimTime) -> None:
+        self._next_frame_ns += self._frame_period_ns
+        self._scene.advance(now)
+        frame = self._scene.look(self._vehicle.truth(), self._frame)
+        self._frame += 1
+        self._truth.frame(frame)
+        self._briefing.exposed(now)
+        self._detector.see(frame)
+
+    def _look_for_the_end(self) -> None:
+        condition = self._vehicle.condition()
+        if condition.crashed:
+            raise SessionEnds(Outcome.VEHICLE_CRASHED, f"the vehicle crashed after {self._book.now.s:.1f} s")
+        if self._complete and condition.landed and not condition.armed:
+            raise SessionEnds(Outcome.COMPLETED, "the agent declared its mission over and the vehicle is down")
+        if self._book.now.s >= self._spec.mission.time_limit_s:
+            raise SessionEnds(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
+        if time.monotonic() > self._wall_deadline:
+            raise SessionEnds(
+                Outcome.WALL_BUDGET, f"the session took longer than {self._spec.budgets.wall_s:g} s of the host's time"
+            )
+
+    def _hear(self, said: dict[str, list[str | bytes]]) -> None:
+        for text in said.get(self._topics.status, ()):
+            status = parse_document(AgentStatus, text)
+            if status is not None and status.phase in ("complete", "aborted"):
+                self._complete = True
+
+    def _receive_exactly(self, stated: dict[str, int]) -> None:
+        deadline = time.monotonic() + COUNT_BUDGET_S
+        while True:
+            received = self._vehicle.receive()
+            missing = {link: count for link, count in stated.items() if received.get(link, 0) < count}
+            if not missing:
+                return
+            if time.monotonic() > deadline:
+                raise SessionEnds(
+                    Outcome.AGENT_PROTOCOL, f"the agent says it sent {missing} MAVLink messages; {dict(received)} came"
+                )
+            time.sleep(0.0005)
+
+    def _agent_lives(self) -> None:
+        assert self._agent is not None
+        code = self._agent.ended()
+        if code is None:
+            return
+        condition = self._vehicle.condition()
+        if code == 0 and condition.landed and not condition.armed and self._book.now > START:
+            raise SessionEnds(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
+        how = f"exit code {code}" if code >= 0 else f"signal {-code}"
+        raise SessionEnds(
+            Outcome.AGENT_CRASHED, f"the agent's process ended with {how} before its mission did: {self._agent.last_words()}"
+        )
+
+
+@contextmanager
+def open_session(plan: SessionPlan, book: _Book | None = None) -> Generator[Session]:
+    """Open everything that a session needs; leaving the block stops and closes all of it, the agent first."""
+    spec, manifest = plan.simspec, plan.manifest
+    book = book or _Book()
+    if spec.realized is None:
+        raise SetupError(
+            Fault(spec.name, "the SimSpec is not realized", "place it first (rebar realize, or bench.realization.place)")
+        )
+    if spec.pace.mode not in manifest.pace:
+        raise SetupError(
+            Fault(
+                "pace.mode",
+                f"agent {manifest.name!r} cannot follow pace {spec.pace.mode!r}",
+                f"its manifest allows {', '.join(manifest.pace)}",
+            )
+        )
+    open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
+    open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
+    truth = Truth(spec.vehicle.name, plan.tap)
+    links = tuple(LinkSpec(name=need.name, kind=need.kind, streams=need.streams) for need in manifest.mavlink)
+    with ExitStack() as stack:
+        scene = open_scene(spec)
+        detector = open_detector(spec, scene.cast)
+        vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.mavlink))
+        step_ns = round(vehicle.step_s * 1e9)
+        if round(spec.pace.tick_s * 1e9) % step_ns:
+            raise SetupError(
+                Fault(
+                    "pace.tick_s",
+                    f"{spec.pace.tick_s} s is not a whole number of controller steps",
+                    f"take a multiple of {vehicle.step_s} s",
+                )
+            )
+        air = stack.enter_context(open_air(spec, plan.tap, zenoh=manifest.zenoh))
+        ticks = stack.enter_context(open_tick_server()) if spec.pace.mode == "lockstep" else None
+        session = Session(plan, vehicle, scene, detector, air, truth, book)
+        endpoints = AgentEndpoints(
+            mavlink={need.variable: vehicle.endpoints()[need.name] for need in manifest.mavlink},
+            zenoh_locator=air.access.locator if air.access else None,
+            zenoh_user=air.access.user if air.access else "",
+            zenoh_password=air.access.password if air.access else "",
+            domain=air.access.domain if air.access else 0,
+            tick=ticks.address if ticks else None,
+        )
+        agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch)
+        agent = stack.enter_context(plan.open_agent(agent_plan))
+        # The agent's CPU time is read while its process can still be asked, however the session ends.
+        stack.callback(lambda: setattr(book, "agent_cpu_s", agent.cpu_s()))
+        if ticks is not None:
+            stack.callback(ticks.end, "the session is over")
+        session.attach(agent, ticks)
+        yield session

@@ -1,0 +1,173 @@
+"""The bench network: what is true, in records that never leave the session's process but for the recording."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.contracts import (
+    SESSION_EVENTS,
+    TRUTH_ACTORS,
+    TRUTH_CAST,
+    TRUTH_ODOMETRY,
+    TRUTH_VEHICLE,
+    TRUTH_VIEW,
+    CastDocument,
+    EventDocument,
+    Frame,
+    Record,
+    Scene,
+    SightingDocument,
+    SimTime,
+    Tap,
+    Vehicle,
+    VehicleCondition,
+    VehicleDocument,
+    VehicleState,
+    ViewDocument,
+    mavlink_topic,
+)
+from bench.simspec import Document
+from bench.streams import (
+    Header,
+    MultiArrayLayout,
+    Odometry,
+    Point,
+    Pose,
+    PoseWithCovariance,
+    String,
+    Time,
+    Twist,
+    TwistWithCovariance,
+    UInt8MultiArray,
+    Vector3,
+    encode,
+    encode_pose_array,
+)
+
+from ._frames import body_in_map, velocity_in_body
+
+ODOMETRY_HZ = 10
+ACTORS_HZ = 2
+CONDITION_HZ = 1
+_SECOND_NS = 1_000_000_000
+_UNKNOWN_COVARIANCE = (0.0,) * 36
+_PLAIN_LAYOUT = MultiArrayLayout(dim=(), data_offset=0)
+
+
+def stamp(time: SimTime) -> Time:
+    """A moment as builtin_interfaces/Time."""
+    return Time(sec=time.ns // _SECOND_NS, nanosec=time.ns % _SECOND_NS)
+
+
+class Truth:
+    """Writes the truth about one session as records. Rates are whole numbers of simulated hertz."""
+
+    def __init__(self, vehicle_name: str, tap: Tap) -> None:
+        self._tap = tap
+        self._base = f"{vehicle_name}/base_link"
+        self._next_ns = {"odometry": 0, "actors": 0, "condition": 0}
+        self._condition: VehicleCondition | None = None
+        self._wire: dict[tuple[str, str], bytearray] = {}
+
+    def event(self, time: SimTime, name: str, text: str = "") -> None:
+        """One line of the session's own log."""
+        self._document(time, SESSION_EVENTS, EventDocument(name=name, text=text))
+
+    def cast(self, time: SimTime, scene: Scene) -> None:
+        """Who the actors are."""
+        self._document(time, TRUTH_CAST, CastDocument(members=scene.cast))
+
+    def frame(self, frame: Frame) -> None:
+        """What could be seen in one exposure. Numbers are rounded: a hundredth of a pixel is below any meaning."""
+        sightings = tuple(
+            SightingDocument(
+                actor=one.actor,
+                range_m=round(one.range_m, 3),
+                height_px=round(one.height_px, 2),
+                visible=round(one.visible, 4),
+                box=(round(one.box[0], 2), round(one.box[1], 2), round(one.box[2], 2), round(one.box[3], 2)),
+            )
+            for one in frame.sightings
+        )
+        self._document(frame.exposed, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings))
+
+    def mavlink(self, link: str, direction: str, frames: bytes) -> None:
+        """Keep raw MAVLink of the step under way; `wire` writes it."""
+        self._wire.setdefault((link, direction), bytearray()).extend(frames)
+
+    def wire(self, began: SimTime, ended: SimTime) -> None:
+        """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its end."""
+        if not self._wire:
+            return
+        for direction, time in (("from_agent", began), ("to_agent", ended)):
+            for link, way in sorted(self._wire):
+                if way == direction:
+                    data = encode(UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, way])))
+                    self._tap(Record(time, mavlink_topic(link, way), "std_msgs/msg/UInt8MultiArray", data))
+        self._wire.clear()
+
+    def sample(self, time: SimTime, vehicle: Vehicle, scene: Scene) -> None:
+        """Write whatever is due at `time`; the vehicle's condition also whenever it has changed."""
+        if self._due(time, "odometry", ODOMETRY_HZ):
+            self._odometry(time, vehicle.truth())
+        condition = vehicle.condition()
+        changed = self._condition is None or _shape(condition) != _shape(self._condition)
+        if self._due(time, "condition", CONDITION_HZ) or changed:
+            self._condition = condition
+            self._document(time, TRUTH_VEHICLE, _vehicle_document(condition))
+        if self._due(time, "actors", ACTORS_HZ):
+            scene.advance(time)
+            self._actors(time, scene)
+
+    def _due(self, time: SimTime, name: str, rate_hz: int) -> bool:
+        if time.ns < self._next_ns[name]:
+            return False
+        self._next_ns[name] += _SECOND_NS // rate_hz
+        return True
+
+    def _odometry(self, time: SimTime, state: VehicleState) -> None:
+        east, north, up = state.position_enu_m
+        forward, left, above = velocity_in_body(state)
+        roll, pitch, yaw = state.rates_body_radps
+        message = Odometry(
+            header=Header(stamp=stamp(time), frame_id="map"),
+            child_frame_id=self._base,
+            pose=PoseWithCovariance(
+                pose=Pose(
+                    position=Point(x=east, y=north, z=up), orientation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad)
+                ),
+                covariance=_UNKNOWN_COVARIANCE,
+            ),
+            twist=TwistWithCovariance(
+                twist=Twist(linear=Vector3(x=forward, y=left, z=above), angular=Vector3(x=roll, y=-pitch, z=-yaw)),
+                covariance=_UNKNOWN_COVARIANCE,
+            ),
+        )
+        self._tap(Record(time, TRUTH_ODOMETRY, "nav_msgs/msg/Odometry", encode(message)))
+
+    def _actors(self, time: SimTime, scene: Scene) -> None:
+        positions = scene.positions()
+        half = (np.pi / 2.0 - scene.headings()) / 2.0
+        turned = np.zeros((len(positions), 4))
+        turned[:, 2], turned[:, 3] = np.sin(half), np.cos(half)
+        data = encode_pose_array(stamp(time), "map", positions, turned)
+        self._tap(Record(time, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
+
+    def _document(self, time: SimTime, topic: str, document: Document) -> None:
+        self._tap(Record(time, topic, "std_msgs/msg/String", encode(String(document.model_dump_json()))))
+
+
+def _shape(condition: VehicleCondition) -> tuple[object, ...]:
+    """What makes a condition a different one: everything but the battery's steady drain."""
+    return condition.armed, condition.landed, condition.crashed, condition.mode, condition.failsafe
+
+
+def _vehicle_document(condition: VehicleCondition) -> VehicleDocument:
+    return VehicleDocument(
+        armed=condition.armed,
+        landed=condition.landed,
+        crashed=condition.crashed,
+        mode=condition.mode,
+        battery_fraction=round(condition.battery_fraction, 6),
+        failsafe=condition.failsafe,
+    )

@@ -1,0 +1,133 @@
+"""The SimSpec as a document: what is taken, what is refused, and how the refusal reads."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.documents import dump_json, dump_yaml, load_document, parse_text, read_document
+from bench.errors import SetupError
+from bench.simspec import SimSpec, load_simspec
+
+SQUARE = "world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 100, north_m: 0}, {east_m: 100, north_m: 100}, {east_m: 0, north_m: 100}]}}\n"
+
+
+def faults(text: str) -> list[str]:
+    with pytest.raises(SetupError) as caught:
+        read_document(text, SimSpec, source="scene.yaml")
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_the_smallest_simspec_is_a_name_and_an_area() -> None:
+    """Everything else has a default that a stranger can run."""
+    spec = read_document("name: small\n" + SQUARE, SimSpec)
+    assert spec.world.area.area_m2 == pytest.approx(10_000.0)
+    assert spec.pace.mode == "lockstep"
+
+
+def test_ten_faults_are_ten_messages_with_line_and_mend() -> None:
+    """A file with ten faults is answered with ten sentences at once, each with its line."""
+    text = """name: Bad Name
+world:
+  area: {corners: [{east_m: 0, north_m: 0}]}
+  aera: 1
+environment:
+  fog_level: 10
+  rain_level: -1
+mission:
+  altitud_m: 30
+  speed_mps: -1
+actors:
+- {id: people, asset: civilian, role: passerby, count: 3}
+- {id: more, asset: civilian, role: bystander, density_per_km2: -4}
+- {id: both, asset: civilian, role: bystander, count: 1, density_per_km2: 4}
+"""
+    found = faults(text)
+    assert len(found) == 10
+    assert all(one.startswith("scene.yaml:") for one in found)
+    assert "scene.yaml:4: world.aera: unknown field 'aera' (did you mean area?)" in found
+    assert any(one.startswith("scene.yaml:9: mission.altitud_m") and "altitude_m" in one for one in found)
+    assert any(one.startswith("scene.yaml:13: actors[1].density_per_km2: -4") for one in found)
+    assert any("either count or density_per_km2" in one for one in found)
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (
+            "actors: [{id: a, asset: civilian, role: bystander, count: 1, placement: {near: {of: b, max_m: 5}}}]\n",
+            "relates to group 'b'",
+        ),
+        (
+            "actors: [{id: a, asset: civilian, role: bystander, count: 1}, {id: a, asset: tree, role: clutter, count: 1}]\n",
+            "used twice",
+        ),
+        ("intelligence: [{id: r, about: nobody}]\n", "about group 'nobody'"),
+        ("mission: {altitude_m: 150}\n", "max_altitude_m"),
+        ("actors: [{id: a, asset: civilian, role: bystander, count: 1, motion: {kind: patrol}}]\n", "route"),
+        ("seeds: {root: -1}\n", "greater than or equal to 0"),
+        ("environment: {wind: {speed_mps: .nan}}\n", "finite"),
+        ("budgets: {wall_s: .inf}\n", "finite"),
+    ],
+)
+def test_contradictions_are_named(extra: str, words: str) -> None:
+    """What a schema cannot say is still said in words."""
+    assert any(words in one for one in faults("name: x\n" + SQUARE + extra))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name: [", "not valid YAML"),
+        ("name: a\nname: b\n", "stands here twice"),
+        ("a: &x [1]\nb: *x\n", "aliases"),
+        ("", "None is not valid"),
+        ("- 1\n", "not valid"),
+        ("!!python/object/apply:os.system ['true']", "not valid YAML"),
+        ("[" * 5000, "scene.yaml"),
+    ],
+)
+def test_what_is_no_document_gets_a_sentence(text: str, words: str) -> None:
+    """Broken syntax, doubled keys, aliases, hostile tags and bottomless nesting never end in a traceback."""
+    assert any(words in one for one in faults(text))
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    """A missing file is answered with its nearest neighbours; binary and folders with what they are."""
+    (tmp_path / "scene.yaml").write_text("name: x")
+    with pytest.raises(SetupError, match=r"did you mean scene\.yaml"):
+        load_simspec(tmp_path / "scen.yaml")
+    (tmp_path / "raw").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SetupError, match="cannot be read"):
+        load_simspec(tmp_path / "raw")
+    with pytest.raises(SetupError, match="cannot be read"):
+        load_simspec(tmp_path)
+
+
+def test_an_unknown_asset_lists_the_catalogue(tmp_path: Path) -> None:
+    """Assets are checked against the catalogue when a file is loaded."""
+    path = tmp_path / "s.yaml"
+    path.write_text("name: x\n" + SQUARE + "actors: [{id: a, asset: dragon, role: clutter, count: 1}]\n")
+    with pytest.raises(SetupError, match=r"no asset 'dragon'.*civilian"):
+        load_simspec(path)
+
+
+def test_yaml_and_json_round_trips_are_exact(tmp_path: Path) -> None:
+    """A document written and read again is the same document."""
+    spec = read_document("name: x\n" + SQUARE + "environment: {start_utc: 2026-06-21T11:30:00Z, fog_level: 0.1}\n", SimSpec)
+    for name, text in (("a.yaml", dump_yaml(spec)), ("a.json", dump_json(spec))):
+        (tmp_path / name).write_text(text)
+        assert load_document(tmp_path / name, SimSpec) == spec
+
+
+def test_lines_are_found_in_json_as_well() -> None:
+    """JSON is YAML here, lines included."""
+    _, lines = parse_text('{"a":\n {"b": [1,\n 2]}}')
+    assert lines["a", "b", 1] == 3
+
+
+def test_the_schema_is_published_and_closed() -> None:
+    """The JSON Schema forbids unknown fields, as the model does, and names every field's unit."""
+    schema = json.loads(json.dumps(SimSpec.model_json_schema()))
+    assert schema["additionalProperties"] is False
+    assert "altitude_m" in schema["$defs"]["Mission"]["properties"]

@@ -1,0 +1,88 @@
+"""Sun, seeds and key factors: what a SimSpec says beyond its fields."""
+
+import datetime as dt
+import math
+
+import pytest
+
+from bench.documents import read_document
+from bench.simspec import FACTORS, Seeds, SimSpec, factor_values, generator, seed_of, sun_at
+
+SPEC = """
+name: f
+world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 600, north_m: 0}, {east_m: 600, north_m: 250}, {east_m: 0, north_m: 250}]}}
+environment: {rain_level: 1, fog_level: 2}
+mission: {altitude_m: 60}
+intelligence: [{id: r1, about: target, latency_s: 30}, {id: r2, about: target, latency_s: 90, uncertainty_m: 80}]
+actors:
+- {id: target, asset: radar-vehicle, role: adversary, count: 1, concealment: 0.5}
+- {id: people, asset: civilian, role: bystander, density_per_km2: 313.3, placement: {mean_distance: {of: target, mean_m: 229.9}}}
+- {id: close, asset: civilian, role: bystander, count: 3, placement: {near: {of: target, min_m: 10, max_m: 40}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("moment", "latitude", "longitude", "elevation", "azimuth"),
+    [
+        # NOAA solar calculator values, without refraction, to a tenth of a degree.
+        (dt.datetime(2026, 6, 21, 11, 28, tzinfo=dt.UTC), 47.3977, 8.5456, 66.04, 180.3),
+        (dt.datetime(2026, 12, 21, 11, 24, tzinfo=dt.UTC), 47.3977, 8.5456, 19.17, 180.0),
+        (dt.datetime(2026, 3, 20, 12, 7, tzinfo=dt.UTC), 0.0, 0.0, 89.9, None),
+    ],
+)
+def test_the_sun_stands_where_almanacs_say(
+    moment: dt.datetime, latitude: float, longitude: float, elevation: float, azimuth: float | None
+) -> None:
+    """At solar noon the elevation is 90 degrees minus latitude plus declination, due south in the north."""
+    sun = sun_at(moment, latitude, longitude)
+    assert math.degrees(sun.elevation_rad) == pytest.approx(elevation, abs=0.15)
+    if azimuth is not None:
+        assert math.degrees(sun.azimuth_rad) == pytest.approx(azimuth, abs=1.5)
+
+
+def test_hours_from_noon_run_both_ways() -> None:
+    """Five hours before and after solar noon are both five hours; midnight is twelve."""
+    noon = dt.datetime(2026, 6, 21, 11, 27, 40, tzinfo=dt.UTC)
+    for hours in (-5, 5, 12):
+        assert sun_at(noon + dt.timedelta(hours=hours), 47.3977, 8.5456).hours_from_noon == pytest.approx(abs(hours), abs=0.02)
+
+
+def test_named_streams_are_independent_and_repeatable() -> None:
+    """One root gives each stream its own seed; a stream's own seed wins; a path gives substreams."""
+    seeds = Seeds(root=7)
+    assert (
+        len({seed_of(seeds, name) for name in ("placement", "motion", "gusts", "sensors", "perception", "agent", "intelligence")})
+        == 7
+    )
+    assert seed_of(Seeds(root=7, gusts=3), "gusts") == 3
+    assert seed_of(Seeds(root=7, gusts=3), "motion") == seed_of(seeds, "motion")
+    assert generator(seeds, "motion", 1).random() == generator(seeds, "motion", 1).random()
+    assert generator(seeds, "motion", 1).random() != generator(seeds, "motion", 2).random()
+
+
+def test_key_factors_come_from_the_intent() -> None:
+    """Density and proximity are the configured ones, the worst report rules, and the altitude is the mission's."""
+    values = factor_values(read_document(SPEC, SimSpec))
+    assert values["bystander_density_per_km2"] == 313.3
+    assert values["bystander_proximity_m"] == 229.9
+    assert values["nearest_bystander_m"] == 10.0
+    assert values["target_concealment"] == 0.5
+    assert values["intelligence_latency_s"] == 90.0
+    assert values["intelligence_uncertainty_m"] == 80.0
+    assert values["uav_altitude_m"] == 60.0
+    assert values["targets"] == 1.0
+    assert set(values) <= set(FACTORS)
+
+
+def test_a_situation_without_bystanders_has_no_bystander_factors() -> None:
+    """A factor that the situation does not have is absent, not zero."""
+    people = SPEC.index("- {id: people")
+    values = factor_values(read_document(SPEC[:people], SimSpec))
+    assert "bystander_density_per_km2" not in values
+    assert "bystander_proximity_m" not in values
+
+
+def test_a_density_becomes_a_count_over_the_area() -> None:
+    """313.3 per km2 over 0.15 km2 are 47 people."""
+    spec = read_document(SPEC, SimSpec)
+    assert spec.group("people").members(spec.world.area.area_m2) == 47

@@ -1,0 +1,38 @@
+"""The face of the package: what it declares is what it gives."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import bench
+
+
+def test_every_declared_name_can_be_had() -> None:
+    """Each name of the face is fetched from the room that owns it."""
+    for name in bench.__all__:
+        assert getattr(bench, name).__name__ == name
+
+
+def test_the_type_checker_sees_the_same_names() -> None:
+    """The names under TYPE_CHECKING and those fetched at run time are one list."""
+    tree = ast.parse(Path(bench.__file__ or "").read_text())
+    guarded = next(node for node in tree.body if isinstance(node, ast.If))
+    declared = {alias.asname: node.module for node in guarded.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert declared == bench._HOME
+
+
+def test_importing_the_face_imports_no_room() -> None:
+    """`import bench` costs next to nothing: no simulator, no middleware."""
+    code = "import bench, sys; print([m for m in ('jsbsim', 'zenoh', 'numpy', 'pydantic') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    """A typing error in an import says so."""
+    try:
+        bench.no_such_thing  # noqa: B018
+    except AttributeError as error:
+        assert "no_such_thing" in str(error)
+    else:
+        raise AssertionError("no error")
