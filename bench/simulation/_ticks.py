@@ -6,7 +6,7 @@ import select
 import socket
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Outcome, Tick, TickMessage, read_line, write_line
 
@@ -62,10 +62,8 @@ class TickServer:
     def end(self, reason: str) -> None:
         """Say that the session is over, if anybody listens."""
         if self._peer is not None:
-            try:
+            with suppress(OSError):
                 self._peer.sendall(write_line(End(reason=reason)))
-            except OSError:
-                pass
             self._peer.close()
             self._peer = None
 

@@ -1,0 +1,95 @@
+"""A fake agent that speaks the tick protocol by hand, with nothing but the standard library and one Zenoh put.
+
+It shows at the same time how little an agent in another language needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import socket
+import sys
+import time
+
+from ._manifest import BEHAVIOURS
+
+TURN = 10  # the tick at which a bad agent turns bad
+
+
+def main() -> None:
+    """Run one behaviour until the bench ends it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--behaviour", choices=sorted(BEHAVIOURS), required=True)
+    behaviour: str = parser.parse_args().behaviour
+    if behaviour == "silent":
+        time.sleep(3600)
+    host, port = os.environ["REBAR_TICK"].rsplit(":", 1)
+    with socket.create_connection((host, int(port))) as connection:
+        if behaviour == "mute":
+            time.sleep(3600)
+        subscribes = ["/clock"] if behaviour == "pretender" else []
+        say(connection, {"kind": "hello", "protocol": 1, "agent": f"fake-{behaviour}", "subscribes": subscribes})
+        for line in connection.makefile("rb"):
+            message = json.loads(line)
+            if message["kind"] == "end":
+                return
+            answer(connection, behaviour, message["number"])
+
+
+def answer(connection: socket.socket, behaviour: str, number: int) -> None:
+    """Answer one tick in the manner of the behaviour."""
+    topics: dict[str, int] = {}
+    links: dict[str, int] = {}
+    if behaviour == "finish":
+        topics = finish(number)
+    elif behaviour == "flood":
+        sys.stdout.write("all work and no play\n" * 1000)
+    if number >= TURN:
+        if behaviour == "crash":
+            sys.stderr.write("this agent gives up\n")
+            sys.exit(3)
+        if behaviour == "hang":
+            time.sleep(3600)
+        if behaviour == "babble":
+            connection.sendall(b"good morning\n")
+            return
+        if behaviour == "leaver":
+            connection.shutdown(socket.SHUT_RDWR)
+            time.sleep(3600)
+        if behaviour == "liar":
+            links = {"onboard": 7}
+    say(connection, {"kind": "ack", "number": number, "topics": topics, "links": links})
+
+
+def finish(number: int) -> dict[str, int]:
+    """Publish one status document; the count of it belongs into every ack from then on."""
+    from bench.contracts import AgentStatus, VehicleTopics  # only this behaviour needs the middleware
+    from bench.streams import AirAccess, String, open_client
+
+    topic = VehicleTopics(os.environ["REBAR_VEHICLE"]).status
+    if number == 0:
+        access = AirAccess(
+            locator=os.environ["REBAR_ZENOH"],
+            user=os.environ["REBAR_ZENOH_USER"],
+            password=os.environ["REBAR_ZENOH_PASSWORD"],
+            domain=int(os.environ["ROS_DOMAIN_ID"]),
+        )
+        client = open_client(access, "finisher")
+        node = client.__enter__()  # lives as long as the process
+        publisher = node.publisher(topic, String)
+        publisher.put(String(AgentStatus(time_s=0.0, phase="complete").model_dump_json()))
+        _kept.append(client)
+    return {topic: 1}
+
+
+_kept: list[object] = []
+
+
+def say(connection: socket.socket, message: dict[str, object]) -> None:
+    """Send one line."""
+    connection.sendall(json.dumps(message).encode() + b"\n")
+
+
+if __name__ == "__main__":
+    main()
