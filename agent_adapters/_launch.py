@@ -1,0 +1,35 @@
+"""The few lines that run between fork and the agent's own program; a script of the standard library alone.
+
+Run as `python -I -S _launch.py PARENT FILE_BYTES COMMAND...`. A program of its own, not a `preexec_fn`, because the bench's
+process has threads, and Python code between fork and exec in such a process may wait for a lock that nobody holds any more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+
+PR_SET_PDEATHSIG = 1
+NOT_FOUND = 127
+
+
+def main() -> None:
+    """Tie this process to its parent's life, bound what it can write, and become the agent."""
+    parent, file_bytes, command = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    if os.getppid() != parent:  # it died before the line above took hold
+        sys.exit(1)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        os.execvp(command[0], command)
+    except OSError as error:
+        sys.stderr.write(f"{command[0]} cannot be started: {error.strerror}\n")
+        sys.exit(NOT_FOUND)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,275 @@
+"""An agent as a local process: clean environment, bounded output, and an end that takes everything it started along."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import selectors
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from bench.contracts import AgentPlan
+from bench.errors import Fault, SetupError
+from bench.simspec import seed_of
+
+from . import _launch
+
+GRACE_S = 2.0  # host time between asking an agent to end and ending it
+FILE_BYTES = 256 * 1024 * 1024  # the largest file that an agent may write
+HEAD_BYTES = 256 * 1024  # kept of the beginning of its output
+TAIL_BYTES = 64 * 1024  # kept of the end of its output
+LAST_WORDS_BYTES = 4000
+OUTPUT_FILE = "agent.log"
+
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+_PLACEHOLDER = re.compile(r"\{(python|folder|option:([A-Za-z0-9_.-]+))\}")
+
+
+@contextmanager
+def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
+    """Start the agent in its scratch folder; leaving the block ends it and whatever it started, by force if need be.
+
+    The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an agent never
+    survives its session. What the agent wrote is in `agent.log` of the scratch folder afterwards, shortened in the middle
+    when it was much. Raises SetupError when the command or the environment names an option that the SimSpec does not have.
+    """
+    command = expand_command(plan)
+    environment = environment_of(plan)
+    plan.scratch.mkdir(parents=True, exist_ok=True)
+    with _open_output(plan.scratch / OUTPUT_FILE) as output:
+        started = subprocess.Popen(
+            [sys.executable, "-I", "-S", _launch.__file__, str(os.getpid()), str(FILE_BYTES), *command],
+            cwd=plan.scratch,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output.write_end,
+            stderr=output.write_end,
+            start_new_session=True,
+        )
+        output.begin()
+        agent = LocalProcess(started, output)
+        try:
+            yield agent
+        finally:
+            agent.end(home=str(plan.scratch))
+
+
+def expand_command(plan: AgentPlan) -> tuple[str, ...]:
+    """The manifest's command with its placeholders filled in. Raises SetupError with every unknown one."""
+    return tuple(_expanded(plan, {f"command[{index}]": part for index, part in enumerate(plan.manifest.command)}).values())
+
+
+def environment_of(plan: AgentPlan) -> dict[str, str]:
+    """The agent's whole environment: nothing of the bench's own leaks into it."""
+    ends = plan.endpoints
+    spec = plan.simspec
+    environment = {
+        "PATH": os.environ.get("PATH", os.defpath),
+        "HOME": str(plan.scratch),
+        "LANG": "C.UTF-8",
+        "PYTHONHASHSEED": "0",
+        "PYTHONUNBUFFERED": "1",
+        "ROS_DOMAIN_ID": str(ends.domain),
+        "REBAR_VEHICLE": spec.vehicle.name,
+        "REBAR_OPTIONS": json.dumps(spec.agent.options, sort_keys=True),
+        "REBAR_SEED": str(seed_of(spec.seeds, "agent")),
+    }
+    if ends.zenoh_locator is not None:
+        environment |= {
+            "REBAR_ZENOH": ends.zenoh_locator,
+            "REBAR_ZENOH_USER": ends.zenoh_user,
+            "REBAR_ZENOH_PASSWORD": ends.zenoh_password,
+        }
+    if ends.tick is not None:
+        environment["REBAR_TICK"] = ends.tick
+    return environment | dict(ends.mavlink) | _expanded(plan, plan.manifest.environment)
+
+
+def _expanded(plan: AgentPlan, texts: Mapping[str, str]) -> dict[str, str]:
+    options = plan.simspec.agent.options
+    faults = []
+
+    def value(where: str, found: re.Match[str]) -> str:
+        if found[1] == "python":
+            return sys.executable
+        if found[1] == "folder":
+            return str(plan.folder)
+        if found[2] in options:
+            return _as_text(options[found[2]])
+        known = ", ".join(sorted(options)) or "none"
+        faults.append(
+            Fault(
+                f"{plan.manifest.name}: {where}",
+                f"needs the option {found[2]!r}, which the SimSpec does not give",
+                f"add it under agent.options (there now: {known})",
+            )
+        )
+        return ""
+
+    expanded = {where: _PLACEHOLDER.sub(lambda found, at=where: value(at, found), text) for where, text in texts.items()}
+    if faults:
+        raise SetupError(faults)
+    return expanded
+
+
+def _as_text(option: str | float | int | bool) -> str:
+    return str(option).lower() if isinstance(option, bool) else str(option)
+
+
+class _Output:
+    """Takes in what the agent writes and keeps its beginning and its end.
+
+    A thread reads, so that an agent never waits for the simulation in order to write; past the first `HEAD_BYTES` it reads at
+    a bounded rate, so that one that floods waits for us instead of using up the machine.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._read_end, self.write_end = os.pipe()
+        os.set_blocking(self._read_end, False)
+        self._head = bytearray()
+        self._tail: deque[bytes] = deque()
+        self._tail_bytes = 0
+        self._dropped = 0
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._pump, name="agent-output", daemon=True)
+
+    def begin(self) -> None:
+        """Called once the agent holds the write end: ours is closed, so that its end shows."""
+        os.close(self.write_end)
+        self.write_end = -1
+        self._thread.start()
+
+    def close(self) -> None:
+        """Take in what is left, without waiting for anyone who still holds the pipe, and write the file."""
+        self._ending.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        for end in (self._read_end, self.write_end):
+            if end >= 0:
+                os.close(end)
+        self._path.write_bytes(self.text())
+
+    def text(self) -> bytes:
+        """What is kept, with a line in the middle that says how much is not."""
+        with self._lock:
+            gap = f"\n[... {self._dropped} bytes left out ...]\n".encode() if self._dropped else b""
+            return bytes(self._head) + gap + b"".join(self._tail)
+
+    def _pump(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._read_end, selectors.EVENT_READ)
+            while selector.select(timeout=0.2) or not self._ending.is_set():
+                if not self._read_once():
+                    return
+                if len(self._head) >= HEAD_BYTES:
+                    if self._ending.is_set():
+                        return
+                    self._ending.wait(0.02)
+
+    def _read_once(self) -> bool:
+        """Whether there can be more."""
+        try:
+            data = os.read(self._read_end, 65536)
+        except BlockingIOError:
+            return True
+        if data:
+            self._keep(data)
+        return bool(data)
+
+    def _keep(self, data: bytes) -> None:
+        with self._lock:
+            room = HEAD_BYTES - len(self._head)
+            self._head += data[:room]
+            rest = data[room:] if room < len(data) else b""
+            if rest:
+                self._tail.append(rest)
+                self._tail_bytes += len(rest)
+            while self._tail_bytes > TAIL_BYTES and len(self._tail) > 1:
+                gone = self._tail.popleft()
+                self._tail_bytes -= len(gone)
+                self._dropped += len(gone)
+
+
+@contextmanager
+def _open_output(path: Path) -> Iterator[_Output]:
+    output = _Output(path)
+    try:
+        yield output
+    finally:
+        output.close()
+
+
+class LocalProcess:
+    """The `AgentProcess` contract over one local process and its group."""
+
+    def __init__(self, started: subprocess.Popen[bytes], output: _Output) -> None:
+        self._started = started
+        self._output = output
+        self._cpu_s: float | None = None  # known for good once it has ended
+
+    @property
+    def pid(self) -> int:
+        return self._started.pid
+
+    def ended(self) -> int | None:
+        if self._started.returncode is None:
+            self._reap(os.WNOHANG)
+        return self._started.returncode
+
+    def cpu_s(self) -> float:
+        if self._cpu_s is None and self.ended() is None:
+            with suppress(OSError, ValueError, IndexError):
+                fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+                return sum(int(ticks) for ticks in fields[11:15]) / _TICKS_PER_S
+        return self._cpu_s or 0.0
+
+    def last_words(self) -> str:
+        return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
+
+    def end(self, home: str) -> None:
+        """Ask the group to end, then make it; then end what left the group but still carries the agent's HOME."""
+        self._signal(signal.SIGTERM)
+        deadline = time.monotonic() + GRACE_S
+        while self.ended() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+        self._signal(signal.SIGKILL)
+        for pid in _processes_with_home(home):
+            with suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        if self.ended() is None:
+            self._reap(0)
+
+    def _signal(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, number)
+
+    def _reap(self, options: int) -> None:
+        """As Popen.poll, but keeps the CPU time that the kernel tells only once."""
+        try:
+            pid, status, usage = os.wait4(self.pid, options)
+        except ChildProcessError:
+            self._started.returncode = -signal.SIGKILL  # somebody else waited for it: how it ended is lost
+            return
+        if pid:
+            self._cpu_s = usage.ru_utime + usage.ru_stime
+            self._started.returncode = os.waitstatus_to_exitcode(status)
+
+
+def _processes_with_home(home: str) -> Iterator[int]:
+    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they moved."""
+    wanted = f"HOME={home}".encode()
+    for entry in os.scandir("/proc"):
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            with suppress(OSError):
+                if wanted in Path(entry.path, "environ").read_bytes().split(b"\0"):
+                    yield int(entry.name)

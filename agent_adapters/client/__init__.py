@@ -1,0 +1,21 @@
+"""What a Python agent may use on its side of the air network; an agent in any other language needs docs/agents.md alone.
+
+with open_bench("my_agent", read_environment(os.environ), subscriptions) as bench:
+    for moment in bench.moments("my-agent"):
+        for frame in moment.frames["onboard"]: ...
+        for sample in moment.samples: ...
+"""
+
+from __future__ import annotations
+
+from ._bench import Bench as Bench
+from ._bench import Moment as Moment
+from ._bench import Wanted as Wanted
+from ._bench import open_bench as open_bench
+from ._environment import AgentEnvironment as AgentEnvironment
+from ._environment import read_environment as read_environment
+from ._link import MavlinkFrame as MavlinkFrame
+from ._link import MavlinkLink as MavlinkLink
+from ._link import open_link as open_link
+from ._ticks import TickLine as TickLine
+from ._ticks import open_tick_line as open_tick_line

@@ -1,0 +1,214 @@
+"""An agent as a process: what it is given, what is kept of it, and that it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from agent_adapters import LocalProcess, load_manifest, open_agent
+from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
+from bench.errors import SetupError
+from bench.simspec import AgentSpec, Point, Polygon, SimSpec, World
+
+PATIENCE_S = 20.0
+
+
+def simspec(**options: str | float | int | bool) -> SimSpec:
+    corners = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (100, 0), (100, 100)))
+    return SimSpec(name="meadow", world=World(area=Polygon(corners=corners)), agent=AgentSpec(options=options))
+
+
+def plan(
+    scratch: Path, *command: str, environment: dict[str, str] | None = None, **options: str | float | int | bool
+) -> AgentPlan:
+    endpoints = AgentEndpoints(
+        {"REBAR_MAVLINK": "udpin:127.0.0.1:14540"}, "tcp/127.0.0.1:7447", "agent", "secret", 1, "127.0.0.1:9"
+    )
+    manifest = AgentManifest(name="probe", command=command, environment=environment or {})
+    return AgentPlan(manifest, scratch.parent, simspec(**options), endpoints, scratch)
+
+
+def python(scratch: Path, code: str, **options: str | float | int | bool) -> AgentPlan:
+    return plan(scratch, "{python}", "-c", code, **options)
+
+
+def wait_for_end(agent: LocalProcess) -> int:
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        code = agent.ended()
+        if code is not None:
+            return code
+        os.sched_yield()
+    raise AssertionError("the agent did not end")
+
+
+def wait_for_file(path: Path) -> str:
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        if path.exists() and path.read_text().endswith("\n"):
+            return path.read_text()
+        os.sched_yield()
+    raise AssertionError(f"{path.name} was not written")
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False
+
+
+def gone(pid: int) -> bool:
+    deadline = time.monotonic() + PATIENCE_S
+    while is_running(pid) and time.monotonic() < deadline:
+        os.sched_yield()
+    return not is_running(pid)
+
+
+def test_agent_gets_its_endpoints_and_nothing_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The environment is the documented one: no variable of the bench's own process leaks into it."""
+    monkeypatch.setenv("SECRET_OF_THE_BENCH", "1")
+    code = "import os, json; print(json.dumps(dict(os.environ)))"
+    with open_agent(python(tmp_path / "agent", code, height=40, gentle=True)) as agent:
+        assert wait_for_end(agent) == 0
+    seen = json.loads((tmp_path / "agent" / "agent.log").read_text())
+
+    assert seen.pop("LC_CTYPE", "C.UTF-8") == "C.UTF-8"
+    assert set(seen) == {
+        "PATH", "HOME", "LANG", "PYTHONHASHSEED", "PYTHONUNBUFFERED", "ROS_DOMAIN_ID",
+        "REBAR_VEHICLE", "REBAR_OPTIONS", "REBAR_SEED", "REBAR_ZENOH", "REBAR_ZENOH_USER", "REBAR_ZENOH_PASSWORD",
+        "REBAR_TICK", "REBAR_MAVLINK",
+    }  # fmt: skip
+    assert seen["HOME"] == str(tmp_path / "agent")
+    assert json.loads(seen["REBAR_OPTIONS"]) == {"height": 40, "gentle": True}
+    assert seen["REBAR_MAVLINK"] == "udpin:127.0.0.1:14540"
+
+
+def test_placeholders_are_filled_in(tmp_path: Path) -> None:
+    """{folder} and {option:NAME} reach the command and the environment, booleans as true and false."""
+    code = "import os, sys; print(*sys.argv[1:], os.environ['MODE'])"
+    asked = plan(
+        tmp_path / "agent", "{python}", "-c", code, "{folder}/x", "{option:speed}", environment={"MODE": "{option:fast}"},
+        speed=3.5, fast=True,
+    )  # fmt: skip
+    with open_agent(asked) as agent:
+        assert wait_for_end(agent) == 0
+    assert (tmp_path / "agent" / "agent.log").read_text().split() == [f"{tmp_path}/x", "3.5", "true"]
+
+
+def test_every_missing_option_is_named(tmp_path: Path) -> None:
+    """A manifest that needs options the SimSpec lacks is the user's to mend, all faults at once."""
+    with pytest.raises(SetupError) as caught, open_agent(plan(tmp_path, "{option:a}", "{option:b}", c=1)):
+        pass
+    assert len(caught.value.faults) == 2
+    assert "there now: c" in str(caught.value)
+
+
+def test_a_crash_leaves_its_code_and_last_words(tmp_path: Path) -> None:
+    """What a crashing agent said last is there for the report, and its exit code or signal."""
+    with open_agent(python(tmp_path / "a", "raise ValueError('lost the plot')")) as agent:
+        assert wait_for_end(agent) == 1
+    assert "lost the plot" in agent.last_words()
+    with open_agent(python(tmp_path / "b", "import os; os.kill(os.getpid(), 6)")) as agent:
+        assert wait_for_end(agent) == -signal.SIGABRT
+
+
+def test_a_program_that_is_not_there_says_so(tmp_path: Path) -> None:
+    """A wrong command is an agent that ends at once, with a sentence."""
+    with open_agent(plan(tmp_path, "/nowhere/agent")) as agent:
+        assert wait_for_end(agent) == 127
+    assert agent.last_words() == "/nowhere/agent cannot be started: No such file or directory\n"
+
+
+def test_an_agent_that_will_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a hang nor an ignored SIGTERM outlives the block."""
+    monkeypatch.setattr("agent_adapters._process.GRACE_S", 0.05)
+    code = "import signal; signal.signal(15, signal.SIG_IGN); open('ready', 'w').write('\\n')\nwhile True: signal.pause()"
+    with open_agent(python(tmp_path, code)) as agent:
+        wait_for_file(tmp_path / "ready")
+        assert agent.ended() is None
+    assert agent.ended() == -signal.SIGKILL
+
+
+def test_an_agent_asked_to_end_may_do_so_itself(tmp_path: Path) -> None:
+    """SIGTERM comes first, so that an agent can close what it holds."""
+    code = (
+        "import signal, sys\nsignal.signal(15, lambda *_: (print('goodbye'), sys.exit(0)))\n"
+        "open('ready', 'w').write('\\n')\nwhile True: signal.pause()"
+    )
+    with open_agent(python(tmp_path, code)) as agent:
+        wait_for_file(tmp_path / "ready")
+    assert agent.ended() == 0
+    assert agent.last_words() == "goodbye\n"
+
+
+def test_children_end_with_the_agent_wherever_they_went(tmp_path: Path) -> None:
+    """A child in the group ends with it, and so does one that made a session of its own."""
+    code = (
+        "import subprocess, sys, time\n"
+        "nap = [sys.executable, '-c', 'import time; time.sleep(600)']\n"
+        "a = subprocess.Popen(nap); b = subprocess.Popen(nap, start_new_session=True)\n"
+        "open('pids', 'w').write(f'{a.pid} {b.pid}\\n')\n"
+    )
+    with open_agent(python(tmp_path, code)) as agent:
+        pids = [int(one) for one in wait_for_file(tmp_path / "pids").split()]
+        assert wait_for_end(agent) == 0
+        assert all(is_running(pid) for pid in pids)
+    assert all(gone(pid) for pid in pids)
+
+
+def test_a_flood_costs_neither_disk_nor_memory(tmp_path: Path) -> None:
+    """Of endless output the beginning and the end are kept, and the file says how much is not there."""
+    code = "import os\nfor n in range(40): os.write(1, b'%06d' % n + b'x' * 65530)\nprint('the end')"
+    with open_agent(python(tmp_path, code)) as agent:
+        assert wait_for_end(agent) == 0
+    kept = (tmp_path / "agent.log").read_bytes()
+    assert len(kept) < 512 * 1024
+    assert kept.startswith(b"000000x")
+    assert kept.endswith(b"the end\n")
+    assert b"bytes left out" in kept
+
+
+def test_an_endless_flood_does_not_hold_up_the_end(tmp_path: Path) -> None:
+    """Leaving the block ends an agent that never stops writing."""
+    code = "import os\nopen('ready', 'w').write('\\n')\nwhile True: os.write(2, b'x' * 65536)"
+    with open_agent(python(tmp_path, code)) as agent:
+        wait_for_file(tmp_path / "ready")
+    assert agent.ended() == -signal.SIGTERM
+
+
+def test_cpu_time_counts_the_agent_and_is_kept(tmp_path: Path) -> None:
+    """CPU time can be asked while the agent runs and after it has gone, and does not shrink."""
+    code = "import time\nwhile time.process_time() < 0.15: pass\nopen('ready', 'w').write('\\n')\ntime.sleep(600)"
+    with open_agent(python(tmp_path, code)) as agent:
+        wait_for_file(tmp_path / "ready")
+        running = agent.cpu_s()
+    assert 0.1 <= running <= agent.cpu_s() < 5.0
+
+
+def test_manifest_by_path_and_by_wrong_name(tmp_path: Path) -> None:
+    """A path gives the document and its folder; a wrong name lists what there is; a bad field is named."""
+    file = tmp_path / "mine.yaml"
+    file.write_text("name: mine\ncommand: [run-me]\n")
+    manifest, folder = load_manifest("./mine.yaml", relative_to=tmp_path)
+    assert (manifest.name, folder) == ("mine", tmp_path.resolve())
+    with pytest.raises(SetupError, match="no plug-in named 'nobody'"):
+        load_manifest("nobody")
+    file.write_text("name: mine\ncommand: []\nspeed: 3\n")
+    with pytest.raises(SetupError) as caught:
+        load_manifest(file)
+    assert len(caught.value.faults) == 2
+
+
+@pytest.mark.parametrize("name", ["reference-naive", "reference-bystander-aware"])
+def test_the_reference_manifests_are_installed(name: str) -> None:
+    """Both agents are found by name, can be paced, and differ by their policy alone."""
+    manifest, _ = load_manifest(name)
+    assert manifest.name == name
+    assert "lockstep" in manifest.pace
+    assert manifest.command[-1] == name.removeprefix("reference-").replace("-", "_")
