@@ -1,0 +1,150 @@
+"""One pass over an MCAP file that ends, without complaint, where the file stops making sense.
+
+The readers of the `mcap` package need the index at the end of the file, and a crash leaves none; its stream reader takes
+a short read for a whole one. A recording may also come from a stranger: sizes are believed only within limits.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError, UnsupportedCompressionError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+
+from bench.errors import Fault, SetupError
+
+MAGIC = b"\x89MCAP0\r\n"
+MAX_RECORD_BYTES = 256 * 1024 * 1024
+Item = Schema | Channel | Message | Attachment | Metadata
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_DAMAGE = (McapError, struct.error, ValueError, OverflowError, zstandard.ZstdError)
+
+
+class Container:
+    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were written.
+
+    After the pass, `cut` says why it ended early, or is None when the file is whole; `complete` says that every message
+    is there even so (a file may lack nothing but its index). Raises SetupError when the file is no MCAP file at all.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.cut: str | None = None
+        self.complete = False
+
+    def __iter__(self) -> Iterator[Item]:
+        try:
+            file = self.path.open("rb")
+        except OSError as error:
+            mend = "check the name" if isinstance(error, FileNotFoundError) else "give a readable file"
+            raise SetupError(Fault(str(self.path), f"cannot be read: {error.strerror}", mend)) from None
+        with file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise SetupError(Fault(str(self.path), "is not an MCAP recording", "give the recording.mcap of a run"))
+            yield from self._items(file, self.path.stat().st_size)
+
+    def _items(self, file: IO[bytes], size: int) -> Iterator[Item]:
+        while True:
+            start = file.tell()
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                self.cut = f"ends at byte {start} without an end record"
+                return
+            opcode, length = _HEAD.unpack(head)
+            if length > min(size - file.tell(), MAX_RECORD_BYTES):
+                self.cut = f"ends within the record at byte {start}"
+                return
+            payload = file.read(length)
+            if opcode == Opcode.DATA_END:
+                self.complete = True
+                self._check_end(file, size)
+                return
+            try:
+                items = _read(opcode, payload)
+            except UnsupportedCompressionError as error:
+                mend = "convert the file, for example with mcap compress --compression zstd"
+                raise SetupError(Fault(str(self.path), f"cannot be read: {error}", mend)) from None
+            except _DAMAGE as error:
+                self.cut = f"the record at byte {start} is damaged ({type(error).__name__})"
+                return
+            yield from items
+
+    def _check_end(self, file: IO[bytes], size: int) -> None:
+        file.seek(max(file.tell(), size - len(MAGIC)))
+        if file.read() != MAGIC:
+            self.cut = "the index is missing; every message is there"
+
+
+def _read(opcode: int, payload: bytes) -> list[Item]:
+    """The items in one record; raises one of _DAMAGE when it is not what its opcode says."""
+    if opcode == Opcode.CHUNK:
+        return _read_chunk(Chunk.read(_stream(payload)))
+    item = _read_item(opcode, payload)
+    return [] if item is None else [item]
+
+
+def _read_item(opcode: int, payload: bytes) -> Item | None:
+    item: Item
+    match opcode:
+        case Opcode.MESSAGE:
+            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(payload)
+            return Message(channel, log_time, payload[_MESSAGE.size :], publish_time, sequence)
+        case Opcode.SCHEMA:
+            item = Schema.read(_stream(payload))
+        case Opcode.CHANNEL:
+            item = Channel.read(_stream(payload))
+        case Opcode.METADATA:
+            item = Metadata.read(_stream(payload))
+        case Opcode.ATTACHMENT:
+            (stated,) = struct.unpack("<I", payload[-4:])
+            if stated not in (0, zlib.crc32(payload[:-4])):
+                raise ValueError("checksum of an attachment")
+            item = Attachment.read(_stream(payload))
+        case _:
+            return None
+    return item
+
+
+def _read_chunk(chunk: Chunk) -> list[Item]:
+    data = _uncompressed(chunk)
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("checksum of a chunk")
+    items: list[Item] = []
+    at = 0
+    while at < len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        item = _read_item(opcode, data[at : at + length])
+        if item is not None:
+            items.append(item)
+        at += length
+    return items
+
+
+def _uncompressed(chunk: Chunk) -> bytes:
+    if chunk.uncompressed_size > MAX_RECORD_BYTES:
+        raise ValueError("size of a chunk")
+    match chunk.compression:
+        case "":
+            return chunk.data
+        case "zstd":
+            # The size that the frame states is what would be allocated.
+            if zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
+                raise ValueError("size of a chunk")
+            return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+        case other:
+            raise UnsupportedCompressionError(other)
+
+
+def _stream(payload: bytes) -> ReadDataStream:
+    return ReadDataStream(BytesIO(payload))

@@ -1,0 +1,152 @@
+"""Recordings read back: whole ones, and what is left of those that a crash cut off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+from pydantic import ValidationError
+
+from bench.contracts import Record, SimTime, Tape
+from bench.documents import read_document
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+from ._container import Container
+from ._recorder import CHUNK_BYTES, LIBRARY, PROFILE, SIMSPEC_ATTACHMENT
+from ._tape import TapeBuilder
+
+CUT = "recording"
+"""The entry of `Tape.malformed` that says that the recording ends before its session did."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What `recover` saved; `cut` says where the source ends or is damaged, None when it was whole."""
+
+    messages: int
+    attachments: int
+    metadata: int
+    cut: str | None
+
+
+def read_records(path: Path | str) -> Iterator[Record]:
+    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole chunk.
+
+    Raises SetupError when the file is missing, is no MCAP file, or was not written in order of time. Channels that
+    do not hold CDR of ROS 2 types are passed over.
+    """
+    return _records(Container(Path(path)))
+
+
+def read_tape(path: Path | str) -> Tape:
+    """The typed streams of a recording. A cut recording says so in `malformed["recording"]`.
+
+    Raises SetupError as `read_records` and `read_simspec` do.
+    """
+    builder = TapeBuilder(read_simspec(path))
+    container = Container(Path(path))
+    for record in _records(container):
+        builder(record)
+    if not container.complete:
+        builder.note(CUT)
+    return builder.tape()
+
+
+def read_simspec(path: Path | str) -> SimSpec:
+    """The realized SimSpec that a recording carries. Raises SetupError when it has none or an invalid one."""
+    for item in Container(Path(path)):
+        if isinstance(item, Attachment) and item.name == SIMSPEC_ATTACHMENT:
+            return _simspec(item.data, f"{path}: {SIMSPEC_ATTACHMENT}")
+    raise SetupError(Fault(str(path), f"holds no {SIMSPEC_ATTACHMENT}", "give a recording of this bench, cut off after its head"))
+
+
+def read_metadata(path: Path | str) -> dict[str, dict[str, str]]:
+    """The metadata records of a recording by name: `rebar.versions`, `rebar.session`."""
+    return {item.name: item.metadata for item in Container(Path(path)) if isinstance(item, Metadata)}
+
+
+def recover(source: Path | str, target: Path | str) -> Recovered:
+    """Write what can be read of `source` as a whole MCAP file, index and all, to `target`.
+
+    Raises SetupError when `source` is no MCAP file or is `target`, OSError when `target` cannot be written.
+    """
+    source, target = Path(source), Path(target)
+    if target.exists() and source.exists() and target.samefile(source):
+        raise SetupError(Fault(str(target), "is the recording itself", "give another file to write to"))
+    container = Container(source)
+    items = iter(container)
+    first = next(items, None)  # a source that is no recording must not leave an empty target behind
+    with target.open("wb") as file:
+        writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer.start(profile=PROFILE, library=LIBRARY)
+        copy = _Copy(writer)
+        if first is not None:
+            copy.add(first)
+        for item in items:
+            copy.add(item)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return Recovered(copy.messages, copy.attachments, copy.metadata, container.cut)
+
+
+class _Copy:
+    """Carries items into a writer, which numbers schemas and channels anew."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._schemas = {0: 0}
+        self._channels: dict[int, int] = {}
+        self.messages = self.attachments = self.metadata = 0
+
+    def add(self, item: Schema | Channel | Message | Attachment | Metadata) -> None:
+        match item:
+            case Message():
+                channel = self._channels.get(item.channel_id)
+                if channel is not None:
+                    self._writer.add_message(channel, item.log_time, item.data, item.publish_time, item.sequence)
+                    self.messages += 1
+            case Schema() if item.id not in self._schemas:
+                self._schemas[item.id] = self._writer.register_schema(item.name, item.encoding, item.data)
+            case Channel() if item.id not in self._channels:
+                schema = self._schemas.get(item.schema_id, 0)
+                channel = self._writer.register_channel(item.topic, item.message_encoding, schema, item.metadata)
+                self._channels[item.id] = channel
+            case Attachment():
+                self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
+                self.attachments += 1
+            case Metadata():
+                self._writer.add_metadata(item.name, item.metadata)
+                self.metadata += 1
+
+
+def _records(container: Container) -> Iterator[Record]:
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    last_ns = 0
+    for item in container:
+        match item:
+            case Message():
+                channel = channels.get(item.channel_id)
+                if channel is None:
+                    continue
+                if item.log_time < last_ns:
+                    fault = f"a message on {channel[0]} at {item.log_time} ns follows one at {last_ns} ns"
+                    raise SetupError(
+                        Fault(str(container.path), fault, "give a recording of this bench, which is in order of time")
+                    )
+                last_ns = item.log_time
+                yield Record(SimTime(item.log_time), channel[0], channel[1], item.data)
+            case Schema():
+                schemas[item.id] = item.name
+            case Channel() if item.message_encoding == "cdr" and item.schema_id in schemas:
+                channels[item.id] = (item.topic, schemas[item.schema_id])
+
+
+def _simspec(data: bytes, source: str) -> SimSpec:
+    try:
+        return SimSpec.model_validate_json(data)
+    except ValidationError:
+        return read_document(data.decode(errors="replace"), SimSpec, source)  # the slow way tells field and mend

@@ -1,0 +1,127 @@
+"""The recorder: every record of a session into one MCAP file, in order of simulated time, the same bytes every time."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from mcap.writer import CompressionType, Writer
+
+from bench.contracts import START, Record, SimTime
+from bench.documents import dump_json
+from bench.simspec import SimSpec
+from bench.streams import schema_text
+
+PROFILE = "ros2"
+LIBRARY = "rebar"
+SIMSPEC_ATTACHMENT = "simspec.json"
+VERSIONS = "rebar.versions"
+SESSION = "rebar.session"
+CHUNK_BYTES = 256 * 1024
+
+
+class Recorder:
+    """A `Tap`: call it with each record, in order of time. Made by `open_recording` only."""
+
+    def __init__(self, file: _HashedFile) -> None:
+        self._file = file
+        self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
+        self._sequences: dict[int, int] = {}
+        self._last = START
+        self._sha256: str | None = None
+
+    def __call__(self, record: Record) -> None:
+        """Append one record. Raises ValueError when it lies before the one before it: that is a fault of the bench."""
+        if record.time < self._last:
+            raise ValueError(f"record on {record.topic} at {record.time.ns} ns lies before the last one at {self._last.ns} ns")
+        self._last = record.time
+        channel = self._channels.get((record.topic, record.type_name)) or self._register(record)
+        sequence = self._sequences[channel] = self._sequences[channel] + 1
+        self._writer.add_message(channel, record.time.ns, record.data, record.time.ns, sequence)
+
+    @property
+    def messages(self) -> int:
+        """Records taken in so far."""
+        return sum(self._sequences.values())
+
+    @property
+    def last(self) -> SimTime:
+        """Moment of the latest record; the start when there is none."""
+        return self._last
+
+    @property
+    def sha256(self) -> str | None:
+        """Digest of the whole file, once the block of `open_recording` is left; None before."""
+        return self._sha256
+
+    def _register(self, record: Record) -> int:
+        schema = self._schemas.get(record.type_name)
+        if schema is None:
+            text = schema_text(record.type_name).encode()
+            schema = self._schemas[record.type_name] = self._writer.register_schema(record.type_name, "ros2msg", text)
+        channel = self._writer.register_channel(record.topic, "cdr", schema, {})
+        self._channels[record.topic, record.type_name] = channel
+        self._sequences[channel] = 0
+        return channel
+
+    def _begin(self, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str]) -> None:
+        self._writer.start(profile=PROFILE, library=LIBRARY)
+        self._writer.add_attachment(0, 0, SIMSPEC_ATTACHMENT, "application/json", dump_json(simspec).encode())
+        self._writer.add_metadata(VERSIONS, dict(sorted(versions.items())))
+        self._writer.add_metadata(SESSION, dict(sorted(metadata.items())))
+        self._file.flush()
+
+    def _finish(self) -> None:
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.flush()
+        self._sha256 = self._file.sha256()
+
+
+@contextmanager
+def open_recording(
+    path: Path, *, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str] | None = None
+) -> Iterator[Recorder]:
+    """Yield a recorder that writes to `path`, replacing what is there; leaving the block, even by an error, closes the file whole.
+
+    The SimSpec (attachment), `versions` and `metadata` stand at the head of the file, so that they survive whatever cuts it
+    off. None of them may hold a wall clock, a host or a path of this machine: equal sessions make equal bytes.
+    Raises OSError when the file cannot be written.
+    """
+    with path.open("wb") as file:
+        recorder = Recorder(_HashedFile(file))
+        recorder._begin(simspec, versions, metadata or {})
+        try:
+            yield recorder
+        finally:
+            recorder._finish()
+            # The digest goes into result.json, which is synced too: it must not outlive the bytes it speaks of.
+            os.fsync(file.fileno())
+
+
+class _HashedFile:
+    """What the MCAP writer needs of a stream; it only ever appends, so the digest is had on the way."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self._digest = hashlib.sha256()
+        self._count = 0
+
+    def write(self, data: bytes) -> int:
+        self._digest.update(data)
+        self._count += len(data)
+        return self._file.write(data)
+
+    def tell(self) -> int:
+        return self._count
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def sha256(self) -> str:
+        return self._digest.hexdigest()

@@ -1,0 +1,217 @@
+"""Records made into a `Tape`: one builder, fed live by the session or from a recording, so that a measure cannot tell which."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.contracts import (
+    SESSION_EVENTS,
+    TRUTH_ACTORS,
+    TRUTH_CAST,
+    TRUTH_ODOMETRY,
+    TRUTH_VEHICLE,
+    TRUTH_VIEW,
+    AgentStatus,
+    AgentTracks,
+    At,
+    CastDocument,
+    Decision,
+    Detection,
+    DetectionFrame,
+    EventDocument,
+    Frame,
+    IntelligenceDocument,
+    Record,
+    Sighting,
+    SimTime,
+    Tape,
+    TargetReport,
+    VehicleDocument,
+    VehicleTopics,
+    ViewDocument,
+    parse_document,
+)
+from bench.documents import Document
+from bench.simspec import SimSpec
+from bench.streams import Detection2D, Detection2DArray, Odometry, String, decode, decode_pose_array
+
+Floats = NDArray[np.float64]
+
+
+class TapeBuilder:
+    """Takes records in order of time, one call each, and keeps what measures need. A `Tap`: it never raises.
+
+    Records on other topics (MAVLink, /clock, /tf) cost a dictionary lookup. What a needed topic carries and cannot be
+    decoded is counted in `Tape.malformed` by topic and left out.
+    """
+
+    def __init__(self, simspec: SimSpec) -> None:
+        topics = VehicleTopics(simspec.vehicle.name)
+        self._motion = _Motion()
+        self._actors = _Actors()
+        self._cast: list[At[CastDocument]] = []
+        self._frames: list[Frame] = []
+        self._detections: list[DetectionFrame] = []
+        self._condition: list[At[VehicleDocument]] = []
+        self._intelligence: list[At[IntelligenceDocument]] = []
+        self._reports: list[At[TargetReport]] = []
+        self._decisions: list[At[Decision]] = []
+        self._status: list[At[AgentStatus]] = []
+        self._tracks: list[At[AgentTracks]] = []
+        self._events: list[At[EventDocument]] = []
+        self._malformed: Counter[str] = Counter()
+        self._takers: dict[str, Callable[[Record], bool]] = {
+            TRUTH_ODOMETRY: self._motion.take,
+            TRUTH_ACTORS: self._actors.take,
+            TRUTH_CAST: _documents(CastDocument, self._cast),
+            TRUTH_VIEW: self._take_view,
+            TRUTH_VEHICLE: _documents(VehicleDocument, self._condition),
+            SESSION_EVENTS: _documents(EventDocument, self._events),
+            topics.detections: self._take_detections,
+            topics.intelligence: _documents(IntelligenceDocument, self._intelligence),
+            topics.reports: _documents(TargetReport, self._reports),
+            topics.decisions: _documents(Decision, self._decisions),
+            topics.status: _documents(AgentStatus, self._status),
+            topics.tracks: _documents(AgentTracks, self._tracks),
+        }
+
+    def __call__(self, record: Record) -> None:
+        """Take in one record."""
+        take = self._takers.get(record.topic)
+        if take is not None and not take(record):
+            self.note(record.topic)
+
+    def note(self, topic: str) -> None:
+        """Count one thing under `topic` that could not be understood."""
+        self._malformed[topic] += 1
+
+    def tape(self) -> Tape:
+        """The tape of the records so far; the builder may go on taking."""
+        cast = self._cast[-1].value.members if self._cast else ()
+        actor_times, actor_positions, strangers = self._actors.arrays(len(cast))
+        malformed = self._malformed + Counter({TRUTH_ACTORS: strangers})
+        times, positions, velocities = self._motion.arrays()
+        return Tape(
+            cast=cast,
+            vehicle_time_s=times,
+            vehicle_position_enu_m=positions,
+            vehicle_velocity_enu_mps=velocities,
+            actor_time_s=actor_times,
+            actor_position_enu_m=actor_positions,
+            frames=tuple(self._frames),
+            detections=tuple(self._detections),
+            condition=tuple(self._condition),
+            intelligence=tuple(self._intelligence),
+            reports=tuple(self._reports),
+            decisions=tuple(self._decisions),
+            status=tuple(self._status),
+            tracks=tuple(self._tracks),
+            events=tuple(self._events),
+            malformed=dict(sorted(malformed.items())),
+        )
+
+    def _take_view(self, record: Record) -> bool:
+        view = _document(ViewDocument, record)
+        if view is None:
+            return False
+        sightings = tuple(Sighting(one.actor, one.range_m, one.height_px, one.visible, one.box) for one in view.sightings)
+        self._frames.append(Frame(view.frame, view.camera, record.time, sightings))
+        return True
+
+    def _take_detections(self, record: Record) -> bool:
+        message = decode(Detection2DArray, record.data)
+        if message is None:
+            return False
+        stamp = message.header.stamp
+        detections = tuple(_detection(one) for one in message.detections if one.results)
+        self._detections.append(DetectionFrame(SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections))
+        return True
+
+
+class _Motion:
+    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes (3)."""
+
+    WIDTH = 11
+
+    def __init__(self) -> None:
+        self._values: list[float] = []
+
+    def take(self, record: Record) -> bool:
+        message = decode(Odometry, record.data)
+        if message is None:
+            return False
+        pose, velocity = message.pose.pose, message.twist.twist.linear
+        at, turn = pose.position, pose.orientation
+        self._values += (
+            record.time.s,
+            *(at.x, at.y, at.z),
+            *(turn.x, turn.y, turn.z, turn.w),
+            *(velocity.x, velocity.y, velocity.z),
+        )
+        return True
+
+    def arrays(self) -> tuple[Floats, Floats, Floats]:
+        """Times (n,), ENU positions (n, 3), ENU velocities (n, 3)."""
+        table = np.array(self._values, dtype=np.float64).reshape(-1, self.WIDTH)
+        # The twist of nav_msgs/Odometry is in the child frame, here base_link (FLU).
+        return table[:, 0].copy(), table[:, 1:4].copy(), _rotated(table[:, 4:8], table[:, 8:11])
+
+
+class _Actors:
+    """Truth positions of the cast."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._positions: list[Floats] = []
+
+    def take(self, record: Record) -> bool:
+        decoded = decode_pose_array(record.data)
+        if decoded is None:
+            return False
+        self._times.append(record.time.s)
+        self._positions.append(decoded[1])
+        return True
+
+    def arrays(self, members: int) -> tuple[Floats, Floats, int]:
+        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another cast."""
+        fitting = [index for index, positions in enumerate(self._positions) if len(positions) == members]
+        times = np.array([self._times[index] for index in fitting], dtype=np.float64)
+        positions = np.array([self._positions[index] for index in fitting], dtype=np.float64)
+        return times, positions.reshape(len(fitting), members, 3), len(self._positions) - len(fitting)
+
+
+def _document(kind: type[Any], record: Record) -> Any:
+    message = decode(String, record.data)
+    return None if message is None else parse_document(kind, message.data)
+
+
+def _documents(kind: type[Document], said: list[Any]) -> Callable[[Record], bool]:
+    """A taker that keeps the documents of one topic with the moment of their arrival."""
+
+    def take(record: Record) -> bool:
+        value = _document(kind, record)
+        if value is not None:
+            said.append(At(record.time, value))
+        return value is not None
+
+    return take
+
+
+def _detection(message: Detection2D) -> Detection:
+    best = message.results[0].hypothesis
+    centre, half_x, half_y = message.bbox.center.position, message.bbox.size_x / 2.0, message.bbox.size_y / 2.0
+    box = (centre.x - half_x, centre.y - half_y, centre.x + half_x, centre.y + half_y)
+    return Detection(best.class_id, best.score, box, message.id)
+
+
+def _rotated(quaternions: Floats, vectors: Floats) -> Floats:
+    """(n, 3) vectors turned by (n, 4) unit quaternions x y z w: v + 2w(u x v) + 2u x (u x v)."""
+    axis, real = quaternions[:, :3], quaternions[:, 3:]
+    once = np.cross(axis, vectors)
+    turned: Floats = vectors + 2.0 * (real * once + np.cross(axis, once))
+    return turned

@@ -1,0 +1,23 @@
+"""The measures: pure functions from a tape to one number, by name in the entry-point group `rebar.measures`.
+
+docs/measures.md says of each what it measures, when it is considered, and what its options are.
+"""
+
+from __future__ import annotations
+
+from ._asking import Asked as Asked
+from ._asking import check_options as check_options
+from ._asking import measure_all as measure_all
+from ._bystanders import bystanders_declared as bystanders_declared
+from ._bystanders import marks_clear_of_bystanders as marks_clear_of_bystanders
+from ._measured import Finding as Finding
+from ._measured import Measured as Measured
+from ._measured import not_considered as not_considered
+from ._mission import mission_flown as mission_flown
+from ._perception import detection_share as detection_share
+from ._reports import no_false_reports as no_false_reports
+from ._reports import priority_order as priority_order
+from ._reports import report_accuracy as report_accuracy
+from ._reports import targets_reported as targets_reported
+from ._tracks import classified_share as classified_share
+from ._tracks import no_false_tracks as no_false_tracks
