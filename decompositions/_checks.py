@@ -1,0 +1,245 @@
+"""What must hold between the parts of a decomposition document; every fault at once, each with its node and mend."""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import networkx as nx
+
+from bench.errors import Fault, SetupError
+
+from ._document import DecompositionDocument, InnerNode, KeyFactor, Level, Observable, Option
+
+CheckMeasure = Callable[[str, Mapping[str, Option]], object]
+"""Raises ValueError or SetupError when there is no measure of that name, or when it does not take those options."""
+
+LEVELS = tuple(Level)
+TITLES = {
+    Level.PRINCIPLE: "principle",
+    Level.KEY_ATTRIBUTE: "key attribute",
+    Level.VAB: "VAB",
+    Level.OBSERVABLE: "observable",
+}
+FIELDS = {
+    Level.PRINCIPLE: "principles",
+    Level.KEY_ATTRIBUTE: "key_attributes",
+    Level.VAB: "vabs",
+    Level.OBSERVABLE: "observables",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """What the bench has that a decomposition may name; None leaves names of that kind unchecked.
+
+    `factor_units` are the units of the key factors by name. `check_measure` is asked about each observable's measure.
+    """
+
+    factor_units: Mapping[str, str] | None = None
+    check_measure: CheckMeasure | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where something stands in the file: its path inside the document, and the node (or table) it belongs to."""
+
+    path: tuple[str | int, ...]
+    node: str
+
+    def at(self, *inner: str | int) -> Place:
+        return Place((*self.path, *inner), self.node)
+
+
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """The checks of one document. `where` turns a place into the words that open a fault."""
+
+    document: DecompositionDocument
+    vocabulary: Vocabulary
+    where: Callable[[Place], str]
+    levels: dict[str, Level] = field(default_factory=dict)
+
+    def faults(self) -> list[Fault]:
+        """Everything that is wrong, in the order of the file."""
+        self.levels.update({node.id: level for level, _, node in self._nodes()})
+        found = [*self._duplicates(), *self._tables(), *self._edges(), *self._cycles(), *self._orphans()]
+        found += [*self._observables(), *self._study()]
+        return list(dict.fromkeys(found))
+
+    def _fault(self, place: Place, what: str, mend: str) -> Fault:
+        return Fault(self.where(place), what, mend)
+
+    def _nodes(self) -> Iterator[tuple[Level, Place, InnerNode | Observable]]:
+        for level in LEVELS:
+            nodes: tuple[InnerNode | Observable, ...] = getattr(self.document, FIELDS[level])
+            for index, node in enumerate(nodes):
+                yield level, Place((FIELDS[level], index), node.id), node
+
+    def _inner(self) -> Iterator[tuple[Level, Place, InnerNode]]:
+        return ((level, place, node) for level, place, node in self._nodes() if isinstance(node, InnerNode))
+
+    def _duplicates(self) -> Iterator[Fault]:
+        seen: set[str] = set()
+        for _, place, node in self._nodes():
+            if node.id in seen:
+                yield self._fault(place.at("id"), f"the id {node.id!r} is used twice", "give one of them another id")
+            seen.add(node.id)
+
+    def _edges(self) -> Iterator[Fault]:
+        for level, place, node in self._inner():
+            below = LEVELS[LEVELS.index(level) + 1]
+            if not node.children:
+                yield self._fault(
+                    place.at("children"), f"{TITLES[level]} {node.id} has no children", f"name its {TITLES[below]}s, or drop it"
+                )
+            for child, count in Counter(node.children).items():
+                if count > 1:
+                    yield self._fault(place.at("children"), f"{node.id} names its child {child} {count} times", "name it once")
+                if child not in self.levels:
+                    yield self._fault(
+                        place.at("children"), f"{node.id} names a child {child!r} that does not exist", close(child, self.levels)
+                    )
+                elif self.levels[child] is not below:
+                    yield self._fault(
+                        place.at("children"),
+                        f"{node.id} names {TITLES[self.levels[child]]} {child} as a child",
+                        f"the children of a {TITLES[level]} are {TITLES[below]}s",
+                    )
+
+    def _cycles(self) -> Iterator[Fault]:
+        graph: nx.DiGraph[str] = nx.DiGraph()
+        places = {}
+        for _, place, node in self._inner():
+            places[node.id] = place
+            graph.add_edges_from((node.id, child) for child in node.children)
+        for group in nx.strongly_connected_components(graph):
+            members = [one for one in places if one in group]
+            if len(group) > 1 or any(graph.has_edge(one, one) for one in group):
+                loop = nx.find_cycle(graph, members[0])
+                ring = " -> ".join([*(str(edge[0]) for edge in loop), str(loop[0][0])])
+                yield self._fault(places[members[0]].at("children"), f"the nodes stand in a ring: {ring}", "break it at one edge")
+
+    def _orphans(self) -> Iterator[Fault]:
+        named = {child for _, _, node in self._inner() for child in node.children}
+        tops = next((level for level in LEVELS if getattr(self.document, FIELDS[level])), Level.OBSERVABLE)
+        for level, place, node in self._nodes():
+            if level is not tops and node.id not in named:
+                above = TITLES[LEVELS[LEVELS.index(level) - 1]]
+                yield self._fault(
+                    place.at("id"), f"{TITLES[level]} {node.id} is an orphan: it stands under no {above}", f"name it under a {above}"
+                )
+
+    def _tables(self) -> Iterator[Fault]:
+        used = {name for one in self.document.observables for name in one.key_factors if isinstance(name, str)}
+        for name, row in self.document.tables.items():
+            place = Place(("tables", name), name)
+            yield from self._row(place, row)
+            if name not in used:
+                yield self._fault(place, f"no observable uses the table {name!r}", "name it under key_factors, or drop it")
+
+    def _row(self, place: Place, row: KeyFactor) -> Iterator[Fault]:
+        yield from self._columns(place, row)
+        units = self.vocabulary.factor_units
+        if units is None:
+            return
+        if row.factor not in units:
+            yield self._fault(place.at("factor"), f"there is no key factor {row.factor!r}", close(row.factor, units))
+        elif units[row.factor] != row.unit:
+            yield self._fault(
+                place.at("unit"),
+                f"the unit {row.unit!r} is not that of the key factor {row.factor!r}",
+                f"write {units[row.factor]!r}, and the values in it",
+            )
+
+    def _columns(self, place: Place, row: KeyFactor) -> Iterator[Fault]:
+        ratings, values = row.ratings, row.values
+        if len(ratings) != len(values):
+            yield self._fault(
+                place.at("values"), f"{len(ratings)} ratings and {len(values)} values for {row.factor}", "give one value for each rating"
+            )
+        if len(ratings) < 2:
+            yield self._fault(
+                place.at("ratings"), f"the table of {row.factor} has fewer than two columns, so no direction", "give two or more columns"
+            )
+        if any(not 0.0 <= rating <= 100.0 for rating in ratings):
+            yield self._fault(place.at("ratings"), f"a rating of {row.factor} lies outside 0 to 100", "keep ratings in [0, 100]")
+        if any(b <= a for a, b in zip(ratings, ratings[1:], strict=False)):
+            yield self._fault(place.at("ratings"), f"the ratings of {row.factor} do not rise", "order the columns by rising rating")
+        steps = [b - a for a, b in zip(values, values[1:], strict=False)]
+        if len(values) > 1 and not any(steps):
+            yield self._fault(
+                place.at("values"), f"the values of {row.factor} are all equal, so no direction", "give values that rise or fall"
+            )
+        elif any(step > 0 for step in steps) and any(step < 0 for step in steps):
+            yield self._fault(
+                place.at("values"),
+                f"the values of {row.factor} rise and fall: the table is not monotone",
+                "let them only rise or only fall along the ratings",
+            )
+
+    def _observables(self) -> Iterator[Fault]:
+        for index, one in enumerate(self.document.observables):
+            place = Place((FIELDS[Level.OBSERVABLE], index), one.id)
+            yield from self._threshold(place, one)
+            yield from self._key_factors(place, one)
+            yield from self._measure(place, one)
+
+    def _threshold(self, place: Place, one: Observable) -> Iterator[Fault]:
+        if not 0.0 <= one.threshold <= 1.0:
+            yield self._fault(place.at("threshold"), f"the threshold {one.threshold:g} lies outside 0 to 1", "keep it in [0, 1]")
+        if one.near_miss is None:
+            return
+        if not 0.0 <= one.near_miss <= 1.0:
+            yield self._fault(place.at("near_miss"), f"near_miss {one.near_miss:g} lies outside 0 to 1", "keep it in [0, 1]")
+        if one.near_miss > 0.0 and not one.partial_credit:
+            yield self._fault(place.at("near_miss"), "near_miss without partial_credit says nothing", "set partial_credit, or drop it")
+
+    def _key_factors(self, place: Place, one: Observable) -> Iterator[Fault]:
+        place = place.at("key_factors")
+        if not one.key_factors:
+            yield self._fault(place, f"{one.id} has no key factors, so no difficulty", "name at least one table")
+        factors: Counter[str] = Counter()
+        for index, row in enumerate(one.key_factors):
+            if isinstance(row, KeyFactor):
+                yield from self._row(place.at(index), row)
+                factors[row.factor] += 1
+            elif row in self.document.tables:
+                factors[self.document.tables[row].factor] += 1
+            else:
+                yield self._fault(place.at(index), f"there is no table {row!r}", close(row, self.document.tables))
+        for factor, count in factors.items():
+            if count > 1:
+                yield self._fault(place, f"{one.id} rates the key factor {factor!r} {count} times", "keep one row for each factor")
+
+    def _measure(self, place: Place, one: Observable) -> Iterator[Fault]:
+        if self.vocabulary.check_measure is None:
+            return
+        try:
+            self.vocabulary.check_measure(one.measure, one.options)
+        except SetupError as error:
+            for fault in error.faults:
+                yield self._fault(place.at("measure"), fault.what, fault.mend)
+        except ValueError as error:
+            yield self._fault(place.at("options"), str(error), "")
+
+    def _study(self) -> Iterator[Fault]:
+        place = Place(("study",), "")
+        known = [one.id for one in self.document.key_attributes]
+        for index, one in enumerate(self.document.study):
+            if one not in known:
+                yield self._fault(place.at(index), f"there is no key attribute {one!r} to study", close(one, known))
+        if len(set(self.document.study)) != len(self.document.study):
+            yield self._fault(place, "a key attribute is studied twice", "name each once")
+
+
+def close(name: str, known: Iterable[str]) -> str:
+    """A hint naming what was probably meant, or what there is."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=3)
+    if near:
+        return f"did you mean {' or '.join(near)}?"
+    shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
+    return f"known: {shown}" if names else "none is declared"

@@ -1,0 +1,71 @@
+"""Decompositions in and out of files: those that come with the bench by name, any other by its path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from bench.documents import parse_text, read_text, validate_document
+from bench.errors import Fault, SetupError
+
+from ._checks import Checks, Place, Vocabulary, close
+from ._document import DecompositionDocument
+from ._graph import Decomposition, graph_of
+
+Lines = Mapping[tuple[str | int, ...], int]
+
+
+def shipped_decompositions() -> tuple[str, ...]:
+    """Names of the decompositions that come with the bench."""
+    files = resources.files(__package__).joinpath("data").iterdir()
+    return tuple(sorted(file.name.removesuffix(".yaml").replace("_", "-") for file in files if file.name.endswith(".yaml")))
+
+
+def load_decomposition(name_or_path: str | Path, vocabulary: Vocabulary | None = None) -> Decomposition:
+    """Read a decomposition: one that comes with the bench by its name (`search-and-report`), any other by its path.
+
+    `vocabulary` says which key factors and measures there are; without it those names stay unchecked.
+    Raises SetupError with every fault: file, line, node, mend.
+    """
+    name = str(name_or_path)
+    if name in shipped_decompositions():
+        file = resources.files(__package__).joinpath("data", f"{name.replace('-', '_')}.yaml")
+        return read_decomposition(file.read_text(encoding="utf-8"), vocabulary, source=name)
+    if Path(name).suffix.lower() not in (".yaml", ".yml", ".json") and not Path(name).exists():
+        names = ", ".join(shipped_decompositions())
+        raise SetupError(
+            Fault("decomposition", f"there is no decomposition {name!r}", f"{close(name, shipped_decompositions())} By name: {names}; or a path")
+        )
+    return read_decomposition(read_text(Path(name)), vocabulary, source=name)
+
+
+def read_decomposition(text: str, vocabulary: Vocabulary | None = None, source: str = "") -> Decomposition:
+    """As `load_decomposition`, for text at hand; `source` names it in messages."""
+    value, lines = parse_text(text, source)
+    return _checked(validate_document(value, DecompositionDocument, source, lines), vocabulary, source, lines)
+
+
+def decomposition_of(document: DecompositionDocument, vocabulary: Vocabulary | None = None, source: str = "") -> Decomposition:
+    """The graph of a document. Raises SetupError with every fault found in it."""
+    return _checked(document, vocabulary, source, {})
+
+
+def decomposition_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of a decomposition file."""
+    schema = DecompositionDocument.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _checked(document: DecompositionDocument, vocabulary: Vocabulary | None, source: str, lines: Lines) -> Decomposition:
+    def where(place: Place) -> str:
+        known = next((place.path[:n] for n in range(len(place.path), 0, -1) if place.path[:n] in lines), None)
+        file = f"{source}:{lines[known]}" if known and source else source
+        path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
+        return ": ".join(part for part in (file, place.node, path) if part)
+
+    faults = Checks(document, vocabulary or Vocabulary(), where).faults()
+    if faults:
+        raise SetupError(faults)
+    return graph_of(document)
