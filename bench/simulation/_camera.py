@@ -1,0 +1,107 @@
+"""The pinhole camera that a SimSpec describes, on the vehicle.
+
+Pixels are continuous: the picture spans [0, width] x [0, height] from its top left corner, and the axis meets its middle.
+Camera coordinates are ROS's optical frame (REP 103): x right, y down, z forward. The camera sits at the vehicle's
+position, without a lever arm. A stabilized mount takes roll and pitch out, so that only yaw turns the camera.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.contracts import VehicleState
+from bench.simspec import Camera
+
+
+@dataclass(frozen=True, slots=True)
+class CameraNumbers:
+    """What sensor_msgs/CameraInfo holds: row-major matrices, and no distortion."""
+
+    width: int
+    height: int
+    distortion_model: str
+    d: tuple[float, ...]
+    k: tuple[float, ...]
+    r: tuple[float, ...]
+    p: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeCamera:
+    """Focal lengths `fx`, `fy` and principal point `cx`, `cy` in pixels, and the tilt of the axis below the horizon, in radians."""
+
+    name: str
+    width_px: int
+    height_px: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    tilt_rad: float
+    stabilized: bool
+
+    @classmethod
+    def of(cls, camera: Camera) -> Self:
+        """The camera of a SimSpec: square pixels, axis through the middle."""
+        focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
+        return cls(
+            camera.name,
+            camera.width_px,
+            camera.height_px,
+            focal_px,
+            focal_px,
+            camera.width_px / 2.0,
+            camera.height_px / 2.0,
+            math.radians(camera.tilt_deg),
+            camera.stabilized,
+        )
+
+    def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
+        """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera coordinates."""
+        roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
+        sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+        sy, cy = math.sin(state.yaw_rad), math.cos(state.yaw_rad)
+        # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down turned up.
+        ahead = (cp * sy, cp * cy, sp)
+        right = (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp)
+        below = (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp)
+        st, ct = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+        down = [ct * b - st * a for a, b in zip(ahead, below, strict=True)]
+        forward = [ct * a + st * b for a, b in zip(ahead, below, strict=True)]
+        return np.array((right, down, forward))
+
+    def project(self, points_enu_m: NDArray[np.float64], state: VehicleState) -> NDArray[np.float64]:
+        """(..., 2) pixels of (..., 3) ENU points; NaN for what does not lie in front of the camera."""
+        seen = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(state).T
+        depth = np.where(seen[..., 2] > 0.0, seen[..., 2], np.nan)
+        pixels: NDArray[np.float64] = np.stack(
+            (self.cx + self.fx * seen[..., 0] / depth, self.cy + self.fy * seen[..., 1] / depth), axis=-1
+        )
+        return pixels
+
+    def camera_info(self) -> CameraNumbers:
+        """The numbers of the camera's CameraInfo message."""
+        fx, fy, cx, cy = self.fx, self.fy, self.cx, self.cy
+        return CameraNumbers(
+            width=self.width_px,
+            height=self.height_px,
+            distortion_model="plumb_bob",
+            d=(0.0,) * 5,
+            k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
+            r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+            p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
+        )
+
+    def mount_quaternion(self) -> tuple[float, float, float, float]:
+        """x, y, z, w of the optical frame in base_link (x forward, y left, z up), for /tf_static.
+
+        Tilted down about the left axis, then turned from body to optical axes. Of a stabilized camera it speaks of a level
+        base_link: whoever uses it has to take the vehicle's roll and pitch out first.
+        """
+        s, c = math.sin(self.tilt_rad / 2.0) / 2.0, math.cos(self.tilt_rad / 2.0) / 2.0
+        return (-c - s, c + s, s - c, c - s)

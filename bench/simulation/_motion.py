@@ -1,0 +1,248 @@
+"""How actors move: each walks legs of its own seeded plan, and where it is depends on the time alone.
+
+A plan is an iterator of legs, asked for the next one when the present leg is over; how often the crowd is advanced
+changes nothing. Movers do not avoid each other; they keep to the ground that is open to them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.simspec import Motion, Polygon
+
+from ._slab import crosses_box
+
+Place = tuple[float, float]
+
+TRIES = 8
+"""Waypoints drawn for one wandering leg; when none can be walked to, the walker rests and tries again later."""
+
+LEAST_STAY_S = 0.25
+"""Arrivals are at least this far apart, so that a tiny radius or a route of equal points cannot stop time."""
+
+BLOCKED_REST_S = 1.0
+"""Least rest of a walker that found no way."""
+
+INSET_M = 0.5
+"""How far beyond the border route points are drawn that lie outside the area."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A stretch at constant velocity that ends at `end_enu_m`, or a rest when that is where it began."""
+
+    duration_s: float
+    end_enu_m: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """Where movers may go: inside the area, and through no solid box.
+
+    `corners_m` (e, 2) are the area's, empty when it does not bind; `centres_m`, `forward` (s, 2) and `half_m` (s, 2) describe the
+    solids' footprints, half lengths along `forward` and across it; `margin_m` is the free room that the mover needs.
+    """
+
+    corners_m: NDArray[np.float64]
+    centres_m: NDArray[np.float64]
+    forward: NDArray[np.float64]
+    half_m: NDArray[np.float64]
+    margin_m: float = 0.0
+
+    @classmethod
+    def of(
+        cls, area: Polygon, centres_m: NDArray[np.float64], headings_rad: NDArray[np.float64], half_m: NDArray[np.float64]
+    ) -> Self:
+        """The ground of an area with solid footprints on it."""
+        corners = np.array([(corner.east_m, corner.north_m) for corner in area.corners])
+        return cls(corners, centres_m, np.stack((np.sin(headings_rad), np.cos(headings_rad)), axis=-1), half_m)
+
+    def around(self, start: Place, reach_m: float, margin_m: float) -> Ground:
+        """The part that matters to one mover. One that starts outside the area is not held by it."""
+        distance = np.hypot(*(self.centres_m - start).T)
+        near = distance <= reach_m + margin_m + np.hypot(*self.half_m.T)
+        bound = self if self._inside(np.array([start]))[0] else replace(self, corners_m=self.corners_m[:0])
+        return replace(
+            bound,
+            centres_m=self.centres_m[near],
+            forward=self.forward[near],
+            half_m=self.half_m[near],
+            margin_m=margin_m,
+        )
+
+    def open_to(self, start: Place, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(k,) whether the straight leg from `start` to each of (k, 2) `ends` can be walked."""
+        free = np.ones(len(ends), dtype=np.bool_)
+        if len(self.corners_m):
+            free &= self._inside(ends) & ~self._leaves_area(start, ends)
+        if len(self.centres_m):
+            free &= ~self._meets_solid(start, ends)
+        return free
+
+    def drawn_inside(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 2) the points; those outside the area moved to the nearest place on its border and `INSET_M` beyond."""
+        outside = ~self._inside(points)
+        if not outside.any():
+            return points
+        first = self.corners_m
+        along = np.roll(first, -1, axis=0) - first
+        offset = points[outside][:, None, :] - first
+        share = np.clip((offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0)
+        way = share[..., None] * along - offset
+        length = np.hypot(way[..., 0], way[..., 1])
+        nearest = (np.arange(len(way)), length.argmin(axis=1))
+        drawn = points.copy()
+        drawn[outside] += way[nearest] * (1.0 + INSET_M / np.maximum(length[nearest], 1e-9))[:, None]
+        return drawn
+
+    def _inside(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Even-odd rule: a ray to the east crosses the border an odd number of times. True for all when nothing binds."""
+        if not len(self.corners_m):
+            return np.ones(len(points), dtype=np.bool_)
+        east, north = points[:, 0, None], points[:, 1, None]
+        e0, n0 = self.corners_m.T
+        e1, n1 = np.roll(self.corners_m, -1, axis=0).T
+        spans = (n0 > north) != (n1 > north)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = e0 + (north - n0) / (n1 - n0) * (e1 - e0)
+        inside: NDArray[np.bool_] = np.count_nonzero(spans & (east < crossing), axis=1) % 2 == 1
+        return inside
+
+    def _leaves_area(self, start: Place, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether a leg properly crosses any edge of the area."""
+        first, second = self.corners_m, np.roll(self.corners_m, -1, axis=0)
+        begin, end = np.array(start), ends[:, None, :]
+        edges_apart = _side(begin, end, first) * _side(begin, end, second) < 0.0
+        ends_apart = _side(first, second, begin) * _side(first, second, end) < 0.0
+        leaves: NDArray[np.bool_] = np.any(edges_apart & ends_apart, axis=1)
+        return leaves
+
+    def _meets_solid(self, start: Place, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
+        begin = self._beside(np.array(start) - self.centres_m)
+        finish = self._beside(ends[:, None, :] - self.centres_m)
+        wide = self.half_m + self.margin_m
+        # Whoever was placed closer than its margin may walk away, though never through the solid itself.
+        touching = np.all(np.abs(begin) <= wide, axis=-1, keepdims=True)
+        meets: NDArray[np.bool_] = np.any(crosses_box(begin, finish, np.where(touching, self.half_m, wide)), axis=1)
+        return meets
+
+    def _beside(self, offset: NDArray[np.float64]) -> NDArray[np.float64]:
+        """East-north offsets along and across each solid."""
+        ahead = offset[..., 0] * self.forward[:, 0] + offset[..., 1] * self.forward[:, 1]
+        aside = offset[..., 0] * self.forward[:, 1] - offset[..., 1] * self.forward[:, 0]
+        return np.stack((ahead, aside), axis=-1)
+
+
+def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positive when p lies left of the line from a to b."""
+    side: NDArray[np.float64] = (b[..., 0] - a[..., 0]) * (p[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
+        p[..., 0] - a[..., 0]
+    )
+    return side
+
+
+def wander(start: Place, motion: Motion, ground: Ground, rng: np.random.Generator) -> Iterator[Leg]:
+    """Walks to points uniform in the disc of `radius_m` round `start`, with exponential pauses of mean `pause_s`.
+
+    Every leg takes the same number of draws, whether or not a way was found.
+    """
+    here = start
+    while True:
+        draws = rng.random((TRIES, 2))
+        pause_s = motion.pause_s * float(rng.standard_exponential())
+        distance = motion.radius_m * np.sqrt(draws[:, 0])
+        bearing = 2.0 * math.pi * draws[:, 1]
+        points = np.array(start) + np.stack((distance * np.sin(bearing), distance * np.cos(bearing)), axis=-1)
+        free = np.flatnonzero(ground.open_to(here, points))
+        if len(free):
+            there = (float(points[free[0], 0]), float(points[free[0], 1]))
+            yield from _walk(here, there, motion.speed_mps, pause_s)
+            here = there
+        else:
+            yield Leg(max(pause_s, BLOCKED_REST_S), here)
+
+
+def patrol(start: Place, motion: Motion, ground: Ground, rng: np.random.Generator) -> Iterator[Leg]:
+    """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk to.
+
+    Stands still for good when it can reach none: the ground does not change.
+    """
+    route = ground.drawn_inside(np.array([(point.east_m, point.north_m) for point in motion.route]))
+    count = len(route)
+    at = int(np.argmin(np.hypot(*(route - start).T)))
+    here = start
+    while True:
+        pause_s = motion.pause_s * float(rng.standard_exponential())
+        order = (at + skipped for skipped in range(count))
+        reachable = next((one % count for one in order if ground.open_to(here, route[one % count][None, :])[0]), None)
+        if reachable is None:
+            return
+        there = (float(route[reachable, 0]), float(route[reachable, 1]))
+        yield from _walk(here, there, motion.speed_mps, pause_s)
+        here, at = there, reachable + 1
+
+
+def _walk(here: Place, there: Place, speed_mps: float, pause_s: float) -> Iterator[Leg]:
+    walk_s = math.dist(here, there) / speed_mps
+    if walk_s > 0.0:
+        yield Leg(walk_s, there)
+    rest_s = max(pause_s, LEAST_STAY_S - walk_s)
+    if rest_s > 0.0:
+        yield Leg(rest_s, there)
+
+
+class Crowd:
+    """Everybody's place at one moment, as arrays; those without a plan stand still."""
+
+    def __init__(
+        self, starts_enu_m: NDArray[np.float64], headings_rad: NDArray[np.float64], plans: Mapping[int, Iterator[Leg]]
+    ) -> None:
+        self._plans = plans
+        self._from = starts_enu_m.copy()
+        self._along = np.zeros_like(starts_enu_m)
+        self._begin_s = np.zeros(len(starts_enu_m))
+        self._end_s = np.full(len(starts_enu_m), np.inf)
+        self._heading = headings_rad.copy()
+        self._end_s[list(plans)] = 0.0
+        self.advance(0.0)
+
+    def advance(self, to_s: float) -> None:
+        """Move everybody to `to_s` seconds, which never lies before the present moment."""
+        for index in np.flatnonzero(self._end_s <= to_s):
+            self._catch_up(int(index), to_s)
+        share = (to_s - self._begin_s) / (self._end_s - self._begin_s)
+        self._places = self._from + share[:, None] * self._along
+        self._facing = self._heading.copy()
+        self._places.flags.writeable = self._facing.flags.writeable = False
+
+    def places_m(self) -> NDArray[np.float64]:
+        """(n, 2) east, north at the present moment; read only, and never changed afterwards."""
+        return self._places
+
+    def headings_rad(self) -> NDArray[np.float64]:
+        """(n,) clockwise from north; who rests keeps the heading it came with."""
+        return self._facing
+
+    def _catch_up(self, index: int, to_s: float) -> None:
+        begin_s = self._begin_s[index]
+        end_s = self._end_s[index]
+        here = self._from[index] + self._along[index]
+        heading = self._heading[index]
+        along = np.zeros(2)
+        while end_s <= to_s:
+            here, begin_s = here + along, end_s
+            leg = next(self._plans[index], None)
+            if leg is None:
+                along, end_s = np.zeros(2), math.inf
+                break
+            along, end_s = leg.end_enu_m - here, begin_s + leg.duration_s
+            if along[0] or along[1]:
+                heading = math.atan2(along[0], along[1]) % (2.0 * math.pi)
+        self._from[index], self._along[index], self._heading[index] = here, along, heading
+        self._begin_s[index], self._end_s[index] = begin_s, end_s

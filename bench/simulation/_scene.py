@@ -1,0 +1,126 @@
+"""The plain scene: flat ground, upright boxes with their own seeded motion, one camera. No pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.contracts import START, CastMember, Frame, Scene, SimTime, VehicleState
+from bench.errors import Fault, SetupError
+from bench.simspec import ASSETS, ActorGroup, Realized, SimSpec, generator
+
+from ._camera import PinholeCamera
+from ._motion import Crowd, Ground, Leg, patrol, wander
+from ._visibility import Bodies, sightings
+
+
+def open_plain_scene(simspec: SimSpec) -> Scene:
+    """The scene of a realized SimSpec, at time zero. Raises SetupError when it has no realization, or one that does not fit."""
+    return PlainScene(simspec)
+
+
+def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:
+    """Who the actors of a realized SimSpec are, in the order of `realized.actors`. Raises SetupError as `open_plain_scene`."""
+    realized = _realized(simspec)
+    groups = {group.id: group for group in simspec.actors}
+    _check(realized, groups)
+    return tuple(_member(actor.id, groups[actor.group]) for actor in realized.actors)
+
+
+class PlainScene:
+    """The contract's scene over arrays; see docs/scene.md."""
+
+    def __init__(self, simspec: SimSpec) -> None:
+        self._cast = cast_of(simspec)
+        self._bodies = Bodies.of(self._cast)
+        self._camera = PinholeCamera.of(simspec.vehicle.camera)
+        self._crowd = _crowd(simspec, self._bodies)
+        self._now = START
+        self._foot_enu_m = self._feet()
+
+    @property
+    def cast(self) -> tuple[CastMember, ...]:
+        return self._cast
+
+    def advance(self, to: SimTime) -> None:
+        if to < self._now:
+            raise ValueError(f"the scene stands at {self._now.s} s and cannot go back to {to.s} s")
+        self._now = to
+        self._crowd.advance(to.s)
+        self._foot_enu_m = self._feet()
+
+    def positions(self) -> NDArray[np.float64]:
+        return self._foot_enu_m
+
+    def headings(self) -> NDArray[np.float64]:
+        return self._crowd.headings_rad()
+
+    def look(self, state: VehicleState, number: int) -> Frame:
+        seen = sightings(self._camera, state, self._bodies, self._foot_enu_m, self._crowd.headings_rad())
+        return Frame(number, self._camera.name, self._now, seen)
+
+    def _feet(self) -> NDArray[np.float64]:
+        feet = np.zeros((len(self._cast), 3))
+        feet[:, :2] = self._crowd.places_m()
+        feet.flags.writeable = False
+        return feet
+
+
+def _realized(simspec: SimSpec) -> Realized:
+    if simspec.realized is None:
+        raise SetupError(Fault("realized", f"the SimSpec {simspec.name!r} has no realization", "place its actors: rebar realize"))
+    return simspec.realized
+
+
+def _check(realized: Realized, groups: dict[str, ActorGroup]) -> None:
+    faults = [
+        Fault(f"realized.actors[{index}].group", f"there is no group {actor.group!r}", f"the groups are {', '.join(groups)}")
+        for index, actor in enumerate(realized.actors)
+        if actor.group not in groups
+    ]
+    faults += [
+        Fault(f"actors[{index}].asset", f"there is no asset {group.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
+        for index, group in enumerate(groups.values())
+        if group.asset not in ASSETS
+    ]
+    if faults:
+        raise SetupError(faults)
+
+
+def _member(actor_id: str, group: ActorGroup) -> CastMember:
+    asset = ASSETS[group.asset]
+    return CastMember(
+        id=actor_id,
+        group=group.id,
+        asset=group.asset,
+        class_label=asset.class_label,
+        role=group.role,
+        length_m=asset.length_m,
+        width_m=asset.width_m,
+        height_m=asset.height_m,
+        concealment=group.concealment,
+    )
+
+
+def _crowd(simspec: SimSpec, bodies: Bodies) -> Crowd:
+    placed = _realized(simspec).actors
+    motions = {group.id: group.motion for group in simspec.actors}
+    starts = np.array([(actor.east_m, actor.north_m) for actor in placed], dtype=np.float64).reshape(-1, 2)
+    headings = np.radians(np.array([actor.heading_deg for actor in placed], dtype=np.float64))
+    # Only what stands still and is solid closes the ground: plans must not depend on where others are just now.
+    walls = bodies.solid & np.array([motions[actor.group].kind == "still" for actor in placed], dtype=np.bool_)
+    ground = Ground.of(simspec.world.area, starts[walls], headings[walls], bodies.half_m[walls, :2])
+    plans: dict[int, Iterator[Leg]] = {}
+    for index, actor in enumerate(placed):
+        motion = motions[actor.group]
+        if motion.kind == "still":
+            continue
+        start = (actor.east_m, actor.north_m)
+        # A patrol may lead anywhere; a wanderer stays in its disc, and so do the solids that can matter to it.
+        reach_m = motion.radius_m if motion.kind == "wander" else np.inf
+        own = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
+        walk = wander if motion.kind == "wander" else patrol
+        plans[index] = walk(start, motion, own, generator(simspec.seeds, "motion", index))
+    return Crowd(starts, headings, plans)

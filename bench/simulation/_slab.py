@@ -1,0 +1,24 @@
+"""Lines of sight and walking legs against boxes: the slab test, for any number of dimensions at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+_PARALLEL = 1e-12
+
+
+def crosses_box(start: NDArray[np.float64], end: NDArray[np.float64], half: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the segment from `start` to `end` touches the box from `-half` to `half`; the last axis holds the dimensions.
+
+    Source: Kay, T. L. and Kajiya, J. T. (1986), "Ray tracing complex scenes", SIGGRAPH '86, 269-278.
+    """
+    along = end - start
+    # A segment parallel to a slab becomes a very steep one: its crossings lie far outside [0, 1], on both sides or on one.
+    along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
+    first = (-half - start) / along
+    last = (half - start) / along
+    entry = np.minimum(first, last).max(axis=-1)
+    leave = np.maximum(first, last).min(axis=-1)
+    hit: NDArray[np.bool_] = (entry <= leave) & (leave >= 0.0) & (entry <= 1.0)
+    return hit

@@ -1,0 +1,184 @@
+"""Who is in the picture, how large, and how much of them shows.
+
+Bodies are cuboids, upright on flat ground. All is computed for the whole cast at once: a cheap cull by spheres, then the
+corners of what is left, then lines of sight to what is in the picture. Solid bodies hide; others do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.contracts import CastMember, Sighting, VehicleState
+from bench.simspec import ASSETS
+
+from ._camera import PinholeCamera
+from ._slab import crosses_box
+
+MAX_RANGE_M = 2000.0
+LEAST_DEPTH_M = 0.1
+LEAST_SIZE_PX = 1.0
+LEAST_VISIBLE = 0.05
+"""Less than these is no sighting: farther, smaller, or more hidden."""
+
+SAMPLE_SPREAD = 0.8
+"""How far from the middle of the silhouette towards its edges the outer sample points lie."""
+
+_ROWS = 128
+"""Bodies checked for occlusion at a time, which bounds the memory of a crowded picture."""
+
+_CORNERS = np.array([(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)])
+_SAMPLES = np.array([(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0)]) * SAMPLE_SPREAD
+
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Bodies:
+    """(n, 3) half length, width and height; (n,) radius of the sphere round each; (n,) whether it hides others."""
+
+    half_m: _Array
+    radius_m: _Array
+    solid: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, cast: Sequence[CastMember]) -> Self:
+        """The bodies of a cast, in its order."""
+        sizes = [(member.length_m, member.width_m, member.height_m) for member in cast]
+        half = np.array(sizes, dtype=np.float64).reshape(-1, 3) / 2.0
+        solid = np.array([ASSETS[member.asset].solid for member in cast], dtype=np.bool_)
+        return cls(half, np.sqrt((half * half).sum(axis=1)), solid)
+
+
+@dataclass(frozen=True, slots=True)
+class _Posed:
+    """Bodies in camera coordinates: (k,) indices, (k, 3) centres, (k, 3, 3) length, width and height axes as rows, halves, radii."""
+
+    index: NDArray[np.intp]
+    centre: _Array
+    axes: _Array
+    half: _Array
+    radius: _Array
+
+    def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> _Posed:
+        return _Posed(self.index[which], self.centre[which], self.axes[which], self.half[which], self.radius[which])
+
+
+def sightings(
+    camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: _Array, headings_rad: _Array
+) -> tuple[Sighting, ...]:
+    """Truth about everybody in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of each footprint."""
+    axes = camera.axes_enu(state)
+    relative = foot_enu_m - state.position_enu_m
+    relative[:, 2] += bodies.half_m[:, 2]
+    centre = relative @ axes.T
+    near = np.flatnonzero(_may_be_in_sight(camera, centre, bodies.radius_m))
+    if not len(near):
+        return ()
+    posed = _Posed(near, centre[near], _body_axes(axes, headings_rad[near]), bodies.half_m[near], bodies.radius_m[near])
+    whole = _boxes(camera, posed)
+    size = whole[:, 2:] - whole[:, :2]
+    limit = (camera.width_px, camera.height_px)
+    clipped = np.concatenate((np.clip(whole[:, :2], 0.0, limit), np.clip(whole[:, 2:], 0.0, limit)), axis=1)
+    share = (clipped[:, 2:] - clipped[:, :2]).prod(axis=1) / np.maximum(size.prod(axis=1), 1e-9)
+    apparent = size.max(axis=1)
+    kept = np.flatnonzero((share >= LEAST_VISIBLE) & (apparent >= LEAST_SIZE_PX))
+    if not len(kept):
+        return ()
+    shown = posed.only(kept)
+    visible = share[kept] * (1.0 - _hidden(shown, posed.only(bodies.solid[near])))
+    columns = zip(
+        shown.index.tolist(),
+        np.sqrt((shown.centre * shown.centre).sum(axis=1)).tolist(),
+        apparent[kept].tolist(),
+        np.minimum(visible, 1.0).tolist(),
+        clipped[kept].tolist(),
+        strict=True,
+    )
+    return tuple(Sighting(who, far, high, seen, tuple(box)) for who, far, high, seen, box in columns if seen >= LEAST_VISIBLE)
+
+
+def _may_be_in_sight(camera: PinholeCamera, centre: _Array, radius_m: _Array) -> NDArray[np.bool_]:
+    """Whether the sphere round each body meets the frustum (or nearly so: its corners are rounded)."""
+    x, y, z = centre.T
+    half_width = camera.width_px / (2.0 * camera.fx)
+    half_height = camera.height_px / (2.0 * camera.fy)
+    may: NDArray[np.bool_] = (z > LEAST_DEPTH_M - radius_m) & ((x * x + y * y + z * z) < MAX_RANGE_M**2)
+    may &= np.abs(x) - z * half_width < radius_m * np.sqrt(1.0 + half_width * half_width)
+    may &= np.abs(y) - z * half_height < radius_m * np.sqrt(1.0 + half_height * half_height)
+    return may
+
+
+def _body_axes(camera_axes: _Array, headings_rad: _Array) -> _Array:
+    """(k, 3, 3) length, width and height axes of upright bodies, as rows in camera coordinates."""
+    s, c = np.sin(headings_rad)[:, None], np.cos(headings_rad)[:, None]
+    east, north, up = camera_axes.T
+    return np.stack((s * east + c * north, c * east - s * north, np.broadcast_to(up, (len(headings_rad), 3))), axis=1)
+
+
+def _boxes(camera: PinholeCamera, posed: _Posed) -> _Array:
+    """(k, 4) left, top, right, bottom round the corners' pixels. What reaches behind the camera is cut just before it."""
+    corners = posed.centre[:, None, :] + _CORNERS @ (posed.axes * posed.half[:, :, None])
+    depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
+    pixels = corners[..., :2] / depth * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
+
+
+def _hidden(shown: _Posed, solids: _Posed) -> _Array:
+    """(k,) share of nine points on each shown body whose line of sight meets a solid one."""
+    hidden = np.zeros(len(shown.index))
+    if not len(solids.index):
+        return hidden
+    for begin in range(0, len(hidden), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        part = _Posed(shown.index[rows], shown.centre[rows], shown.axes[rows], shown.half[rows], shown.radius[rows])
+        hidden[rows] = _hidden_part(part, solids)
+    return hidden
+
+
+def _hidden_part(shown: _Posed, solids: _Posed) -> _Array:
+    who, by = np.nonzero(_may_hide(shown, solids))
+    blocked = np.zeros((len(shown.index), len(_SAMPLES)), dtype=np.bool_)
+    if not len(who):
+        return np.zeros(len(shown.index))
+    points = _sample_points(shown)[who]
+    eye = -solids.centre[by][:, None, :]
+    turn = solids.axes[by].transpose(0, 2, 1)
+    hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[by][:, None, :])
+    np.logical_or.at(blocked, who, hits)
+    hidden: _Array = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
+    return hidden
+
+
+def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
+    """(k, s) whether the cone round a solid overlaps that round a shown body, and begins before that body ends."""
+    range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
+    cosine = (shown.centre @ solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
+    apart = np.arccos(np.clip(cosine, -1.0, 1.0))
+    overlap = apart <= _cone(shown.radius, range_shown)[:, None] + _cone(solids.radius, range_solid)
+    before = (range_solid - solids.radius) < (range_shown + shown.radius)[:, None]
+    may: NDArray[np.bool_] = overlap & before & (shown.index[:, None] != solids.index)
+    return may
+
+
+def _cone(radius: _Array, distance: _Array) -> _Array:
+    """Half angle under which a sphere is seen; everywhere when the eye is inside it."""
+    return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1.0)), np.pi)
+
+
+def _sample_points(shown: _Posed) -> _Array:
+    """(k, 9, 3) points of each body, spread over its silhouette: three across the picture times three down it.
+
+    They are laid out on the plane through the body's middle, then drawn in to the body.
+    """
+    edges = shown.axes * shown.half[:, :, None]
+    extent = np.abs(edges[..., :2]).sum(axis=1)
+    on_plane = _SAMPLES * extent[:, None, :]
+    local = on_plane @ shown.axes[..., :2].transpose(0, 2, 1)
+    bound = shown.half[:, None, :]
+    points: _Array = shown.centre[:, None, :] + np.clip(local, -bound, bound) @ shown.axes
+    return points
