@@ -10,3 +10,8 @@ from ._detector import light_of as light_of
 from ._detector import open_detector as open_detector
 from ._scene import cast_of as cast_of
 from ._scene import open_plain_scene as open_plain_scene
+from ._session import Session as Session
+from ._session import SessionEnd as SessionEnd
+from ._session import SessionPlan as SessionPlan
+from ._session import open_session as open_session
+from ._session import run_session as run_session
