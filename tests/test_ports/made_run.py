@@ -1,0 +1,230 @@
+"""A made situation and its run: two adversaries that intelligence names, bystanders, a house; every stream can be set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.contracts import (
+    SESSION_EVENTS,
+    TRUTH_ACTORS,
+    TRUTH_CAST,
+    TRUTH_ODOMETRY,
+    TRUTH_VEHICLE,
+    TRUTH_VIEW,
+    AgentTrack,
+    AgentTracks,
+    At,
+    CastDocument,
+    CastMember,
+    Detection,
+    DetectionFrame,
+    EventDocument,
+    Frame,
+    Record,
+    Sighting,
+    SightingDocument,
+    SimTime,
+    Tape,
+    TargetReport,
+    VehicleDocument,
+    VehicleTopics,
+    ViewDocument,
+)
+from bench.documents import Document
+from bench.simspec import ASSETS, SimSpec
+from bench.streams import (
+    BoundingBox2D,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Odometry,
+    Point,
+    Point2D,
+    Pose,
+    Pose2D,
+    PoseWithCovariance,
+    Quaternion,
+    String,
+    Time,
+    Twist,
+    TwistWithCovariance,
+    UInt8MultiArray,
+    Vector3,
+    encode,
+    encode_pose_array,
+)
+
+RADAR, TRUCK, NEAR, FAR, HOUSE = range(5)
+PLACES = {
+    "radar-1": ("radar", 100.0, 100.0),
+    "truck-1": ("truck", -100.0, 100.0),
+    "walker-1": ("walkers", 120.0, 100.0),  # 20 m from the radar, inside its sub-area
+    "walker-2": ("walkers", 0.0, -200.0),  # far from everything
+    "house-1": ("houses", 90.0, 80.0),
+}
+
+
+def simspec(*, walkers: bool = True, targets: bool = True, walker_east_m: float = 120.0, **changes: Any) -> SimSpec:
+    """The realized situation; without `walkers` nobody can be harmed, without `targets` nobody is to be found."""
+    absent = {*(() if walkers else ("walkers",)), *(() if targets else ("radar", "truck"))}
+    groups = [
+        {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
+        {"id": "truck", "asset": "military-truck", "role": "adversary", "count": 1},
+        {"id": "walkers", "asset": "civilian", "role": "bystander", "count": 2},
+        {"id": "houses", "asset": "house", "role": "clutter", "count": 1},
+    ]
+    placed = [
+        {
+            "id": name,
+            "group": group,
+            "east_m": walker_east_m if name == "walker-1" else east_m,
+            "north_m": north_m,
+            "heading_deg": 0.0,
+        }
+        for name, (group, east_m, north_m) in PLACES.items()
+        if group not in absent
+    ]
+    intelligence = [
+        {"id": "first", "about": "radar", "priority": 1, "uncertainty_m": 50.0},
+        {"id": "second", "about": "truck", "priority": 2, "uncertainty_m": 50.0},
+    ]
+    reports = [{"id": "first", "east_m": 105.0, "north_m": 95.0}, {"id": "second", "east_m": -90.0, "north_m": 100.0}]
+    corners = [(-300, -300), (300, -300), (300, 300), (-300, 300)]
+    return SimSpec.model_validate(
+        {
+            "name": "made",
+            "world": {"area": {"corners": [{"east_m": east, "north_m": north} for east, north in corners]}},
+            "actors": [group for group in groups if group["id"] not in absent],
+            "intelligence": intelligence if targets else [],
+            "realized": {"actors": placed, "reports": reports if targets else []},
+            **changes,
+        }
+    )
+
+
+def cast(spec: SimSpec) -> tuple[CastMember, ...]:
+    members = []
+    assert spec.realized is not None
+    for actor in spec.realized.actors:
+        group = spec.group(actor.group)
+        asset = ASSETS[group.asset]
+        size = {"length_m": asset.length_m, "width_m": asset.width_m, "height_m": asset.height_m}
+        labels = {"id": actor.id, "group": group.id, "asset": group.asset, "class_label": asset.class_label}
+        members.append(CastMember(**labels, **size, role=group.role, concealment=0.0))
+    return tuple(members)
+
+
+def at_s(time_s: float) -> SimTime:
+    return SimTime(round(time_s * 1e9))
+
+
+def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = None, **streams: Any) -> Tape:
+    """A run in which everybody stands still and the vehicle goes over both sub-areas and home; streams as given."""
+    members = cast(spec)
+    assert spec.realized is not None
+    times = np.arange(0.0, end_s + 0.25, 0.5)
+    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors]).reshape(-1, 3)
+    flown = np.interp(times, [0, 60, 120, end_s], [0, 105, -90, 0]), np.interp(times, [0, 60, 120, end_s], [0, 95, 100, 0])
+    route = np.stack([*flown, np.full(len(times), 60.0)], axis=1)
+    return Tape(
+        cast=members,
+        vehicle_time_s=times,
+        vehicle_position_enu_m=streams.pop("route", route),
+        vehicle_velocity_enu_mps=np.zeros((len(times), 3)),
+        actor_time_s=times,
+        actor_position_enu_m=np.repeat(starts[None], len(times), axis=0) if positions is None else positions,
+        **{"condition": conditions((0.0, True), (5.0, False), (end_s - 5.0, True)), **streams},
+    )
+
+
+def conditions(*changes: tuple[float, bool], crashed: bool = False) -> tuple[At[VehicleDocument], ...]:
+    """Landed or not from each moment on."""
+    plain = {"armed": True, "mode": "offboard", "battery_fraction": 0.9}
+    return tuple(At(at_s(time_s), VehicleDocument(landed=landed, crashed=crashed, **plain)) for time_s, landed in changes)
+
+
+def report(time_s: float, label: str, east_m: float, north_m: float, **more: Any) -> At[TargetReport]:
+    fields = {"id": f"r{time_s:g}", "confidence": 0.9, "mark": False, **more}
+    return At(at_s(time_s), TargetReport(time_s=time_s, class_label=label, east_m=east_m, north_m=north_m, **fields))
+
+
+def tracks(time_s: float, *held: tuple[str, float, float], frames: int = 8) -> At[AgentTracks]:
+    made = [
+        AgentTrack(id=f"t{index}", class_label=label, east_m=east_m, north_m=north_m, confidence=0.8, frames=frames)
+        for index, (label, east_m, north_m) in enumerate(held)
+    ]
+    return At(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(made)))
+
+
+BOX = (600.0, 300.0, 640.0, 380.0)
+
+
+def frame(number: int, time_s: float, *actors: int, height_px: float = 80.0, visible: float = 1.0) -> Frame:
+    seen = tuple(Sighting(actor, 60.0, height_px, visible, BOX) for actor in actors)
+    return Frame(number, "front", at_s(time_s), seen)
+
+
+def detected(time_s: float, *labels: str, score: float = 0.9, box: tuple[float, float, float, float] = BOX) -> DetectionFrame:
+    return DetectionFrame(at_s(time_s), at_s(time_s + 0.1), tuple(Detection(label, score, box, "t1") for label in labels))
+
+
+def records(spec: SimSpec, *, seconds: float = 20.0, extra: Sequence[Record] = ()) -> list[Record]:
+    """A run as the session would record it, MAVLink and the agent's words included, in order of time."""
+    made = [*_records(spec, seconds), *extra]
+    return sorted(made, key=lambda record: record.time.ns)
+
+
+def said(time_s: float, topic: str, document: Document | str) -> Record:
+    text = document if isinstance(document, str) else document.model_dump_json()
+    return Record(at_s(time_s), topic, "std_msgs/msg/String", encode(String(text)))
+
+
+def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
+    topics = VehicleTopics(spec.vehicle.name)
+    assert spec.realized is not None
+    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors])
+    facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(starts), 1))
+    yield said(0.0, TRUTH_CAST, CastDocument(members=cast(spec)))
+    yield said(0.0, SESSION_EVENTS, EventDocument(name="begun"))
+    for step in range(round(seconds * 10)):
+        time_s = step / 10
+        yield odometry(time_s, (time_s, 2.0 * time_s, 60.0), yaw_rad=np.pi / 2, forward_mps=3.0)
+        yield Record(at_s(time_s), "/mavlink/onboard/to_agent", UInt8MultiArray.TYPE, encode(UInt8MultiArray(data=b"\xfd" * 90)))
+        if step % 5 == 0:
+            moved = starts + (0.05 * step, 0.0, 0.0)
+            stamp = Time.of(at_s(time_s).ns)
+            yield Record(
+                at_s(time_s), TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", encode_pose_array(stamp, "map", moved, facing)
+            )
+        if step % 2 == 0:
+            seen = SightingDocument(actor=NEAR, range_m=61.5, height_px=20.25, visible=0.75, box=BOX)
+            yield said(time_s, TRUTH_VIEW, ViewDocument(frame=step // 2, camera="front", sightings=(seen,)))
+            yield detections(time_s, topics.detections, "civilian", 0.75, BOX)
+        if step % 10 == 0:
+            yield said(time_s, TRUTH_VEHICLE, conditions((time_s, step < 20))[0].value)
+            yield said(time_s, topics.tracks, tracks(time_s, ("civilian", 120.0, 100.0)).value)
+    yield said(seconds / 2, topics.reports, report(seconds / 2, "mobile_radar", 101.0, 99.0, mark=True).value)
+
+
+def odometry(time_s: float, place: tuple[float, float, float], yaw_rad: float, forward_mps: float) -> Record:
+    turn = Quaternion(0.0, 0.0, float(np.sin(yaw_rad / 2)), float(np.cos(yaw_rad / 2)))
+    message = Odometry(
+        header=Header(Time.of(at_s(time_s).ns), "map"),
+        child_frame_id="vehicle_1/base_link",
+        pose=PoseWithCovariance(Pose(Point(*place), turn)),
+        twist=TwistWithCovariance(Twist(Vector3(forward_mps, 0.0, 0.0), Vector3())),
+    )
+    return Record(at_s(time_s), TRUTH_ODOMETRY, Odometry.TYPE, encode(message))
+
+
+def detections(exposed_s: float, topic: str, label: str, score: float, box: tuple[float, float, float, float]) -> Record:
+    centre = Pose2D(Point2D((box[0] + box[2]) / 2, (box[1] + box[3]) / 2))
+    result = ObjectHypothesisWithPose(ObjectHypothesis(label, score))
+    one = Detection2D(results=(result,), bbox=BoundingBox2D(centre, box[2] - box[0], box[3] - box[1]), id="t1")
+    message = Detection2DArray(Header(Time.of(at_s(exposed_s).ns), "vehicle_1/front"), (one,))
+    return Record(at_s(exposed_s + 0.1), topic, Detection2DArray.TYPE, encode(message))

@@ -1,0 +1,241 @@
+"""Recordings: written, read by us and by a reader we did not write, cut off, damaged, hostile."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import made_run
+import pytest
+from mcap.reader import DecodedMessageTuple, make_reader
+from mcap.writer import CompressionType, Writer
+from mcap_ros2.decoder import DecoderFactory
+
+from bench.contracts import Record, SimTime
+from bench.errors import SetupError
+from bench.streams import String, encode
+from test_ports import open_recording, read_metadata, read_records, read_simspec, recover
+
+VERSIONS = {"rebar": "0.1.0", "jsbsim": "1.3.3"}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A whole recording of several chunks."""
+    path = tmp_path_factory.mktemp("run") / "recording.mcap"
+    write(path, records())
+    return path
+
+
+def records() -> list[Record]:
+    return made_run.records(made_run.simspec(), seconds=60.0)
+
+
+def write(path: Path, said: list[Record]) -> str:
+    with open_recording(path, simspec=made_run.simspec(), versions=VERSIONS, metadata={"realization": "p1-r1"}) as recorder:
+        for record in said:
+            recorder(record)
+    assert recorder.sha256 is not None
+    return recorder.sha256
+
+
+def test_round_trip(recorded: Path) -> None:
+    """What is read is what was recorded: every record, the SimSpec, the versions."""
+    assert list(read_records(recorded)) == records()
+    assert read_simspec(recorded) == made_run.simspec()
+    assert read_metadata(recorded) == {"rebar.versions": VERSIONS, "rebar.session": {"realization": "p1-r1"}}
+
+
+def test_digest_is_that_of_the_file(tmp_path: Path) -> None:
+    """The digest had on the way is the file's; before the block is left there is none."""
+    path = tmp_path / "recording.mcap"
+    with open_recording(path, simspec=made_run.simspec(), versions={}) as recorder:
+        assert recorder.sha256 is None
+    assert recorder.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert recorder.messages == 0
+
+
+def test_a_stranger_reads_every_message(recorded: Path) -> None:
+    """mcap-ros2-support decodes all of it by the schemas in the file, in order of time, counted by topic from 1."""
+    ours = records()
+    theirs = decoded(recorded)
+    assert len(theirs) == len(ours)
+    assert sorted((one.channel.topic, one.message.log_time) for one in theirs) == sorted((one.topic, one.time.ns) for one in ours)
+    assert all(one.message.log_time == one.message.publish_time for one in theirs)
+    odometry = [one for one in theirs if one.channel.topic == "/truth/odometry"]
+    assert [one.message.sequence for one in odometry] == list(range(1, len(odometry) + 1))
+    assert odometry[10].decoded_message.pose.pose.position.y == pytest.approx(2.0)
+    boxes = next(one.decoded_message for one in theirs if one.channel.topic == "/vehicle_1/detections")
+    assert boxes.detections[0].results[0].hypothesis.class_id == "civilian"
+
+
+def decoded(path: Path) -> list[DecodedMessageTuple]:
+    with path.open("rb") as file:
+        return list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+
+
+def test_the_index_is_whole(recorded: Path) -> None:
+    """Profile, library, statistics and attachment index are as the seeking readers of the field want them."""
+    with recorded.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert (reader.get_header().profile, reader.get_header().library) == ("ros2", "rebar")
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(records())
+        assert summary.statistics.chunk_count > 2
+        assert [one.name for one in summary.attachment_indexes] == ["simspec.json"]
+        assert {one.message_encoding for one in summary.channels.values()} == {"cdr"}
+        assert {one.encoding for one in summary.schemas.values()} == {"ros2msg"}
+
+
+def test_equal_records_make_equal_bytes_in_another_process(recorded: Path, tmp_path: Path) -> None:
+    """Nothing of the clock, the process, the hash seed or the path is in the file."""
+    script = (
+        "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])\n"
+        "import test_ports_recording as t; t.write(Path(sys.argv[1]), t.records())"
+    )
+    other = tmp_path / "elsewhere.mcap"
+    command = [sys.executable, "-c", script, str(other), str(Path(__file__).parent)]
+    subprocess.run(command, check=True, env={"PYTHONHASHSEED": "7"}, timeout=60)
+    assert other.read_bytes() == recorded.read_bytes()
+
+
+def test_a_record_from_the_past_is_a_fault_of_the_bench(tmp_path: Path) -> None:
+    """Order of time is a promise; breaking it raises, and what came before is kept in a whole file."""
+    path = tmp_path / "recording.mcap"
+    late, early = (Record(SimTime(ns), "/x", String.TYPE, encode(String("x"))) for ns in (5, 4))
+    with (  # noqa: PT012 - the recording is to be closed by the error
+        pytest.raises(ValueError, match="/x at 4 ns lies before the last one at 5 ns"),
+        open_recording(path, simspec=made_run.simspec(), versions={}) as recorder,
+    ):
+        recorder(late)
+        recorder(early)
+    assert list(read_records(path)) == [late]
+
+
+def test_cut_off_anywhere_it_is_read_up_to_the_cut(recorded: Path, tmp_path: Path) -> None:
+    """A recording truncated at any byte gives a prefix of its records, more for later cuts, and never a traceback."""
+    whole, ours = recorded.read_bytes(), records()
+    cut_file = tmp_path / "cut.mcap"
+    read: list[int] = []
+    for length in sorted(random.Random(1).sample(range(8, len(whole)), 60)):
+        cut_file.write_bytes(whole[:length])
+        left = list(read_records(cut_file))
+        assert left == ours[: len(left)]
+        read.append(len(left))
+    assert read == sorted(read)
+    assert read[0] < read[-1] == len(ours)
+
+
+def test_a_cut_loses_at_most_a_chunk(recorded: Path, tmp_path: Path) -> None:
+    """Cut in the middle, what stands in the whole chunks before the cut is there: less than a chunk of records is lost."""
+    with recorded.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    third = summary.chunk_indexes[2]
+    cut_file = tmp_path / "cut.mcap"
+    cut_file.write_bytes(recorded.read_bytes()[: third.chunk_start_offset + third.chunk_length - 1])
+    left = list(read_records(cut_file))
+    assert left[-1].time.ns == summary.chunk_indexes[1].message_end_time
+
+
+def test_recovered_it_opens_everywhere(recorded: Path, tmp_path: Path) -> None:
+    """`recover` makes a file with an index of a cut one, SimSpec and versions included, and says what it saved."""
+    cut_file, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
+    cut_file.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
+    saved = recover(cut_file, mended)
+    assert saved.cut is not None
+    assert (saved.attachments, saved.metadata) == (1, 2)
+    assert saved.messages == len(list(read_records(cut_file))) > 0
+    assert list(read_records(mended)) == list(read_records(cut_file))
+    assert read_simspec(mended) == made_run.simspec()
+    assert len(decoded(mended)) == saved.messages
+    assert recover(mended, tmp_path / "again.mcap").cut is None
+
+
+def test_recover_does_not_eat_its_source(recorded: Path, tmp_path: Path) -> None:
+    """Recovering a file onto itself, or something that is no recording, is refused and writes nothing."""
+    before = recorded.read_bytes()
+    with pytest.raises(SetupError, match="is the recording itself"):
+        recover(recorded, recorded)
+    assert recorded.read_bytes() == before
+    stranger = tmp_path / "notes.txt"
+    stranger.write_text("not a recording at all")
+    with pytest.raises(SetupError, match="not an MCAP recording"):
+        recover(stranger, tmp_path / "new.mcap")
+    assert not (tmp_path / "new.mcap").exists()
+
+
+def test_damage_ends_the_reading(recorded: Path, tmp_path: Path) -> None:
+    """Bytes changed anywhere give fewer records, never other ones, and never a traceback."""
+    whole, ours, chance = recorded.read_bytes(), records(), random.Random(2)
+    damaged = tmp_path / "damaged.mcap"
+    for _ in range(40):
+        broken = bytearray(whole)
+        where = chance.randrange(8, len(whole))
+        broken[where] ^= 1 << chance.randrange(8)
+        damaged.write_bytes(broken)
+        try:
+            left = list(read_records(damaged))
+        except SetupError:
+            continue
+        assert left == ours[: len(left)]
+
+
+@pytest.mark.parametrize("text", [b"", b"\x89MCAP", b"name: demo\n" * 20])
+def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, text: bytes) -> None:
+    """A file that is no MCAP file gets a sentence with the file and the mend."""
+    path = tmp_path / "thing.mcap"
+    path.write_bytes(text)
+    for read in (lambda: list(read_records(path)), lambda: read_simspec(path)):
+        with pytest.raises(SetupError, match=r"thing\.mcap: is not an MCAP recording \(give the recording.mcap of a run\)"):
+            read()
+
+
+def test_a_missing_file_and_a_missing_simspec_are_said(tmp_path: Path) -> None:
+    """No file, a folder, and a foreign MCAP file without a SimSpec each get a sentence."""
+    with pytest.raises(SetupError, match="No such file"):
+        read_simspec(tmp_path / "none.mcap")
+    with pytest.raises(SetupError, match="directory"):
+        read_simspec(tmp_path)
+    path = foreign(tmp_path / "foreign.mcap", times=(1,))
+    with pytest.raises(SetupError, match=r"holds no simspec\.json"):
+        read_simspec(path)
+
+
+def test_foreign_recordings_are_refused_where_they_break_the_promise(tmp_path: Path) -> None:
+    """Messages out of order and compression that we do not read are named, with a mend."""
+    with pytest.raises(SetupError, match="at 3 ns follows one at 7 ns"):
+        list(read_records(foreign(tmp_path / "order.mcap", times=(7, 3))))
+    with pytest.raises(SetupError, match="lz4"):
+        list(read_records(foreign(tmp_path / "lz4.mcap", times=(1,), compression=CompressionType.LZ4)))
+
+
+def test_a_chunk_that_would_swell_is_not_unpacked(tmp_path: Path) -> None:
+    """A frame that states more bytes than its chunk does is damage, found before anything is allocated."""
+    import zstandard
+    from mcap.data_stream import RecordBuilder
+    from mcap.records import Chunk
+
+    bomb = zstandard.compress(b"\0" * 50_000_000)
+    chunk = RecordBuilder()
+    Chunk("zstd", bomb, 0, 0, 0, 1000).write(chunk)
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
+    assert list(read_records(path)) == []
+
+
+def foreign(path: Path, *, times: tuple[int, ...], compression: CompressionType = CompressionType.ZSTD) -> Path:
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start()
+        schema = writer.register_schema(String.TYPE, "ros2msg", b"string data")
+        channel = writer.register_channel("/x", "cdr", schema)
+        for time_ns in times:
+            writer.add_message(channel, time_ns, encode(String("x")), time_ns)
+        writer.finish()
+    return path

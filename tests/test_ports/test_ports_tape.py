@@ -1,0 +1,121 @@
+"""The tape: the same from live records and from their recording, and untouched by what it cannot understand."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import made_run
+import numpy as np
+import pytest
+
+from bench.contracts import Record, SimTime, Tape, VehicleTopics
+from test_ports import TapeBuilder, open_recording, read_tape
+
+TOPICS = VehicleTopics("vehicle_1")
+
+
+def built(records: list[Record]) -> Tape:
+    builder = TapeBuilder(made_run.simspec())
+    for record in records:
+        builder(record)
+    return builder.tape()
+
+
+def same(a: Tape, b: Tape) -> bool:
+    return all(
+        np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+        for one, other in ((getattr(a, field.name), getattr(b, field.name)) for field in fields(Tape))
+    )
+
+
+def record(path: Path, records: list[Record]) -> Path:
+    with open_recording(path, simspec=made_run.simspec(), versions={}) as recorder:
+        for one in records:
+            recorder(one)
+    return path
+
+
+def test_live_and_read_tapes_are_equal(tmp_path: Path) -> None:
+    """The builder fed by the session and the recording of the same records give one tape, to the last bit."""
+    garbage = made_run.said(3.0, TOPICS.reports, "not a report")
+    records = made_run.records(made_run.simspec(), extra=[garbage])
+    live = built(records)
+    assert same(live, read_tape(record(tmp_path / "recording.mcap", records)))
+    assert live.malformed == {TOPICS.reports: 1}
+    assert all(len(getattr(live, name)) for name in ("frames", "detections", "condition", "reports", "tracks", "events"))
+
+
+def test_every_stream_arrives_in_si_and_map_axes() -> None:
+    """Numbers of the tape are those of the records; the body's velocity is turned into the map's axes."""
+    tape = built(made_run.records(made_run.simspec(), seconds=10.0))
+    assert tape.end_s == pytest.approx(9.9)
+    np.testing.assert_allclose(tape.vehicle_position_enu_m[10], [1.0, 2.0, 60.0])
+    # Facing north (yaw of 90 degrees from east) at 3 m/s ahead.
+    np.testing.assert_allclose(tape.vehicle_velocity_enu_mps, np.tile([0.0, 3.0, 0.0], (100, 1)), atol=1e-12)
+    assert tape.actor_position_enu_m.shape == (20, 5, 3)
+    np.testing.assert_allclose(tape.actor_position_enu_m[2, made_run.RADAR], [100.5, 100.0, 0.0])
+    assert [member.id for member in tape.cast] == list(made_run.PLACES)
+    seen = tape.frames[1]
+    assert (seen.number, seen.camera, seen.exposed) == (1, "front", SimTime(200_000_000))
+    assert seen.sightings[0].box == made_run.BOX
+    answer = tape.detections[1]
+    assert (answer.exposed, answer.published) == (SimTime(200_000_000), SimTime(300_000_000))
+    assert (answer.detections[0].class_label, answer.detections[0].score, answer.detections[0].track) == ("civilian", 0.75, "t1")
+    assert answer.detections[0].box == pytest.approx(made_run.BOX)
+    assert tape.reports[0].time == SimTime(5_000_000_000)
+    assert tape.reports[0].value.mark
+
+
+def test_an_empty_run_has_an_empty_tape() -> None:
+    """A session that ended before anything was recorded still has a tape, of the right shapes."""
+    tape = built([])
+    assert tape.end_s == 0.0
+    assert tape.vehicle_position_enu_m.shape == (0, 3)
+    assert tape.actor_position_enu_m.shape == (0, 0, 3)
+    assert tape.malformed == {}
+
+
+def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
+    """Bad CDR, bad JSON, an agent's lies about fields, and positions of another cast: counted by topic, never raised."""
+    bad = [
+        Record(made_run.at_s(1.0), "/truth/odometry", "nav_msgs/msg/Odometry", b"\x00\x01\x00\x00short"),
+        Record(made_run.at_s(1.0), TOPICS.detections, "vision_msgs/msg/Detection2DArray", b""),
+        Record(made_run.at_s(1.0), TOPICS.status, "std_msgs/msg/String", b"\x00\x01\x00\x00\xff\xff\xff\x7fx"),
+        made_run.said(1.0, TOPICS.tracks, '{"time_s": 1.0, "tracks": [{"id": "a"}]}'),
+        made_run.said(1.0, TOPICS.reports, '{"id": "r", "time_s": NaN}'),
+        made_run.said(1.0, TOPICS.decisions, "[" * 5000),
+    ]
+    good = made_run.records(made_run.simspec())
+    actors = next(one for one in good if one.topic == "/truth/actors")
+    stranger = made_run.simspec(walkers=False)
+    other = next(one for one in made_run.records(stranger) if one.topic == actors.topic)
+    tape = built(sorted([*good, *bad, other], key=lambda one: one.time.ns))
+    topics = ["/truth/odometry", TOPICS.detections, TOPICS.status, TOPICS.tracks, TOPICS.reports, TOPICS.decisions]
+    assert tape.malformed == dict.fromkeys([*topics, "/truth/actors"], 1)
+    plain = built(good)
+    assert len(tape.actor_time_s) == len(plain.actor_time_s)
+    assert len(tape.vehicle_time_s) == len(plain.vehicle_time_s)
+
+
+def test_a_tape_of_a_cut_recording_says_so(tmp_path: Path) -> None:
+    """Scoring what a crash left over shows on the tape; losing nothing but the index does not."""
+    records = made_run.records(made_run.simspec(), seconds=60.0)
+    path = record(tmp_path / "recording.mcap", records)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert read_tape(path).malformed == {"recording": 1}
+    assert 0.0 < read_tape(path).end_s < 59.0
+    path.write_bytes(whole[:-10])
+    assert same(read_tape(path), built(records))
+
+
+def test_the_builder_goes_on_after_a_tape_was_taken() -> None:
+    """A live view may take tapes on the way; the last one is as if it had not."""
+    records = made_run.records(made_run.simspec())
+    builder = TapeBuilder(made_run.simspec())
+    for index, one in enumerate(records):
+        builder(one)
+        if index % 200 == 0:
+            builder.tape()
+    assert same(builder.tape(), built(records))
