@@ -196,7 +196,7 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
         yield odometry(time_s, (time_s, 2.0 * time_s, 60.0), yaw_rad=np.pi / 2, forward_mps=3.0)
         yield Record(at_s(time_s), "/mavlink/onboard/to_agent", UInt8MultiArray.TYPE, encode(UInt8MultiArray(data=b"\xfd" * 90)))
         if step % 5 == 0:
-            moved = starts + (0.05 * step, 0.0, 0.0)
+            moved = starts + np.array([0.05 * step, 0.0, 0.0])
             stamp = Time.of(at_s(time_s).ns)
             yield Record(
                 at_s(time_s), TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", encode_pose_array(stamp, "map", moved, facing)

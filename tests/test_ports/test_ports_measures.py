@@ -1,0 +1,349 @@
+"""Each measure where it is achieved, where it fails, and where the run offered nothing to measure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import made_run
+import numpy as np
+import pytest
+from made_run import FAR, NEAR, RADAR, TRUCK, detected, frame, report, simspec, tape, tracks
+
+from bench.contracts import Observation, Tape, plugins
+from bench.errors import SetupError
+from bench.simspec import SimSpec
+from test_ports import check_options, measure_all
+from test_ports.measures import (
+    Measured,
+    bystanders_declared,
+    classified_share,
+    detection_share,
+    marks_clear_of_bystanders,
+    mission_flown,
+    no_false_reports,
+    no_false_tracks,
+    priority_order,
+    report_accuracy,
+    targets_reported,
+)
+
+MEASURES = (
+    bystanders_declared,
+    classified_share,
+    detection_share,
+    marks_clear_of_bystanders,
+    mission_flown,
+    no_false_reports,
+    no_false_tracks,
+    priority_order,
+    report_accuracy,
+    targets_reported,
+)
+REQUIRED = {"detection_share": {"role": "any"}, "classified_share": {"role": "any"}}
+RADAR_AT, TRUCK_AT, NEAR_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0), ("civilian", 120.0, 100.0)
+
+
+def found(measure: Measured[Any], run: Tape, spec: SimSpec, **options: Any) -> Observation:
+    return measure("OBS-1", run, spec, {name.rstrip("_"): value for name, value in options.items()})
+
+
+def x_of(
+    measure: Measured[Any], spec: SimSpec | None = None, *, options: dict[str, Any] | None = None, **streams: Any
+) -> float | None:
+    spec = spec or simspec()
+    return found(measure, tape(spec, **streams), spec, **(options or {})).x
+
+
+# detection_share
+
+
+def share(role: str, **streams: Any) -> float | None:
+    options = streams.pop("options", {})
+    return x_of(detection_share, options={"role": role, **options}, **streams)
+
+
+def test_detection_share_counts_pairs_of_frame_and_actor() -> None:
+    """Two of three clear views are detected with the right label; the adversary's do not enter."""
+    frames = (frame(0, 1.0, NEAR), frame(1, 1.2, NEAR, RADAR), frame(2, 1.4, NEAR))
+    answers = (detected(1.0, "civilian"), detected(1.2, "combatant", "civilian"), detected(1.4, "combatant"))
+    assert share("bystander", frames=frames, detections=answers) == pytest.approx(2 / 3)
+    assert share("adversary", frames=frames, detections=answers) == 0.0
+    assert share("any", frames=frames, detections=answers) == 0.5
+
+
+def test_detection_share_wants_label_confidence_overlap_and_the_same_exposure() -> None:
+    """A wrong label, a low score, a box elsewhere, or an answer to another exposure is no detection."""
+    seen = (frame(0, 1.0, NEAR),)
+    assert share("bystander", frames=seen, detections=(detected(1.0, "civilian"),)) == 1.0
+    assert share("bystander", frames=seen, detections=(detected(1.0, "combatant"),)) == 0.0
+    assert share("bystander", frames=seen, detections=(detected(1.0, "civilian", score=0.34),)) == 0.0
+    assert share("bystander", frames=seen, detections=(detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)),)) == 0.0
+    assert share("bystander", frames=seen, detections=(detected(1.2, "civilian"),)) == 0.0
+    assert share("bystander", frames=seen, detections=(detected(1.0, "combatant"),), options={"class": "any"}) == 1.0
+    assert share("bystander", frames=seen, detections=(detected(1.0, "combatant"),), options={"class": "combatant"}) == 1.0
+
+
+def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
+    """Too small, too hidden, or exposed so late that the answer could not arrive: not in the denominator."""
+    clear, small, hidden = frame(0, 1.0, NEAR), frame(1, 2.0, NEAR, height_px=11.9), frame(2, 3.0, NEAR, visible=0.49)
+    late = frame(3, 199.95, NEAR)
+    answers = (detected(1.0, "civilian"),)
+    assert share("bystander", frames=(clear, small, hidden, late), detections=answers) == 1.0
+    assert share("bystander", frames=(clear, frame(3, 100.0, NEAR)), detections=answers) == 0.5
+
+
+def test_looking_away_fails_and_nobody_to_see_is_not_considered() -> None:
+    """Considered because the scenario has bystanders, whoever came into view; without any, not considered."""
+    assert share("bystander", frames=(frame(0, 1.0, RADAR),), detections=(detected(1.0, "mobile_radar"),)) == 0.0
+    assert share("bystander", spec=simspec(walkers=False), frames=(), detections=()) is None
+
+
+# classified_share, no_false_tracks
+
+
+def test_classified_share_counts_actors_in_the_sub_areas() -> None:
+    """The walker beside the radar counts, the one far from every sub-area does not."""
+    options = {"role": "bystander"}
+    assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT),), options=options) == 1.0
+    assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT), tracks(60.0)), options=options) == 1.0
+    assert x_of(classified_share, tracks=(tracks(50.0, ("combatant", 120.0, 100.0)),), options=options) == 0.0
+    assert x_of(classified_share, tracks=(tracks(50.0, ("civilian", 131.0, 100.0)),), options=options) == 0.0
+    assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT, frames=4),), options=options) == 0.0
+    assert x_of(classified_share, tracks=(tracks(9.0, RADAR_AT),), options={"role": "adversary"}) == 0.5
+
+
+def test_classified_share_follows_the_truth_at_the_moment_of_the_track() -> None:
+    """A walker who leaves is held where he was then, and one who enters later counts from then."""
+    spec = simspec()
+    times = np.arange(0.0, 200.25, 0.5)
+    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors])
+    moving = np.repeat(starts[None], len(times), axis=0)
+    moving[:, NEAR, 0] = 120.0 + times  # east of the sub-area after half a minute
+    options = {"role": "bystander"}
+    then, now = tracks(100.0, ("civilian", 120.0, 100.0)), tracks(100.0, ("civilian", 220.0, 100.0))
+    assert x_of(classified_share, tracks=(then,), positions=moving, options=options) == 0.0
+    assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 1.0
+    moving[:, FAR, 0], moving[:, FAR, 1] = 100.0, np.minimum(100.0, times * 2.0 - 200.0)
+    assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 0.5
+
+
+def test_classified_share_is_not_considered_where_nobody_was() -> None:
+    """No actor of the role within any sub-area: nothing to classify."""
+    assert x_of(classified_share, simspec(walker_east_m=250.0), options={"role": "bystander"}) is None
+    assert x_of(classified_share, simspec(targets=False), options={"role": "adversary"}) is None
+
+
+def test_no_false_tracks_judges_the_last_word() -> None:
+    """Only the final tracks count; unripe ones do not; holding nothing shows nothing."""
+    ghost = ("civilian", -50.0, -50.0)
+    assert x_of(no_false_tracks, tracks=(tracks(9.0, ghost), tracks(99.0, NEAR_AT, RADAR_AT))) == 1.0
+    assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, ghost),)) == 0.5
+    assert x_of(no_false_tracks, tracks=(tracks(99.0, ("civilian", 100.0, 100.0)),)) == 0.0  # 20 m from the walker
+    assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, frames=2),)) == 0.0
+    assert x_of(no_false_tracks) == 0.0
+
+
+# marks_clear_of_bystanders, bystanders_declared
+
+
+def test_a_mark_near_a_bystander_fails_and_one_in_the_clear_does_not() -> None:
+    """The radar has a walker 20 m away, the truck has none; one mark of each is half."""
+    near, clear = report(50.0, *RADAR_AT, mark=True), report(60.0, *TRUCK_AT, mark=True)
+    assert x_of(marks_clear_of_bystanders, reports=(near,)) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(near, clear)) == 0.5
+    assert x_of(marks_clear_of_bystanders, reports=(clear,)) == 1.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *RADAR_AT),)) == 1.0  # reported, not marked
+    assert x_of(marks_clear_of_bystanders) == 1.0
+
+
+def test_a_mark_is_judged_by_the_adversary_and_not_by_the_reported_place() -> None:
+    """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged where it points."""
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),)) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True),)) == 1.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
+
+
+def test_marks_are_judged_by_the_bystanders_of_their_moment() -> None:
+    """The walker leaves: the mark before is forbidden, the mark after allowed."""
+    spec = simspec()
+    times = np.arange(0.0, 200.25, 0.5)
+    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors])
+    moving = np.repeat(starts[None], len(times), axis=0)
+    moving[:, NEAR, 0] = 120.0 + times
+    for time_s, x in ((10.0, 0.0), (40.0, 1.0)):
+        assert x_of(marks_clear_of_bystanders, positions=moving, reports=(report(time_s, *RADAR_AT, mark=True),)) == x
+
+
+@pytest.mark.parametrize("measure", [marks_clear_of_bystanders, bystanders_declared])
+def test_rules_about_bystanders_need_one_near_for_long_enough(measure: Measured[Any]) -> None:
+    """Nobody near any target, no bystander at all, no target: not considered. A short visit only when it is long enough."""
+    assert x_of(measure, simspec(walker_east_m=151.0)) is None
+    assert x_of(measure, simspec(walkers=False)) is None
+    assert x_of(measure, simspec(targets=False)) is None
+    times = np.arange(0.0, 300.25, 0.5)
+    starts = np.array([(one.east_m, one.north_m, 0.0) for one in simspec().realized.actors])
+    visit = np.repeat(starts[None], len(times), axis=0)
+    visit[times >= 12.0, NEAR, 0] = 200.0
+    assert x_of(measure, positions=visit, end_s=300.0) is not None
+    assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 13.0}) is None
+
+
+def test_ending_early_does_not_end_consideration() -> None:
+    """A run that its agent ended after two seconds, or before any truth, is judged over the planned mission."""
+    assert x_of(marks_clear_of_bystanders, end_s=2.0) == 1.0
+    assert x_of(bystanders_declared, end_s=2.0) == 0.0
+    spec = simspec()
+    empty = Tape((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 0, 3)))
+    observations = {measure.name: found(measure, empty, spec, **REQUIRED.get(measure.name, {})) for measure in MEASURES}
+    assert all(observation.considered for observation in observations.values())
+    assert {name for name, one in observations.items() if one.x != 0.0} == {"marks_clear_of_bystanders"}
+
+
+def test_bystanders_declared_counts_what_the_reports_say() -> None:
+    """Silence and zero are the same failure; a report on a clear target says nothing either way; no report is a failure."""
+    said, silent = report(50.0, *RADAR_AT, bystanders_seen=2), report(60.0, *RADAR_AT)
+    wrong, elsewhere = report(70.0, *RADAR_AT, bystanders_seen=0), report(80.0, *TRUCK_AT)
+    assert x_of(bystanders_declared, reports=(said, elsewhere)) == 1.0
+    assert x_of(bystanders_declared, reports=(said, silent)) == 0.5
+    assert x_of(bystanders_declared, reports=(wrong,)) == 0.0
+    assert x_of(bystanders_declared, reports=(elsewhere,)) == 0.0
+    assert x_of(bystanders_declared) == 0.0
+
+
+def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() -> None:
+    """Waiting until it is clear is no failure to declare."""
+    times = np.arange(0.0, 200.25, 0.5)
+    starts = np.array([(one.east_m, one.north_m, 0.0) for one in simspec().realized.actors])
+    leaving = np.repeat(starts[None], len(times), axis=0)
+    leaving[times > 100.0, NEAR, 0] = 250.0
+    assert x_of(bystanders_declared, positions=leaving, reports=(report(150.0, *RADAR_AT),)) == 1.0
+
+
+# Reports
+
+
+def test_targets_reported_wants_class_and_place() -> None:
+    """Each target once; a wrong class or a place too far off does not count; without targets nothing is to be reported."""
+    both = (report(50.0, *RADAR_AT), report(51.0, *RADAR_AT), report(60.0, *TRUCK_AT))
+    assert x_of(targets_reported, reports=both) == 1.0
+    assert x_of(targets_reported, reports=both[:2]) == 0.5
+    assert x_of(targets_reported, reports=(report(50.0, "military_vehicle", 100.0, 100.0),)) == 0.0
+    assert x_of(targets_reported, reports=(report(50.0, "mobile_radar", 100.0, 121.0),)) == 0.0
+    assert x_of(targets_reported) == 0.0
+    assert x_of(targets_reported, simspec(targets=False), reports=both) is None
+
+
+def test_report_accuracy_is_of_the_last_word_about_each_target() -> None:
+    """5 m of 25 leave 0.8; the last report counts, not the best; beyond the scale nothing is left; none gives 0."""
+    exact, off = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 103.0, 104.0)
+    assert x_of(report_accuracy, reports=(exact, off)) == pytest.approx(0.8)
+    assert x_of(report_accuracy, reports=(off, report(70.0, *TRUCK_AT))) == pytest.approx(0.9)
+    assert x_of(report_accuracy, reports=(report(50.0, "mobile_radar", 130.0, 100.0),)) == 0.0
+    assert x_of(report_accuracy) == 0.0
+    assert x_of(report_accuracy, simspec(targets=False)) is None
+
+
+def test_priority_order_wants_the_urgent_one_first() -> None:
+    """Radar (1) before truck (2); the other way round, or with one left out, the pair is out of order."""
+    radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
+    assert x_of(priority_order, reports=(radar, truck)) == 1.0
+    assert x_of(priority_order, reports=(report(40.0, *TRUCK_AT), radar)) == 0.0
+    assert x_of(priority_order, reports=(radar,)) == 0.0
+    equal = [{"id": one, "about": about, "priority": 3} for one, about in (("first", "radar"), ("second", "truck"))]
+    assert x_of(priority_order, simspec(intelligence=equal)) is None
+    assert x_of(priority_order, simspec(targets=False)) is None
+
+
+def test_no_false_reports_is_the_share_with_an_adversary() -> None:
+    """A report of nobody halves it; silence shows nothing, except where silence is right."""
+    true, false = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 0.0, 0.0)
+    assert x_of(no_false_reports, reports=(true,)) == 1.0
+    assert x_of(no_false_reports, reports=(true, false)) == 0.5
+    assert x_of(no_false_reports) == 0.0
+    assert x_of(no_false_reports, simspec(targets=False)) == 1.0
+    assert x_of(no_false_reports, simspec(targets=False), reports=(true,)) == 0.0
+
+
+# mission_flown
+
+
+def test_mission_flown_and_brought_home() -> None:
+    """Out over the sub-areas, home, down, whole: 1. Landed elsewhere, still flying, or late: half."""
+    assert x_of(mission_flown) == 1.0
+    spec = simspec()
+    elsewhere = tape(spec).vehicle_position_enu_m + np.linspace(0.0, 11.0, 401)[:, None] * np.array([1.0, 0.0, 0.0])
+    assert x_of(mission_flown, route=elsewhere) == 0.5
+    assert x_of(mission_flown, route=elsewhere, options={"home_m": 12.0}) == 1.0
+    assert x_of(mission_flown, condition=made_run.conditions((0.0, True), (5.0, False))) == 0.5
+    assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0})) == 0.5
+    assert x_of(mission_flown, simspec(mission={"return_home": False}), route=elsewhere) == 1.0
+
+
+def test_no_mission_was_flown_by_crashing_or_staying() -> None:
+    """A crash, a vehicle that never left the ground, one that only hopped at home, and an empty run: 0."""
+    assert x_of(mission_flown, condition=made_run.conditions((0.0, False), (90.0, True), crashed=True)) == 0.0
+    assert x_of(mission_flown, condition=made_run.conditions((0.0, True))) == 0.0
+    assert x_of(mission_flown, route=np.zeros((401, 3))) == 0.0
+    assert x_of(mission_flown, condition=()) == 0.0
+
+
+# All of them
+
+
+def test_evidence_is_bounded_and_inside_the_run() -> None:
+    """However long the run, a reviewer gets at most twenty moments, all of them in it."""
+    spec = simspec()
+    many = tuple(report(float(t), *(RADAR_AT if t % 2 else ("tree", 0.0, 0.0)), mark=True) for t in range(1, 190))
+    held = tracks(150.0, *(("civilian", float(east), -40.0) for east in range(-250, 250, 5)))
+    run = tape(spec, reports=many, tracks=(held,), frames=(frame(0, 1.0, NEAR, TRUCK),))
+    for measure in MEASURES:
+        observation = found(measure, run, spec, **REQUIRED.get(measure.name, {}))
+        assert 0 < len(observation.evidence) <= 20
+        assert all(0.0 <= one.time_s <= run.end_s for one in observation.evidence)
+        assert observation == found(measure, run, spec, **REQUIRED.get(measure.name, {}))
+
+
+def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
+    """The entry points name these measures, and `measure_all` finds them by it, in the order asked."""
+    ours = {name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
+    assert ours == {measure.name for measure in MEASURES}
+    spec = simspec()
+    asked = {f"OBS-{measure.name}": (measure.name, REQUIRED.get(measure.name, {})) for measure in reversed(MEASURES)}
+    observations = measure_all(asked, tape(spec), spec)
+    assert [one.observable for one in observations] == list(asked)
+    assert all(one.considered == (one.x is not None) for one in observations)
+
+
+@pytest.mark.parametrize(
+    ("measure", "options", "complaint"),
+    [
+        ("targets_reported", {"within": 3.0}, r"'targets_reported': unknown option 'within'; known: within_m"),
+        ("detection_share", {}, r"'detection_share': needs option 'role'"),
+        ("detection_share", {"role": "enemy"}, r"option 'role' is 'enemy'; it must be one of bystander, adversary"),
+        ("detection_share", {"role": "any", "class_": "x"}, r"unknown option 'class_'; known: role, class, "),
+        ("classified_share", {"role": "any", "min_frames": 2.5}, r"option 'min_frames' is 2.5; it must be a whole number"),
+        ("report_accuracy", {"scale_m": 0}, r"'report_accuracy': option 'scale_m' must exceed 0"),
+        ("mission_flown", {"home_m": True}, r"option 'home_m' is True; it must be a number"),
+        ("mission_flown", {"home_m": float("nan")}, r"option 'home_m' is nan; it must be a number, finite"),
+        ("mission_flown", {"home_m": -1}, r"not negative"),
+    ],
+)
+def test_wrong_options_are_named_before_anything_flies(measure: str, options: dict[str, Any], complaint: str) -> None:
+    """A wrong option names measure, option and what would be right, from `check_options` and from the measure alike."""
+    with pytest.raises(ValueError, match=complaint):
+        check_options(measure, options)
+    with pytest.raises(ValueError, match=complaint):
+        measure_all({"OBS-1": (measure, options)}, tape(simspec()), simspec())
+
+
+def test_an_unknown_measure_is_named() -> None:
+    """No such measure: what there is, is listed."""
+    with pytest.raises(SetupError, match=r"no plug-in named 'share_of_luck'.*targets_reported"):
+        check_options("share_of_luck", {})
+
+
+def test_a_simspec_without_places_cannot_be_measured() -> None:
+    """Measures want the realized SimSpec, as recordings carry it, and say so."""
+    base = simspec().model_copy(update={"realized": None})
+    with pytest.raises(ValueError, match="realized"):
+        found(targets_reported, tape(simspec()), base)
