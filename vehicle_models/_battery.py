@@ -1,0 +1,58 @@
+"""A battery that empties by the power drawn.
+
+Power of a rotor by momentum theory (Leishman, Principles of Helicopter Aerodynamics, 2.2): P = T^1.5 / sqrt(2 rho A),
+divided by what rotor, motor and controller make of it together, plus the electronics. For the X500 (10 inch propellers,
+2.06 kg, sea level) hovering takes 178 W. Translational lift and descent are left out: forward flight is charged as hover
+at the same thrust, which overstates it by some ten per cent at 10 m/s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bench.simspec import Battery as BatterySpec
+
+_DISK_M2 = math.pi * 0.127**2
+_AIR_KGPM3 = 1.225
+_EFFICIENCY = 0.75
+_ELECTRONICS_W = 6.0
+_PER_THRUST15 = 1.0 / math.sqrt(2.0 * _AIR_KGPM3 * _DISK_M2) / _EFFICIENCY
+_CELLS = 4
+_FULL_V, _EMPTY_V = 4.15, 3.45  # of one cell at rest; linear between, which holds from 100 % to 5 %
+_RESISTANCE_OHM = 0.02
+
+
+class Battery:
+    """State of charge of one battery; `fraction` 1 is full, 0 is dead."""
+
+    def __init__(self, spec: BatterySpec) -> None:
+        self._capacity_j = spec.capacity_wh * 3600.0
+        self._left_j = self._capacity_j * spec.initial_fraction
+        self.power_w = 0.0
+
+    def drain(self, thrust_n: Sequence[float], span_s: float) -> None:
+        """Take what the rotors' thrusts and the electronics use in `span_s`."""
+        power = _ELECTRONICS_W
+        for one in thrust_n:
+            power += _PER_THRUST15 * one * math.sqrt(one)
+        self.power_w = power
+        self._left_j = max(0.0, self._left_j - power * span_s)
+
+    @property
+    def fraction(self) -> float:
+        return self._left_j / self._capacity_j
+
+    @property
+    def used_wh(self) -> float:
+        return (self._capacity_j - self._left_j) / 3600.0
+
+    @property
+    def voltage_v(self) -> float:
+        """At the terminals, under the present load."""
+        rest = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * self.fraction)
+        return rest - _RESISTANCE_OHM * self.power_w / rest
+
+    @property
+    def current_a(self) -> float:
+        return self.power_w / self.voltage_v

@@ -1,0 +1,157 @@
+"""MAVLink frames: whole ones out of bytes that may hold anything, and packed ones from plain values."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from fastcrc.crc16 import mcrf4xx
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+MAX_FRAME = 10 + 255 + 2 + 13
+_MESSAGES: dict[int, Any] = dialect.mavlink_map
+_CRC_EXTRA = {number: bytes([kind.crc_extra]) for number, kind in _MESSAGES.items()}
+_V1, _V2 = 0xFE, 0xFD
+_SIGNED = 0x01
+
+
+class FrameReader:
+    """Finds whole MAVLink 1 and 2 frames in a stream of bytes. Garbage is skipped and counted, never raised."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self.garbage_bytes = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Every frame that is complete now, in order. What may be the beginning of another one waits for more."""
+        data = self._rest + data if self._rest else data
+        frames: list[bytes] = []
+        at, end = 0, len(data)
+        while at < end:
+            length = _length(data, at, end)
+            if length > 0 and _intact(data, at, length):
+                frames.append(data[at : at + length])
+                at += length
+            elif length == 0:
+                break
+            else:
+                self.garbage_bytes += 1
+                at += 1
+        self._rest = data[at:]
+        return frames
+
+    def drop_rest(self) -> None:
+        """A datagram has ended: what is incomplete now stays so."""
+        self.garbage_bytes += len(self._rest)
+        self._rest = b""
+
+
+def _length(data: bytes, at: int, end: int) -> int:
+    """Bytes of the frame that begins at `at`; 0 when more must come first, -1 when none begins here."""
+    first = data[at]
+    if first == _V2:
+        if end - at < 3:
+            return 0
+        if data[at + 2] & ~_SIGNED:
+            return -1
+        length = 12 + data[at + 1] + (13 if data[at + 2] & _SIGNED else 0)
+    elif first == _V1:
+        if end - at < 2:
+            return 0
+        length = 8 + data[at + 1]
+    else:
+        return -1
+    return length if end - at >= length else 0
+
+
+def _intact(data: bytes, at: int, length: int) -> bool:
+    """Whether the checksum holds. A message that the dialect does not know cannot be checked and passes."""
+    extra = _CRC_EXTRA.get(message_id(data, at))
+    if extra is None:
+        return True
+    tail = at + length - (15 if data[at] == _V2 and data[at + 2] & _SIGNED else 2)
+    crc: int = mcrf4xx(data[at + 1 : tail] + extra)
+    return crc == data[tail] | data[tail + 1] << 8
+
+
+def message_id(frame: bytes, at: int = 0) -> int:
+    if frame[at] == _V1:
+        return frame[at + 5]
+    return frame[at + 7] | frame[at + 8] << 8 | frame[at + 9] << 16
+
+
+def sender(frame: bytes) -> tuple[int, int]:
+    """System and component that sent a frame."""
+    return (frame[3], frame[4]) if frame[0] == _V1 else (frame[5], frame[6])
+
+
+class Decoder:
+    """Frames to pymavlink messages; None, and a count, for what has no sense."""
+
+    def __init__(self) -> None:
+        self._mavlink: Any = dialect.MAVLink(None)
+        self.malformed = 0
+
+    def decode(self, frame: bytes) -> Any | None:
+        try:
+            return self._mavlink.decode(bytearray(frame))
+        except (dialect.MAVError, struct.error, ValueError, IndexError, TypeError, UnicodeError):
+            self.malformed += 1
+            return None
+
+
+_HEAD = struct.Struct("<BBBBBBHB")
+_CRC = struct.Struct("<H")
+
+
+class Packer:
+    """Packs messages of one system and component, MAVLink 2, at a fifth of pymavlink's price.
+
+    `values` are plain numbers in the order of the wire (the message class's `ordered_fieldnames`, arrays spread out).
+    """
+
+    def __init__(self, system: int, component: int) -> None:
+        self.system, self.component = system, component
+        self._kinds = {number: (kind.unpacker.pack, _CRC_EXTRA[number]) for number, kind in _MESSAGES.items()}
+
+    def pack(self, number: int, sequence: int, values: Iterable[Any]) -> bytes:
+        pack, extra = self._kinds[number]
+        payload = pack(*values).rstrip(b"\0") or b"\0"
+        body = (
+            _HEAD.pack(len(payload), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16) + payload
+        )
+        return b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
+
+
+def wire_values(name: str, **fields: Any) -> tuple[int, tuple[Any, ...]]:
+    """Id and values in wire order of a message given by field names; what is left out is zero.
+
+    Text is bytes. For messages that are sent now and then; streams write their tuples themselves.
+    """
+    kind = KINDS[name]
+    values: list[Any] = []
+    for field, length, type_name in zip(kind.ordered_fieldnames, _array_lengths(kind), _types(kind), strict=True):
+        value = fields.pop(field, None)
+        if type_name == "char":
+            values.append(value or b"")
+        elif length:
+            given: Sequence[Any] = value if value is not None else ()
+            values.extend([*given, *[0] * (length - len(given))])
+        else:
+            values.append(0 if value is None else value)
+    if fields:
+        raise KeyError(f"{name} has no field {', '.join(fields)}")
+    return kind.id, tuple(values)
+
+
+KINDS: dict[str, Any] = {kind.msgname: kind for kind in _MESSAGES.values()}
+
+
+def _array_lengths(kind: Any) -> list[int]:
+    return list(kind.array_lengths)
+
+
+def _types(kind: Any) -> list[str]:
+    by_name = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    return [by_name[name] for name in kind.ordered_fieldnames]

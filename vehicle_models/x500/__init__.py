@@ -1,0 +1,8 @@
+"""The X500-class quadrotor: an aircraft file for JSBSim and what flies it."""
+
+from __future__ import annotations
+
+from ._plant import ROTORS as ROTORS
+from ._plant import Motion as Motion
+from ._plant import Place as Place
+from ._plant import X500Plant as X500Plant
