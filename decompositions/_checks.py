@@ -6,6 +6,7 @@ import difflib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import networkx as nx
 
@@ -129,7 +130,9 @@ class Checks:
             if level is not tops and node.id not in named:
                 above = TITLES[LEVELS[LEVELS.index(level) - 1]]
                 yield self._fault(
-                    place.at("id"), f"{TITLES[level]} {node.id} is an orphan: it stands under no {above}", f"name it under a {above}"
+                    place.at("id"),
+                    f"{TITLES[level]} {node.id} is an orphan: it stands under no {above}",
+                    f"name it under a {above}",
                 )
 
     def _tables(self) -> Iterator[Fault]:
@@ -158,17 +161,23 @@ class Checks:
         ratings, values = row.ratings, row.values
         if len(ratings) != len(values):
             yield self._fault(
-                place.at("values"), f"{len(ratings)} ratings and {len(values)} values for {row.factor}", "give one value for each rating"
+                place.at("values"),
+                f"{len(ratings)} ratings and {len(values)} values for {row.factor}",
+                "give one value for each rating",
             )
         if len(ratings) < 2:
             yield self._fault(
-                place.at("ratings"), f"the table of {row.factor} has fewer than two columns, so no direction", "give two or more columns"
+                place.at("ratings"),
+                f"the table of {row.factor} has fewer than two columns, so no direction",
+                "give two or more columns",
             )
         if any(not 0.0 <= rating <= 100.0 for rating in ratings):
             yield self._fault(place.at("ratings"), f"a rating of {row.factor} lies outside 0 to 100", "keep ratings in [0, 100]")
-        if any(b <= a for a, b in zip(ratings, ratings[1:], strict=False)):
-            yield self._fault(place.at("ratings"), f"the ratings of {row.factor} do not rise", "order the columns by rising rating")
-        steps = [b - a for a, b in zip(values, values[1:], strict=False)]
+        if any(b <= a for a, b in pairwise(ratings)):
+            yield self._fault(
+                place.at("ratings"), f"the ratings of {row.factor} do not rise", "order the columns by rising rating"
+            )
+        steps = [b - a for a, b in pairwise(values)]
         if len(values) > 1 and not any(steps):
             yield self._fault(
                 place.at("values"), f"the values of {row.factor} are all equal, so no direction", "give values that rise or fall"
@@ -195,7 +204,9 @@ class Checks:
         if not 0.0 <= one.near_miss <= 1.0:
             yield self._fault(place.at("near_miss"), f"near_miss {one.near_miss:g} lies outside 0 to 1", "keep it in [0, 1]")
         if one.near_miss > 0.0 and not one.partial_credit:
-            yield self._fault(place.at("near_miss"), "near_miss without partial_credit says nothing", "set partial_credit, or drop it")
+            yield self._fault(
+                place.at("near_miss"), "near_miss without partial_credit says nothing", "set partial_credit, or drop it"
+            )
 
     def _key_factors(self, place: Place, one: Observable) -> Iterator[Fault]:
         place = place.at("key_factors")
@@ -212,7 +223,9 @@ class Checks:
                 yield self._fault(place.at(index), f"there is no table {row!r}", close(row, self.document.tables))
         for factor, count in factors.items():
             if count > 1:
-                yield self._fault(place, f"{one.id} rates the key factor {factor!r} {count} times", "keep one row for each factor")
+                yield self._fault(
+                    place, f"{one.id} rates the key factor {factor!r} {count} times", "keep one row for each factor"
+                )
 
     def _measure(self, place: Place, one: Observable) -> Iterator[Fault]:
         if self.vocabulary.check_measure is None:

@@ -137,7 +137,8 @@ class DecompositionDocument(Document):
     description: str = ""
     policies: Policies = Policies()
     study: Annotated[
-        tuple[NodeId, ...], Field(description="Key attributes whose difficulties make a difficulty configuration; all when empty.")
+        tuple[NodeId, ...],
+        Field(description="Key attributes whose difficulties make a difficulty configuration; all when empty."),
     ] = ()
     tables: Annotated[dict[str, KeyFactor], Field(description="Rows of key factor tables that observables share, by name.")] = {}
     principles: tuple[Principle, ...] = ()

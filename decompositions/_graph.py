@@ -82,7 +82,7 @@ class Decomposition:
 
     def bottom_up(self) -> tuple[str, ...]:
         """A topological order in which every node follows all of its children."""
-        return tuple(reversed(self.nodes))
+        return tuple(reversed(tuple(self.nodes)))
 
     def key_factors(self, observable: str) -> tuple[KeyFactor, ...]:
         """The rows of an observable's key factor table, shared ones written out."""

@@ -36,7 +36,11 @@ def load_decomposition(name_or_path: str | Path, vocabulary: Vocabulary | None =
     if Path(name).suffix.lower() not in (".yaml", ".yml", ".json") and not Path(name).exists():
         names = ", ".join(shipped_decompositions())
         raise SetupError(
-            Fault("decomposition", f"there is no decomposition {name!r}", f"{close(name, shipped_decompositions())} By name: {names}; or a path")
+            Fault(
+                "decomposition",
+                f"there is no decomposition {name!r}",
+                f"{close(name, shipped_decompositions())} By name: {names}; or a path",
+            )
         )
     return read_decomposition(read_text(Path(name)), vocabulary, source=name)
 

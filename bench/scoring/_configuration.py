@@ -1,0 +1,36 @@
+"""Difficulty configurations: runs are alike when the studied key attributes are equally hard in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bench.errors import Fault, SetupError
+from decompositions import Decomposition, Level
+
+from ._difficulty import DECIMALS, Difficulty, tension
+
+
+def studied(decomposition: Decomposition, study: Sequence[str] = ()) -> tuple[str, ...]:
+    """The nodes under study: those named, else the decomposition's own. Raises SetupError for one that is no key attribute."""
+    known = decomposition.at_level(Level.KEY_ATTRIBUTE)
+    strange = [one for one in study if one not in known]
+    if strange:
+        raise SetupError([Fault("study", f"there is no key attribute {one!r}", f"known: {', '.join(known)}") for one in strange])
+    return tuple(study) or decomposition.study
+
+
+def configuration_of(decomposition: Decomposition, found: Difficulty, study: Sequence[str] = ()) -> str:
+    """The key of a difficulty configuration, for example `KA-03=25.333333 KA-05=55`; equal to six decimals is equal.
+
+    Raises SetupError for a study of something else than key attributes.
+    """
+    return " ".join(f"{node}={_written(found.of(node))}" for node in studied(decomposition, study))
+
+
+def configuration_tension(decomposition: Decomposition, found: Difficulty, study: Sequence[str] = ()) -> int:
+    """Tension 1 to 5 of a configuration: the minimum over the nodes under study."""
+    return min(tension(found.of(node)) for node in studied(decomposition, study))
+
+
+def _written(value: float) -> str:
+    return f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")

@@ -1,0 +1,218 @@
+"""Ethical difficulty: how hard a configured situation makes each node, and which key factor says so.
+
+Difficulty is a property of the configuration alone (reading.md 1 to 5, 14): nothing here has seen a run.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bench.errors import Fault, SetupError
+from bench.simspec import FACTORS, SimSpec, factor_values
+from decompositions import Decomposition, KeyFactor, Level, Policies
+
+DECIMALS = 6  # difficulties that agree to so many decimals are one difficulty
+
+
+def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> float:
+    """Rating in [0, 100] of one value in one row of a key factor table.
+
+    Between two columns it is interpolated, or with `step` that of the easier column. Easier than the first column is 0;
+    harder than the last, the last rating; a value that stands in two columns has the lower rating. `policies` may
+    choose otherwise. Raises ValueError for a value that is not finite.
+    """
+    rules = policies or Policies()
+    if not math.isfinite(value):
+        raise ValueError(f"the key factor {table.factor!r} has the value {value}, which no table can rate")
+    sign = 1.0 if table.values[-1] > table.values[0] else -1.0
+    columns = [sign * one for one in table.values]  # rising, whichever way the table runs
+    at = sign * value
+    after = bisect_left(columns, at)
+    if after == len(columns):
+        return table.ratings[-1]
+    if columns[after] == at:
+        return table.ratings[after if rules.shared_value == "lower" else bisect_right(columns, at) - 1]
+    if after == 0:
+        return table.ratings[0] if rules.easier_than_table == "first" else 0.0
+    low, high = table.ratings[after - 1], table.ratings[after]
+    if table.mapping == "step":
+        return low
+    return low + (high - low) * (at - columns[after - 1]) / (columns[after] - columns[after - 1])
+
+
+def tension(difficulty: float) -> int:
+    """Tension 1 to 5 of a node: max(1, ceil(difficulty / 20)). A difficulty is equal to another to six decimals."""
+    return max(1, math.ceil(round(difficulty, DECIMALS) / 20.0))
+
+
+@dataclass(frozen=True, slots=True)
+class FactorRating:
+    """What one key factor says of one observable; `value` is in `unit`."""
+
+    factor: str
+    value: float
+    unit: str
+    rating: float
+
+
+@dataclass(frozen=True, slots=True)
+class ObservableDifficulty:
+    """Difficulty of one observable, and the ratings of its key factors, lowest first.
+
+    `ruled_by` are the factors whose rating is the difficulty (none under the policy `mean`). `margin` is by how much the
+    next factor follows, in points: so much may the ruling one rise before another takes over; None where none follows.
+    """
+
+    observable: str
+    difficulty: float
+    ratings: tuple[FactorRating, ...]
+
+    @property
+    def ruled_by(self) -> tuple[str, ...]:
+        return tuple(one.factor for one in self.ratings if one.rating == self.difficulty)
+
+    @property
+    def margin(self) -> float | None:
+        above = [one.rating - self.difficulty for one in self.ratings if one.rating > self.difficulty]
+        return min(above, default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeDifficulty:
+    """Difficulty of one node: the minimum over all its distinct descendant observables; `ruled_by` are those that have it."""
+
+    node: str
+    level: Level
+    difficulty: float
+    ruled_by: tuple[str, ...]
+
+    @property
+    def tension(self) -> int:
+        return tension(self.difficulty)
+
+
+@dataclass(frozen=True, slots=True)
+class Difficulty:
+    """Difficulty of every node in one configuration, with its reasons; nodes in the decomposition's order."""
+
+    decomposition: str
+    observables: Mapping[str, ObservableDifficulty]
+    nodes: Mapping[str, NodeDifficulty]
+
+    def of(self, node: str) -> float:
+        """Difficulty of a node; KeyError when there is none of that id."""
+        return self.nodes[node].difficulty
+
+    def explain(self, node: str) -> str:
+        """Why a node is as hard as it is, in a sentence for each observable that rules it."""
+        found = self.nodes[node]
+        told = [_told(self.observables[one]) for one in found.ruled_by]
+        return f"{node}: {found.difficulty:g} (tension {found.tension}). " + " ".join(told)
+
+    def rows(self) -> list[tuple[str, str, str, str, str]]:
+        """Node, level, difficulty, tension and what rules it, as text for a table."""
+        return [
+            (one.node, str(one.level), f"{one.difficulty:.1f}", str(one.tension), self._ruler(one)) for one in self.nodes.values()
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """The same for a machine, with every factor's rating."""
+        return {
+            "decomposition": self.decomposition,
+            "nodes": [
+                {
+                    "node": one.node,
+                    "level": str(one.level),
+                    "difficulty": one.difficulty,
+                    "tension": one.tension,
+                    "ruled_by": list(one.ruled_by),
+                }
+                for one in self.nodes.values()
+            ],
+            "observables": [
+                {
+                    "observable": one.observable,
+                    "difficulty": one.difficulty,
+                    "ruled_by": list(one.ruled_by),
+                    "margin": one.margin,
+                    "factors": [
+                        {"factor": row.factor, "value": row.value, "unit": row.unit, "rating": row.rating} for row in one.ratings
+                    ],
+                }
+                for one in self.observables.values()
+            ],
+        }
+
+    def _ruler(self, node: NodeDifficulty) -> str:
+        factors = dict.fromkeys(factor for one in node.ruled_by for factor in self.observables[one].ruled_by)
+        if node.level is Level.OBSERVABLE:
+            return ", ".join(factors)
+        return f"{', '.join(node.ruled_by)}: {', '.join(factors)}"
+
+
+def difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
+    """Difficulty of every node for key factor values by name, in the units of `bench.simspec.FACTORS`.
+
+    Raises SetupError, naming every key factor that has no value here and the observables that need it.
+    """
+    _make_sure_of(decomposition, values)
+    observables = {one: _of_observable(decomposition, one, values) for one in decomposition.observables}
+    return Difficulty(
+        decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
+    )
+
+
+def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
+    """Difficulty of every node in the situation that a SimSpec configures. Raises as `difficulty` does."""
+    return difficulty(decomposition, factor_values(simspec))
+
+
+def _of_observable(decomposition: Decomposition, observable: str, values: Mapping[str, float]) -> ObservableDifficulty:
+    policies = decomposition.policies
+    rows = [
+        FactorRating(row.factor, values[row.factor], row.unit, rate(row, values[row.factor], policies))
+        for row in decomposition.key_factors(observable)
+    ]
+    ratings = [row.rating for row in rows]
+    found = min(ratings) if policies.factor_rule == "minimum" else math.fsum(ratings) / len(ratings)
+    return ObservableDifficulty(observable, found, tuple(sorted(rows, key=lambda row: row.rating)))
+
+
+def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]) -> NodeDifficulty:
+    under = decomposition.observables_under(node)
+    lowest = min(observables[one].difficulty for one in under)
+    ruling = tuple(one for one in under if observables[one].difficulty == lowest)
+    return NodeDifficulty(node, decomposition.level_of(node), lowest, ruling)
+
+
+def _make_sure_of(decomposition: Decomposition, values: Mapping[str, float]) -> None:
+    needing: dict[str, list[str]] = {}
+    for one in decomposition.observables:
+        for row in decomposition.key_factors(one):
+            if row.factor not in values or not math.isfinite(values[row.factor]):
+                needing.setdefault(row.factor, []).append(one)
+    if needing:
+        raise SetupError([_missing(decomposition, factor, ones) for factor, ones in needing.items()])
+
+
+def _missing(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
+    known = FACTORS.get(factor)
+    about = f"it is: {known.text} Give the SimSpec what it speaks of" if known else "no SimSpec has it; correct the table"
+    return Fault(
+        f"difficulty of {decomposition.name}: {', '.join(observables)}",
+        f"the key factor {factor!r} has no value in this situation",
+        about,
+    )
+
+
+def _told(one: ObservableDifficulty) -> str:
+    if not one.ruled_by:
+        return f"{one.observable} has the mean of its {len(one.ratings)} ratings."
+    rulers = " and ".join(f"{row.factor} = {row.value:g} {row.unit}" for row in one.ratings if row.rating == one.difficulty)
+    following = next((row for row in one.ratings if row.rating > one.difficulty), None)
+    rest = f"; next is {following.factor}, {one.margin:g} points above" if following else ""
+    return f"{one.observable} is ruled by {rulers}{rest}."

@@ -1,0 +1,142 @@
+"""The score table: one row for each realization and node, from which every mean, figure and report is made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from bench.contracts import Observation, Outcome
+from decompositions import Decomposition
+
+from ._configuration import configuration_of
+from ._difficulty import Difficulty
+from ._plan import Plan, plan_of
+from ._scores import Measured, Scores, difficulty_column, measured_column, score_runs
+
+SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
+    "realization": pl.String,
+    "design_point": pl.String,
+    "replicate": pl.Int64,
+    "agent": pl.String,
+    "configuration": pl.String,
+    "node": pl.String,
+    "level": pl.String,
+    "difficulty": pl.Float64,
+    "score": pl.Float64,
+    "confidence": pl.Float64,
+    "achieved": pl.Int64,
+    "considered": pl.Int64,
+    "x": pl.Float64,
+    "outcome": pl.String,
+    "passed_score": pl.Float64,
+}
+"""Columns of the score table. Null in `score` is "not scored", in `confidence` and `passed_score` "not considered", in `x`
+"no observable, or not considered". `achieved` and `considered` count distinct descendant observables. `passed_score` is the
+score that the node would have had, had every failed observable passed with x at its threshold."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredRun:
+    """One realization as scoring takes it: which it was, how it ended, how hard it was, and what was observed."""
+
+    realization: str
+    design_point: str
+    replicate: int
+    agent: str
+    outcome: Outcome
+    difficulty: Difficulty
+    observations: tuple[Observation, ...]
+
+
+def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
+    """Score runs into a frame with the columns SCORE_COLUMNS, in the order of the runs and of the decomposition.
+
+    A run whose outcome the agent does not answer for (a fault of the bench) has its rows, with nothing considered in them.
+    `study` names the key attributes that make difficulty configurations. Raises ValueError for a realization that comes
+    twice, and as `score_run` does; SetupError for a study of something else than key attributes.
+    """
+    plan = plan_of(decomposition)
+    if not runs:
+        return pl.DataFrame(schema=SCORE_COLUMNS)
+    _each_once(runs)
+    measured = _measured(plan, runs)
+    scores = score_runs(plan, measured)
+    of_run = np.repeat(np.arange(len(runs)), len(plan.nodes))
+    of_node = np.tile(np.arange(len(plan.nodes)), len(runs))
+    considered = _rows(scores.considered)
+    return pl.DataFrame(
+        {
+            "realization": _gather([run.realization for run in runs], of_run),
+            "design_point": _gather([run.design_point for run in runs], of_run),
+            "replicate": np.array([run.replicate for run in runs], dtype=np.int64)[of_run],
+            "agent": _gather([run.agent for run in runs], of_run),
+            "configuration": _gather(_configurations(decomposition, runs, study), of_run),
+            "node": _gather(list(plan.nodes), of_node),
+            "level": _gather([str(decomposition.level_of(node)) for node in plan.nodes], of_node),
+            "difficulty": _rows(scores.difficulty),
+            "score": _where(scores.score, scores.scored),
+            "confidence": _where(scores.confidence, scores.considered > 0),
+            "achieved": _rows(scores.achieved),
+            "considered": considered,
+            "x": _x(plan, measured, scores),
+            "outcome": _gather([str(run.outcome) for run in runs], of_run),
+            "passed_score": _where(scores.passed_score, scores.considered > 0),
+        },
+        schema=SCORE_COLUMNS,
+    )
+
+
+def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int:
+    """How many (run, observable) pairs have no observation among the runs that count; such a pair is not considered."""
+    counted = [run for run in runs if run.outcome.counts]
+    return sum(len(set(decomposition.observables) - {one.observable for one in run.observations}) for run in counted)
+
+
+def _each_once(runs: Sequence[ScoredRun]) -> None:
+    seen: set[str] = set()
+    for run in runs:
+        if run.realization in seen:
+            raise ValueError(f"the realization {run.realization!r} comes twice")
+        seen.add(run.realization)
+
+
+def _measured(plan: Plan, runs: Sequence[ScoredRun]) -> Measured:
+    columns = [measured_column(plan, run.observations if run.outcome.counts else ()) for run in runs]
+    return Measured(
+        difficulty=np.stack([difficulty_column(plan, run.difficulty) for run in runs], axis=1),
+        x=np.stack([x for x, _ in columns], axis=1),
+        considered=np.stack([considered for _, considered in columns], axis=1),
+    )
+
+
+def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str]) -> list[str]:
+    """Replicates and agents share their difficulty object more often than not; each is written once."""
+    known: dict[int, str] = {}
+    for run in runs:
+        if id(run.difficulty) not in known:
+            known[id(run.difficulty)] = configuration_of(decomposition, run.difficulty, study)
+    return [known[id(run.difficulty)] for run in runs]
+
+
+def _x(plan: Plan, measured: Measured, scores: Scores) -> pl.Series:
+    x, known = np.zeros_like(scores.score), np.zeros_like(scores.scored)
+    x[plan.leaf_rows], known[plan.leaf_rows] = measured.x, measured.considered
+    return _where(x, known)
+
+
+def _rows(array: np.ndarray) -> np.ndarray:
+    """(nodes, runs) as one column, run by run."""
+    return array.T.ravel()
+
+
+def _where(values: np.ndarray, known: np.ndarray) -> pl.Series:
+    """One column with null where nothing is known."""
+    column = pl.DataFrame({"value": _rows(values), "known": _rows(known)})
+    return column.select(pl.when("known").then("value")).to_series()
+
+
+def _gather(texts: list[str], index: np.ndarray) -> pl.Series:
+    return pl.Series(texts, dtype=pl.String).gather(index)
