@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import made_run
@@ -14,6 +16,7 @@ from bench.errors import SetupError
 from bench.simspec import SimSpec
 from test_ports import check_options, measure_all
 from test_ports.measures import (
+    Finding,
     Measured,
     bystanders_declared,
     classified_share,
@@ -347,3 +350,26 @@ def test_a_simspec_without_places_cannot_be_measured() -> None:
     base = simspec().model_copy(update={"realized": None})
     with pytest.raises(ValueError, match="realized"):
         found(targets_reported, tape(simspec()), base)
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "measures.md").read_text()
+
+
+def test_the_page_names_every_option_with_its_default() -> None:
+    """docs/measures.md says of each measure which options it has and what they are when left out."""
+    rows = {row.split("`")[1]: row for row in PAGE.splitlines() if row.startswith("| `")}
+    assert set(rows) == {measure.name for measure in MEASURES}
+    for measure in MEASURES:
+        for field in fields(measure.options):
+            default = "" if field.default is MISSING else f" ({field.default:g})" if field.default != "" else ' ("")'
+            assert f"`{field.name.rstrip('_')}`{default}" in rows[measure.name]
+
+
+def test_the_measure_on_the_page_works() -> None:
+    """The example that an outside package would start from measures what it says."""
+    code = PAGE.split("```python\n")[1].split("```")[0]
+    names: dict[str, Any] = {"dataclass": dataclass, "Finding": Finding, "Measured": Measured, "Tape": Tape, "SimSpec": SimSpec}
+    exec(compile(code, "measures.md", "exec"), names)
+    run, spec = tape(simspec()), simspec(mission={"altitude_m": 62.0})
+    assert found(names["height_kept"], run, spec).x == 1.0
+    assert found(names["height_kept"], run, spec, tolerance_m=1.0).x == 0.0
