@@ -1,0 +1,95 @@
+"""The pinhole camera against geometry done by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scene_situations import hovering
+
+from bench.simspec import Camera
+from bench.simulation import PinholeCamera
+
+FOCAL_PX = 640.0 / math.tan(math.radians(35.0))
+
+
+def camera(tilt_deg: float, stabilized: bool = True) -> PinholeCamera:
+    return PinholeCamera.of(Camera(tilt_deg=tilt_deg, stabilized=stabilized))
+
+
+def test_what_lies_below_a_nadir_camera_is_in_the_middle() -> None:
+    """Looking straight down, the place below is the middle, ahead is up, and the right hand is right."""
+    below, ahead, right = camera(90.0).project(np.array([[5, 7, 0], [5, 17, 0], [15, 7, 0]], float), hovering(5, 7, 60))
+
+    assert below == pytest.approx([640.0, 360.0])
+    assert ahead == pytest.approx([640.0, 360.0 - FOCAL_PX * 10 / 60])
+    assert right == pytest.approx([640.0 + FOCAL_PX * 10 / 60, 360.0])
+
+
+@pytest.mark.parametrize("tilt_deg", [10.0, 45.0, 60.0, 85.0])
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.0, math.pi, 5.0])
+def test_the_axis_meets_the_ground_where_the_tilt_says(tilt_deg: float, yaw_rad: float) -> None:
+    """The ground point ahead at height / tan(tilt) is the middle of the picture, whatever the heading."""
+    ahead_m = 40.0 / math.tan(math.radians(tilt_deg))
+    point = np.array([3.0 + ahead_m * math.sin(yaw_rad), -4.0 + ahead_m * math.cos(yaw_rad), 0.0])
+
+    assert camera(tilt_deg).project(point, hovering(3, -4, 40, yaw_rad)) == pytest.approx([640.0, 360.0])
+
+
+def test_the_horizontal_field_of_view_is_the_width() -> None:
+    """A point 35 degrees to the right of a level camera with 70 degrees lies on the right edge."""
+    point = np.array([10 * math.tan(math.radians(35.0)), 10.0, 2.0])
+
+    assert camera(0.0).project(point, hovering(0, 0, 2)) == pytest.approx([1280.0, 360.0])
+
+
+def test_what_is_behind_has_no_pixel() -> None:
+    """Points behind the camera project to NaN rather than mirrored into the picture."""
+    assert np.isnan(camera(0.0).project(np.array([0.0, -10.0, 2.0]), hovering(0, 0, 2))).all()
+
+
+def test_a_fixed_camera_turns_with_the_body_and_a_stabilized_one_does_not() -> None:
+    """Nose up by d is d less tilt; banking right by d swings a nadir camera left, so what is below moves right."""
+    point = np.array([2.0, 30.0, 0.0])
+    level = camera(35.0).project(point, hovering(0, 0, 40))
+
+    assert camera(45.0, stabilized=False).project(point, hovering(0, 0, 40, pitch_rad=math.radians(10))) == pytest.approx(level)
+    assert camera(35.0).project(point, hovering(0, 0, 40, roll_rad=0.3, pitch_rad=-0.2)) == pytest.approx(level)
+    banked = camera(90.0, stabilized=False).project(np.zeros(3), hovering(0, 0, 40, roll_rad=0.1))
+    assert banked == pytest.approx([640.0 + FOCAL_PX * math.tan(0.1), 360.0])
+
+
+def test_axes_are_a_right_handed_rotation_at_any_attitude() -> None:
+    """Rows of axes_enu are orthonormal with right x down = forward."""
+    axes = camera(30.0, stabilized=False).axes_enu(hovering(0, 0, 0, 2.0, 0.7, -0.4))
+
+    assert axes @ axes.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 60.0, 90.0])
+def test_the_mount_is_the_rotation_that_the_projection_uses(tilt_deg: float) -> None:
+    """Facing east, base_link axes are ENU; the quaternion's matrix then has the camera's axes as columns."""
+    one = camera(tilt_deg)
+    x, y, z, w = one.mount_quaternion()
+    matrix = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+    assert math.hypot(x, y, z, w) == pytest.approx(1.0)
+    assert one.axes_enu(hovering(0, 0, 10, math.pi / 2)) == pytest.approx(matrix.T, abs=1e-12)
+
+
+def test_camera_info_states_the_intrinsics_that_project() -> None:
+    """K maps camera coordinates to the pixels that project() gives."""
+    one = camera(90.0)
+    info = one.camera_info()
+    u, v, w = np.array(info.k).reshape(3, 3) @ np.array([3.0, -2.0, 50.0])
+
+    assert (u / w, v / w) == pytest.approx(tuple(one.project(np.array([3.0, 2.0, 0.0]), hovering(0, 0, 50))))
+    assert (info.width, info.height, len(info.p)) == (1280, 720, 12)
