@@ -18,7 +18,7 @@ from bench.contracts import CastMember, Detection, DetectionFrame, Detector, Fra
 from bench.simspec import ASSETS, DetectionModel, SimSpec, generator, sun_of
 
 THRESHOLD_CONTRAST = 0.02
-"""Apparent contrast below which nothing is seen at any size (Koschmieder)."""
+"""Apparent contrast below which nothing is seen at any size: the meteorological range ends there."""
 
 DAY_SUN_RAD = math.radians(6.0)
 NIGHT_SUN_RAD = math.radians(-6.0)

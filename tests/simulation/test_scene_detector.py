@@ -144,7 +144,7 @@ def test_without_correlation_frames_are_independent() -> None:
 
 
 def test_the_formula_at_its_landmarks() -> None:
-    """Half the ceiling at half_height_px, the ceiling for giants, nothing past the meteorological range."""
+    """Half the ceiling at half_height_px, the ceiling for giants, nothing past the meteorological range (contrast threshold 0.02)."""
     odds = DetectionOdds.of(spec(fog=9.0, mislabel=0.3))
     clear = DetectionOdds.of(spec(mislabel=0.3))
     visibility_m = -math.log(0.02) / (0.00012 * 81.0)
