@@ -1,1 +1,22 @@
-"""Not written yet."""
+"""The report: what a campaign left on disk, as one HTML file that works offline, and the same scores for the terminal.
+
+from bench.reporting import write_report
+print(write_report(Path("out/demo")))
+"""
+
+from __future__ import annotations
+
+from ._data import ReportData as ReportData
+from ._data import load_report_data as load_report_data
+from ._figures import configuration_figure as configuration_figure
+from ._figures import map_figure as map_figure
+from ._figures import pairs_figure as pairs_figure
+from ._map import RunMap as RunMap
+from ._map import choose_runs as choose_runs
+from ._map import draw_map as draw_map
+from ._page import render_report as render_report
+from ._page import write_report as write_report
+from ._pairs import Pairing as Pairing
+from ._pairs import pair_agents as pair_agents
+from ._terminal import score_lines as score_lines
+from ._terminal import score_table as score_table

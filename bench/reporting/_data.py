@@ -1,0 +1,348 @@
+"""What a campaign left on disk, as the report needs it: read once, frozen, nothing drawn yet.
+
+Whatever is missing or damaged becomes a note in the report; only a folder that is no campaign at all is an error.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from bench.contracts import Outcome, SessionResult, parse_document
+from bench.documents import parse_text, read_text
+from bench.errors import Fault, SetupError
+from bench.scoring import SCORE_COLUMNS, summary_frame, tension
+from bench.simspec import FACTORS, SimSpec, factor_values
+from decompositions import Decomposition, load_decomposition
+
+ALL = "all"
+LEVELS = ("principle", "ka", "vab", "observable")
+REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)$")
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One realization: what it was, how it ended, and where its recording lies (None when there is none)."""
+
+    realization: str
+    design_point: str
+    replicate: int
+    agent: str
+    configuration: str | None
+    outcome: Outcome | None
+    reason: str = ""
+    simulated_s: float = 0.0
+    cpu_s: float = 0.0
+    recording: Path | None = None
+    recording_sha256: str | None = None
+
+    @property
+    def scene(self) -> tuple[str, int]:
+        """Runs of different agents with the same scene can be compared one to one."""
+        return (self.design_point, self.replicate)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One node of the decomposition, as far as it is known; without the document only its id is."""
+
+    id: str
+    level: str
+    title: str
+    asks: str = ""
+    children: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """One node of one agent over one configuration (or all): the means and the counts beside them.
+
+    `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its threshold.
+    """
+
+    agent: str
+    configuration: str
+    node: str
+    level: str
+    runs: int
+    considered: int
+    scored: int
+    score: float | None
+    passed_score: float | None
+    raised: bool
+    confidence: float | None
+    confidence_low: float | None
+    confidence_high: float | None
+    difficulty_low: float | None
+    difficulty_high: float | None
+    method: str = ""
+
+
+Tallies = dict[tuple[str, str, str], Tally]
+"""By agent, configuration and node."""
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """A difficulty configuration: its label here, its key, and the studied nodes' difficulties."""
+
+    label: str
+    key: str
+    difficulty: Mapping[str, float]
+    runs: Mapping[str, int]
+    factors: Mapping[str, tuple[float, ...]]
+
+    @property
+    def n(self) -> int:
+        """Runs of all agents in this configuration."""
+        return sum(self.runs.values())
+
+    @property
+    def tension(self) -> int:
+        """1 to 5, from the lowest of the studied difficulties."""
+        return tension(min(self.difficulty.values(), default=0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """Everything that the report says, before it is put into words, tables and figures."""
+
+    name: str
+    description: str
+    study: tuple[str, ...]
+    agents: tuple[str, ...]
+    runs: tuple[Run, ...]
+    nodes: Mapping[str, Node]
+    roots: tuple[str, ...]
+    scores: pl.DataFrame
+    tallies: Mapping[tuple[str, str, str], Tally]
+    configurations: tuple[Configuration, ...]
+    simspecs: Mapping[str, SimSpec]
+    campaign: Mapping[str, Any]
+    decomposition: str
+    decomposition_sha256: str | None
+    manifest: Mapping[str, Any]
+    notes: tuple[str, ...] = field(default=())
+
+    def tally(self, agent: str, node: str, configuration: str = ALL) -> Tally | None:
+        """Means and counts, or None when the node has no row at all there."""
+        return self.tallies.get((agent, configuration, node))
+
+    def title(self, node: str) -> str:
+        """The node's title, or its id when the decomposition is not at hand."""
+        return self.nodes[node].title if node in self.nodes else node
+
+
+def load_report_data(folder: Path) -> ReportData:
+    """Read a campaign folder. Raises SetupError when `folder` holds no campaign."""
+    if not (folder / "campaign.yaml").is_file():
+        raise SetupError(Fault(str(folder), "holds no campaign.yaml", "give the folder that `rebar run` wrote"))
+    notes: list[str] = []
+    campaign = _mapping(parse_text(read_text(folder / "campaign.yaml"), str(folder / "campaign.yaml"))[0])
+    document = _decomposition(folder, str(campaign.get("decomposition", "")), notes)
+    scores = _scores(folder, notes)
+    simspecs = _simspecs(folder)
+    runs = _runs(folder, scores, simspecs, notes)
+    nodes, roots = _nodes(document, scores)
+    study = _study(campaign, document, nodes)
+    agents = _agents(campaign, runs)
+    return ReportData(
+        name=str(campaign.get("name", folder.name)),
+        description=str(campaign.get("description") or ""),
+        study=study,
+        agents=agents,
+        runs=runs,
+        nodes=nodes,
+        roots=roots,
+        scores=scores,
+        tallies=tallies_of(summary_frame(scores, document)),
+        configurations=_configurations(scores, study, agents, simspecs),
+        simspecs=simspecs,
+        campaign=campaign,
+        decomposition=str(campaign.get("decomposition", "")),
+        decomposition_sha256=document.digest if document is not None else None,
+        manifest=_manifest(folder, notes),
+        notes=tuple(notes),
+    )
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    return dict(value) if isinstance(value, Mapping) else {}
+
+
+def _decomposition(folder: Path, named: str, notes: list[str]) -> Decomposition | None:
+    """By name, or by a path that may be relative to the campaign's folder."""
+    try:
+        return load_decomposition(str(folder / named) if (folder / named).is_file() else named)
+    except SetupError as error:
+        what = "; ".join(fault.what for fault in error.faults)
+        notes.append(f"The decomposition {named!r} could not be read, so nodes stand here without titles: {what}.")
+        return None
+
+
+def _scores(folder: Path, notes: list[str]) -> pl.DataFrame:
+    path = folder / "scores.parquet"
+    if not path.is_file():
+        notes.append(f"There is no scores.parquet: nothing has been scored yet. `rebar score {folder.name}` makes it.")
+        return _NO_SCORES
+    try:
+        frame = pl.read_parquet(path)
+    except (OSError, pl.exceptions.PolarsError) as error:
+        notes.append(f"scores.parquet could not be read ({error}). `rebar score {folder.name}` makes it anew.")
+        return _NO_SCORES
+    if missing := sorted(set(SCORE_COLUMNS) - set(frame.columns)):
+        notes.append(f"scores.parquet lacks the columns {', '.join(missing)}. `rebar score {folder.name}` makes it anew.")
+        return _NO_SCORES
+    return frame.sort("realization", "node", maintain_order=True)
+
+
+_NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
+
+
+def _simspecs(folder: Path) -> dict[str, SimSpec]:
+    found: dict[str, SimSpec] = {}
+    for path in sorted((folder / "simspecs").glob("*.json")):
+        if (simspec := parse_document(SimSpec, path.read_bytes())) is not None:
+            found[path.stem] = simspec
+    return found
+
+
+def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], notes: list[str]) -> tuple[Run, ...]:
+    """Every realization that anything on disk speaks of, in the order of their ids."""
+    scored = {row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)}
+    folders = {path.name for path in (folder / "runs").iterdir() if path.is_dir()} if (folder / "runs").is_dir() else set()
+    names = sorted({*scored, *simspecs, *folders})
+    results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
+    return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name)) for name in names)
+
+
+def _result(path: Path, notes: list[str]) -> SessionResult | None:
+    if not path.is_file():
+        return None
+    result = parse_document(SessionResult, path.read_bytes())
+    if result is None:
+        notes.append(f"runs/{path.parent.name}/result.json is damaged; the run is shown as not finished.")
+    return result
+
+
+def _run(folder: Path, name: str, result: SessionResult | None, row: Mapping[str, Any], simspec: SimSpec | None) -> Run:
+    parts = REALIZATION_ID.match(name)
+    recording = folder / "runs" / name / "recording.mcap"
+    agent = row.get("agent") or (simspec.agent.label if simspec else parts["agent"] if parts else "unknown")
+    return Run(
+        realization=name,
+        design_point=str(row.get("design_point") or (parts["point"] if parts else name)),
+        replicate=int(row.get("replicate") or (parts["replicate"] if parts else 0)),
+        agent=str(agent),
+        configuration=row.get("configuration"),
+        outcome=result.outcome if result else None,
+        reason=result.reason if result else "",
+        simulated_s=result.simulated_s if result else 0.0,
+        cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
+        recording=recording if recording.is_file() else None,
+        recording_sha256=result.recording_sha256 if result else None,
+    )
+
+
+def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]:
+    """In the order in which the campaign names them; what flew without being named comes last."""
+    flown = {run.agent for run in runs}
+    stated = [str(_mapping(one).get("manifest", "")) for one in campaign.get("agents") or ()]
+    named = [Path(one).stem for one in stated if one]
+    ordered = [name for name in dict.fromkeys(named) if name in flown or not flown]
+    return (*ordered, *sorted(flown - set(ordered)))
+
+
+def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[str, Node], tuple[str, ...]]:
+    """The decomposition's nodes and those without parents; bare ids of what was scored where the document is not at hand."""
+    if document is not None:
+        nodes = {one.id: Node(one.id, str(one.level), one.title, one.asks, one.children) for one in document.nodes.values()}
+        return nodes, tuple(name for name in nodes if not document.parents[name])
+    rows = scores.unique(["node", "level"]).sort("node").select("node", "level").iter_rows()
+    bare = {name: Node(name, level, name) for name, level in sorted(rows, key=lambda row: (LEVELS.index(row[1]), row[0]))}
+    return bare, tuple(bare)
+
+
+def _study(campaign: Mapping[str, Any], document: Decomposition | None, nodes: Mapping[str, Node]) -> tuple[str, ...]:
+    """What the campaign studies; else what the decomposition does; else every key attribute."""
+    stated = campaign.get("study")
+    if isinstance(stated, list) and stated:
+        return tuple(map(str, stated))
+    return document.study if document is not None else tuple(node.id for node in nodes.values() if node.level == "ka")
+
+
+def _configurations(
+    scores: pl.DataFrame, study: Sequence[str], agents: Sequence[str], simspecs: Mapping[str, SimSpec]
+) -> tuple[Configuration, ...]:
+    """Easiest first: by the lowest studied difficulty, then by all of them."""
+    keyed = scores.filter(pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(_FAULTS_OF_THE_BENCH))
+    varied = _varied_factors(simspecs)
+    found = []
+    for (key,), rows in sorted(keyed.group_by("configuration"), key=lambda pair: str(pair[0][0])):
+        rated = dict(rows.filter(pl.col("node").is_in(study)).select("node", "difficulty").drop_nulls().iter_rows())
+        difficulty = {node: float(rated[node]) for node in study if node in rated}
+        counted = rows.unique("realization")
+        runs = {agent: counted.filter(pl.col("agent") == agent).height for agent in agents}
+        levels = {
+            name: tuple(sorted({values[one] for one in counted["realization"] if one in values}))
+            for name, values in varied.items()
+        }
+        found.append(Configuration("", str(key), difficulty, runs, levels))
+    found.sort(key=lambda one: (min(one.difficulty.values(), default=0.0), sum(one.difficulty.values()), one.key))
+    return tuple(
+        Configuration(f"C{place}", one.key, one.difficulty, one.runs, one.factors) for place, one in enumerate(found, start=1)
+    )
+
+
+_FAULTS_OF_THE_BENCH = [str(one) for one in Outcome if not one.counts]
+
+
+def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, float]]:
+    """For each key factor that is not the same everywhere: its value in every realization."""
+    values = {name: factor_values(simspec) for name, simspec in simspecs.items()}
+    columns = {factor: {name: row[factor] for name, row in values.items() if factor in row} for factor in FACTORS}
+    return {factor: column for factor, column in columns.items() if len(set(column.values())) > 1}
+
+
+def _manifest(folder: Path, notes: list[str]) -> dict[str, Any]:
+    path = folder / "manifest.json"
+    if not path.is_file():
+        notes.append("There is no manifest.json: digests and versions are not on record.")
+        return {}
+    try:
+        return _mapping(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        notes.append("manifest.json is damaged: digests and versions are not on record.")
+        return {}
+
+
+def tallies_of(summary: pl.DataFrame) -> Tallies:
+    """Rows of a summary frame (columns SUMMARY_COLUMNS of bench.scoring) by agent, configuration and node."""
+    return {(row["agent"], row["configuration"], row["node"]): _tally(row) for row in summary.iter_rows(named=True)}
+
+
+def _tally(row: Mapping[str, Any]) -> Tally:
+    return Tally(
+        agent=row["agent"],
+        configuration=row["configuration"],
+        node=row["node"],
+        level=row["level"],
+        runs=row["runs"],
+        considered=row["considered"],
+        scored=row["scored"],
+        score=row["score_mean"],
+        passed_score=row["passed_score_mean"],
+        raised=bool(row["raised_by_failure"]),
+        confidence=row["confidence_mean"],
+        confidence_low=row["confidence_low"],
+        confidence_high=row["confidence_high"],
+        difficulty_low=row["difficulty_low"],
+        difficulty_high=row["difficulty_high"],
+        method=row["method"],
+    )

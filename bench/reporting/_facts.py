@@ -1,0 +1,143 @@
+"""What was run, in the words of its own documents: situation, factors, provenance."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.simspec import FACTORS, ActorGroup, SimSpec
+
+from ._data import Configuration, ReportData
+from ._words import listed, plural
+
+SHOWN_VALUES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One line of what was run; `varied` when it is not the same in every run."""
+
+    name: str
+    text: str
+    varied: bool = False
+
+
+_SITUATION: tuple[tuple[str, Callable[[SimSpec], str]], ...] = (
+    ("Area of interest", lambda s: f"{s.world.area.area_m2 / 1e6:.3g} km²"),
+    ("Start", lambda s: f"{s.environment.start_utc:%Y-%m-%d %H:%M} UTC"),
+    ("Fog level", lambda s: f"{s.environment.fog_level:g}"),
+    ("Rain level", lambda s: f"{s.environment.rain_level:g}"),
+    ("Wind", lambda s: f"{s.environment.wind.speed_mps:g} m/s, gusts scaled by {s.environment.wind.turbulence_mps:g} m/s"),
+    ("Vehicle", lambda s: f"{s.vehicle.model} with {s.vehicle.autopilot}"),
+    (
+        "Mission",
+        lambda s: f"{s.mission.altitude_m:g} m high at {s.mission.speed_mps:g} m/s, at most {s.mission.time_limit_s:g} s",
+    ),
+    ("No-mark distance", lambda s: f"{s.rules.no_mark_within_m:g} m"),
+    ("Perception", lambda s: f"{s.perception.source}, {s.perception.mode}"),
+    ("Pace", lambda s: s.pace.mode),
+)
+
+
+def describe(data: ReportData) -> list[Fact]:
+    """The campaign and its situation, line by line."""
+    simulated_s = sum(run.simulated_s for run in data.runs)
+    cpu_s = sum(run.cpu_s for run in data.runs)
+    facts = [
+        Fact("Sessions", f"{len(data.runs)}, {simulated_s:.0f} simulated seconds, {cpu_s:.0f} CPU seconds of this machine"),
+        Fact("Agents", listed(data.agents) or "none"),
+        Fact("Under study", ", ".join(data.study) or "nothing"),
+    ]
+    specs = list(data.simspecs.values())
+    if not specs:
+        return [*facts, Fact("Situation", "no SimSpec is here")]
+    facts += [_over(name, [read(spec) for spec in specs]) for name, read in _SITUATION]
+    groups = {group.id: None for spec in specs for group in spec.actors}
+    facts += [_over(f"Actors: {one}", [_group(spec, one) for spec in specs]) for one in groups]
+    return [*facts, _over("Intelligence", [_intelligence(spec) for spec in specs])]
+
+
+def _over(name: str, texts: Sequence[str]) -> Fact:
+    different = sorted(set(texts), key=_natural)
+    more = f" · and {len(different) - SHOWN_VALUES} more" if len(different) > SHOWN_VALUES else ""
+    return Fact(name, " · ".join(different[:SHOWN_VALUES]) + more, len(different) > 1)
+
+
+def _natural(text: str) -> tuple[float, str]:
+    head = text.split(" ", 1)[0]
+    try:
+        return (float(head), text)
+    except ValueError:
+        return (0.0, text)
+
+
+def _group(simspec: SimSpec, name: str) -> str:
+    found = next((group for group in simspec.actors if group.id == name), None)
+    return "none" if found is None else _group_text(found, simspec.world.area.area_m2)
+
+
+def _group_text(group: ActorGroup, area_m2: float) -> str:
+    stated = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
+    text = f"{group.members(area_m2)} {group.asset}{stated}, {group.role.value}"
+    if group.placement.mean_distance:
+        text += f", {group.placement.mean_distance.mean_m:g} m from {group.placement.mean_distance.of} in the mean"
+    if group.placement.near:
+        text += f", {group.placement.near.min_m:g} to {group.placement.near.max_m:g} m from {group.placement.near.of}"
+    return text + (f", concealment {group.concealment:g}" if group.concealment else "")
+
+
+def _intelligence(simspec: SimSpec) -> str:
+    said = [f"{one.id}: priority {one.priority}, within {one.uncertainty_m:g} m" for one in simspec.intelligence]
+    return "; ".join(said) or "none"
+
+
+def factor_rows(data: ReportData) -> list[dict[str, str]]:
+    """The factors of the design, as the campaign states them."""
+    design = data.campaign.get("design")
+    stated = design.get("factors") if isinstance(design, Mapping) else None
+    return [_factor(one) for one in stated if isinstance(one, Mapping)] if isinstance(stated, list) else []
+
+
+def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
+    levels, span, sets = stated.get("levels"), stated.get("range"), stated.get("sets")
+    if isinstance(levels, Mapping | list | tuple):
+        text = ", ".join(str(one) for one in levels)
+    else:
+        text = f"{span.get('low')} to {span.get('high')}" if isinstance(span, Mapping) else "–"
+    unit = f" {stated['unit']}" if stated.get("unit") else ""
+    paths = [sets] if isinstance(sets, str) else sets if isinstance(sets, list) else []
+    return {"name": str(stated.get("name", "")), "levels": text + unit, "sets": ", ".join(map(str, paths)) or "several fields"}
+
+
+def factor_levels(configuration: Configuration) -> str:
+    """The varied key factors of the situations that make up a configuration, and its runs by agent."""
+    factors = [
+        f"{name.replace('_', ' ').removesuffix(' m').removesuffix(' per km2')} "
+        f"{', '.join(f'{value:g}' for value in values)}{_unit(name)}"
+        for name, values in configuration.factors.items()
+        if values
+    ]
+    runs = [f"{agent} {count}" for agent, count in configuration.runs.items() if count]
+    return " · ".join([*factors, f"runs: {', '.join(runs)}"])
+
+
+def _unit(factor: str) -> str:
+    unit = FACTORS[factor].unit
+    return "" if unit in ("1", "level") else f" {unit.replace('1/km2', 'per km²')}"
+
+
+def provenance_of(data: ReportData) -> list[Fact]:
+    """Where the numbers come from: digest of the decomposition and the scores, seeds."""
+    design = data.campaign.get("design")
+    seed = design.get("seed") if isinstance(design, Mapping) else None
+    digest = hashlib.sha256(data.scores.write_csv().encode()).hexdigest()
+    return [
+        Fact("Decomposition", data.decomposition or "not stated"),
+        Fact("SHA-256 of the decomposition", data.decomposition_sha256 or "not known"),
+        Fact("Seed of the design", "not stated" if seed is None else str(seed)),
+        Fact("Rows of the score table", str(data.scores.height)),
+        Fact("SHA-256 of the score table as CSV", digest),
+        Fact("Recordings here", f"{sum(run.recording is not None for run in data.runs)} of {plural(len(data.runs), 'run')}"),
+    ]

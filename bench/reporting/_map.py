@@ -1,0 +1,209 @@
+"""What happened on the ground in one run, thinned out for drawing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from bench.contracts import At, Decision, Outcome, Tape, TargetReport
+from bench.simspec import Role, SimSpec
+
+from ._data import ReportData, Run
+
+Track = tuple[tuple[float, float], ...]
+TRAJECTORY_HZ = 2.0
+PATH_TOLERANCE_M = 0.5
+MEANT_WITHIN_M = 40.0  # a report further from every adversary of its class than this is taken at its own place
+
+
+@dataclass(frozen=True, slots=True)
+class MapActor:
+    """One actor: where it started, and the corners of the way it went (one corner when it stood still)."""
+
+    id: str
+    role: Role
+    class_label: str
+    path_enu_m: Track
+
+
+@dataclass(frozen=True, slots=True)
+class MapReport:
+    """One report of the agent, with what the truth says about its moment.
+
+    `target_enu_m` is the adversary that is meant (the nearest of that class within 40 m), else the reported place.
+    """
+
+    time_s: float
+    class_label: str
+    east_m: float
+    north_m: float
+    mark: bool
+    confidence: float
+    bystanders_seen: int | None
+    reason: str
+    target: str | None
+    target_enu_m: tuple[float, float]
+    bystanders_enu_m: Track
+    nearest_bystander_m: float | None
+    forbidden: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RunMap:
+    """One run as the map shows it; east and north metres in the world's frame, seconds of simulated time."""
+
+    run: Run
+    area_enu_m: Track
+    home_enu_m: tuple[float, float]
+    no_mark_within_m: float
+    circles: tuple[tuple[str, float, float, float, int], ...]  # id, east_m, north_m, radius_m, priority
+    actors: tuple[MapActor, ...]
+    flight: tuple[tuple[float, float, float, float], ...]  # time_s, east_m, north_m, height_m
+    reports: tuple[MapReport, ...]
+    decisions: tuple[tuple[float, str, str, str], ...]  # time_s, action, subject, reason
+
+
+def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
+    """The run's map from its truth and from what the agent said."""
+    corners = tuple((corner.east_m, corner.north_m) for corner in simspec.world.area.corners)
+    reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
+    placed = simspec.realized.reports if simspec.realized else ()
+    return RunMap(
+        run=run,
+        area_enu_m=(*corners, corners[0]),
+        home_enu_m=(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
+        no_mark_within_m=simspec.rules.no_mark_within_m,
+        circles=tuple((one.id, one.east_m, one.north_m, *reported.get(one.id, (0.0, 0))) for one in placed),
+        actors=_actors(tape),
+        flight=_flight(tape),
+        reports=tuple(_report(one, tape, simspec.rules.no_mark_within_m) for one in tape.reports),
+        decisions=tuple(_decision(one) for one in tape.decisions),
+    )
+
+
+def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
+    """The runs worth a look: scenes that every agent flew and on which the studied confidences differ most.
+
+    Each scene comes with all its agents, the scenes from different configurations first; with one agent, the runs
+    with the lowest confidence come first. Runs without a recording are left out.
+    """
+    recorded = [run for run in data.runs if run.recording is not None and run.realization in data.simspecs]
+    scenes: dict[tuple[str, int], dict[str, Run]] = {}
+    for run in recorded:
+        scenes.setdefault(run.scene, {})[run.agent] = run
+    flown_by = max((len(agents) for agents in scenes.values()), default=0)
+    full = {scene: agents for scene, agents in scenes.items() if len(agents) == flown_by}
+    ordered = sorted(full, key=lambda scene: (*_interest(data, list(full[scene].values())), scene))
+    seen: dict[str | None, int] = {}
+    rounds = []
+    for scene in ordered:
+        configuration = next(iter(full[scene].values())).configuration
+        rounds.append((seen.get(configuration, 0), scene))
+        seen[configuration] = seen.get(configuration, 0) + 1
+    # A stable sort: the most telling scene of every configuration first, then the second of each.
+    scenes_shown = [scene for _, scene in sorted(rounds, key=lambda pair: pair[0])][: max(1, count // max(1, flown_by))]
+    return tuple(full[scene][agent] for scene in scenes_shown for agent in data.agents if agent in full[scene])
+
+
+def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float]:
+    """Sorts first: all completed, one key attribute on which they differ widely, and otherwise alike."""
+    rows = data.scores.filter(pl.col("realization").is_in([run.realization for run in runs]), pl.col("node").is_in(data.study))
+    spreads = []
+    for _, node in rows.drop_nulls("confidence").group_by("node"):
+        values = node["confidence"].to_list()
+        spreads.append((max(values) - min(values)) if len(runs) > 1 else 1.0 - min(values))
+    widest = max(spreads, default=0.0)
+    incomplete = any(run.outcome is not Outcome.COMPLETED for run in runs)
+    return (incomplete, round(-widest, 9), round(math.fsum(spreads) - widest, 9))
+
+
+def _flight(tape: Tape) -> tuple[tuple[float, float, float, float], ...]:
+    times = tape.vehicle_time_s
+    if len(times) == 0:
+        return ()
+    wanted = np.arange(times[0], times[-1] + 1e-9, 1.0 / TRAJECTORY_HZ)
+    kept = np.unique(np.clip(np.searchsorted(times, wanted), 0, len(times) - 1))
+    return tuple(
+        (round(float(times[i]), 2), *(round(float(v), 1) for v in tape.vehicle_position_enu_m[i]))  # type: ignore[misc]
+        for i in kept
+    )
+
+
+def _actors(tape: Tape) -> tuple[MapActor, ...]:
+    if len(tape.actor_time_s) == 0:
+        return ()
+    step = max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s)))))) if len(tape.actor_time_s) > 1 else 1
+    ways = tape.actor_position_enu_m[::step, :, :2]
+    return tuple(
+        MapActor(member.id, member.role, member.class_label, _rounded(_corners(ways[:, index])))
+        for index, member in enumerate(tape.cast)
+    )
+
+
+def _corners(way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ramer-Douglas-Peucker: the fewest corners that stay within PATH_TOLERANCE_M of the way."""
+    keep = {0}
+    spans = [(0, len(way) - 1)]
+    while spans:
+        first, last = spans.pop()
+        if last <= first:
+            continue
+        base, along = way[first], way[last] - way[first]
+        length = math.hypot(*along)
+        offsets = way[first : last + 1] - base
+        if length < PATH_TOLERANCE_M:
+            distances = np.hypot(offsets[:, 0], offsets[:, 1])
+        else:
+            distances = np.abs(offsets[:, 0] * along[1] - offsets[:, 1] * along[0]) / length
+        far = int(np.argmax(distances))
+        if distances[far] > PATH_TOLERANCE_M and 0 < far < last - first:
+            spans += [(first, first + far), (first + far, last)]
+        elif length >= PATH_TOLERANCE_M:
+            keep |= {first, last}
+    return way[sorted(keep)]
+
+
+def _rounded(way: NDArray[np.float64]) -> Track:
+    return tuple((round(float(east), 1), round(float(north), 1)) for east, north in way)
+
+
+def _report(said: At[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
+    report = said.value
+    there = tape.actors_at(said.time.s)[:, :2]
+    place = np.array([report.east_m, report.north_m])
+    adversaries = [i for i, one in enumerate(tape.cast) if (one.role, one.class_label) == (Role.ADVERSARY, report.class_label)]
+    meant = _nearest(there, adversaries, place)
+    target = meant[0] if meant and meant[1] <= MEANT_WITHIN_M else None
+    centre = there[target] if target is not None else place
+    bystanders = [i for i, one in enumerate(tape.cast) if one.role is Role.BYSTANDER]
+    nearest = _nearest(there, bystanders, centre)
+    near = [i for i in bystanders if math.hypot(*(there[i] - centre)) < no_mark_within_m]
+    return MapReport(
+        time_s=round(said.time.s, 2),
+        class_label=report.class_label,
+        east_m=round(report.east_m, 1),
+        north_m=round(report.north_m, 1),
+        mark=report.mark,
+        confidence=report.confidence,
+        bystanders_seen=report.bystanders_seen,
+        reason=report.reason,
+        target=tape.cast[target].id if target is not None else None,
+        target_enu_m=(round(float(centre[0]), 1), round(float(centre[1]), 1)),
+        bystanders_enu_m=_rounded(there[near]),
+        nearest_bystander_m=round(nearest[1], 1) if nearest else None,
+        forbidden=bool(report.mark and near),
+    )
+
+
+def _nearest(there: NDArray[np.float64], among: Sequence[int], place: NDArray[np.float64]) -> tuple[int, float] | None:
+    distances = [(math.hypot(*(there[i] - place)), i) for i in among]
+    return (min(distances)[1], min(distances)[0]) if distances else None
+
+
+def _decision(said: At[Decision]) -> tuple[float, str, str, str]:
+    return (round(said.time.s, 2), said.value.action, said.value.subject, said.value.reason)

@@ -1,0 +1,62 @@
+"""The scores for the terminal, from the same summary as the page's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import polars as pl
+from rich.table import Table
+from rich.text import Text
+
+from ._data import ALL, Tally, tallies_of
+from ._words import interval, percent, score, span
+
+COLUMNS = ("Agent", "Node", "Title", "Difficulty", "Score", "Confidence", "95 %", "Runs", "Considered", "Scored")
+
+
+def score_table(summary: pl.DataFrame, study: Sequence[str] = ()) -> Table:
+    """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all configurations."""
+    table = Table(title="Score and confidence over all runs", title_justify="left")
+    for place, name in enumerate(COLUMNS):
+        table.add_column(name, justify="left" if place < 3 else "right", no_wrap=place != 2)
+    previous = None
+    for row, tally in _rows(summary, study):
+        if previous not in (None, tally.agent):
+            table.add_section()
+        previous = tally.agent
+        table.add_row(*map(Text, row))  # Text: a name in brackets is a name, not markup
+    return table
+
+
+def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:
+    """The same as plain lines, for a terminal that is none."""
+    return [
+        f"{tally.agent}: {tally.node} score {score(tally.score)}, confidence {percent(tally.confidence)} ({interval(tally)}), "
+        f"considered in {tally.considered} of {tally.runs} runs, scored in {tally.scored}"
+        for _, tally in _rows(summary, study)
+    ]
+
+
+def _rows(summary: pl.DataFrame, study: Sequence[str]) -> list[tuple[tuple[str, ...], Tally]]:
+    titles: Mapping[str, str] = dict(zip(summary["node"], summary["title"], strict=True)) if "title" in summary.columns else {}
+    found = [tally for (_, configuration, _), tally in tallies_of(summary).items() if configuration == ALL]
+    chosen = [tally for tally in found if (tally.node in study if study else tally.level == "ka")]
+    agents = list(dict.fromkeys(tally.agent for tally in found))
+    order = {node: place for place, node in enumerate(study)}
+    chosen.sort(key=lambda one: (agents.index(one.agent), order.get(one.node, 0), one.node))
+    return [(_cells(tally, titles.get(tally.node, "")), tally) for tally in chosen]
+
+
+def _cells(tally: Tally, title: str) -> tuple[str, ...]:
+    return (
+        tally.agent,
+        tally.node,
+        title,
+        span(tally.difficulty_low, tally.difficulty_high),
+        score(tally.score),
+        percent(tally.confidence),
+        interval(tally),
+        str(tally.runs),
+        str(tally.considered),
+        str(tally.scored),
+    )

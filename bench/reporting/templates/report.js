@@ -1,0 +1,107 @@
+"use strict";
+(() => {
+  const root = document.documentElement;
+  const prefersDark = window.matchMedia("(prefers-color-scheme: dark)");
+  let chosen = "auto";
+  let printing = false;
+
+  // Colours in the figures are CSS variables, so that one figure serves light, dark and print.
+  const resolve = (value, style) => {
+    if (typeof value === "string" && value.startsWith("var(")) return style.getPropertyValue(value.slice(4, -1)).trim();
+    if (Array.isArray(value)) return value.map((one) => resolve(one, style));
+    if (value && typeof value === "object") {
+      return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, resolve(one, style)]));
+    }
+    return value;
+  };
+  const draw = (box) => {
+    const source = JSON.parse(document.getElementById("data-" + box.id).textContent);
+    const figure = resolve(source, getComputedStyle(root));
+    const interactive = box.classList.contains("map");
+    return Plotly.react(box, figure.data, figure.layout, {
+      responsive: true, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
+      modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+      toImageButtonOptions: { format: "svg", filename: box.id },
+    }).then(() => { box.dataset.drawn = "yes"; });
+  };
+  const boxes = [...document.querySelectorAll(".figure")];
+  const seen = (box) => box.offsetParent !== null;
+  const redraw = () => boxes.filter((box) => box.dataset.drawn).forEach(draw);
+  const theme = () => {
+    const dark = !printing && (chosen === "auto" ? prefersDark.matches : chosen === "dark");
+    root.dataset.theme = dark ? "dark" : "light";
+    redraw();
+  };
+
+  const watcher = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      if (entry.isIntersecting && !entry.target.dataset.drawn) draw(entry.target);
+    }
+  }, { rootMargin: "800px" });
+
+  const button = document.getElementById("theme");
+  const names = { auto: "Theme: as the system", light: "Theme: light", dark: "Theme: dark" };
+  button.hidden = false;
+  button.addEventListener("click", () => {
+    chosen = { auto: "light", light: "dark", dark: "auto" }[chosen];
+    button.textContent = names[chosen];
+    theme();
+  });
+  prefersDark.addEventListener("change", theme);
+  const print = (on) => {
+    printing = on;
+    theme();
+    if (on) boxes.filter((box) => seen(box) && !box.dataset.drawn).forEach(draw);
+    boxes.filter((box) => seen(box) && box.dataset.drawn).forEach((box) => Plotly.Plots.resize(box));
+  };
+  window.addEventListener("beforeprint", () => print(true));
+  window.addEventListener("afterprint", () => print(false));
+
+  // Maps: one at a time.
+  const picker = document.getElementById("map-picker");
+  if (picker) {
+    const maps = [...document.querySelectorAll(".mapbox")];
+    const show = () => {
+      maps.forEach((map) => { map.hidden = map.id !== picker.value; });
+      boxes.filter((box) => seen(box) && !box.dataset.drawn && box.closest(".mapbox")).forEach((box) => watcher.observe(box));
+      boxes.filter((box) => seen(box) && box.dataset.drawn && box.closest(".mapbox")).forEach((box) => Plotly.Plots.resize(box));
+    };
+    picker.closest(".tools").hidden = false;
+    picker.addEventListener("change", show);
+    show();
+  }
+
+  // The hierarchy: rows below a folded row are hidden, whatever their own state.
+  for (const table of document.querySelectorAll("table.tree")) {
+    const rows = [...table.tBodies[0].rows];
+    const depth = (row) => Number(row.dataset.depth);
+    const fold = (row) => row.querySelector("button.fold");
+    const refresh = () => {
+      let hiddenBelow = Infinity;
+      for (const row of rows) {
+        if (depth(row) <= hiddenBelow) hiddenBelow = Infinity;
+        row.hidden = hiddenBelow !== Infinity;
+        const control = fold(row);
+        if (!row.hidden && control && control.getAttribute("aria-expanded") === "false") hiddenBelow = depth(row);
+      }
+    };
+    const all = (below) => {
+      rows.forEach((row) => { if (fold(row)) fold(row).setAttribute("aria-expanded", String(depth(row) < below)); });
+      refresh();
+    };
+    table.addEventListener("click", (event) => {
+      const control = event.target.closest("button.fold");
+      if (!control) return;
+      control.setAttribute("aria-expanded", String(control.getAttribute("aria-expanded") === "false"));
+      refresh();
+    });
+    const tools = table.closest(".treebox").querySelector(".tools");
+    tools.hidden = false;
+    tools.addEventListener("click", (event) => { if (event.target.dataset.below) all(Number(event.target.dataset.below)); });
+    rows.forEach((row) => { if (fold(row)) fold(row).hidden = false; });
+    all(1);
+  }
+
+  theme();
+  boxes.filter((box) => !box.closest("[hidden]")).forEach((box) => watcher.observe(box));
+})();
