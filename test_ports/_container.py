@@ -124,6 +124,8 @@ def _read_chunk(chunk: Chunk) -> list[Item]:
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
+        if length > len(data) - at:
+            raise ValueError("length of a record in a chunk")
         item = _read_item(opcode, data[at : at + length])
         if item is not None:
             items.append(item)

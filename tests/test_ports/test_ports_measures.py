@@ -92,6 +92,8 @@ def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
     late = frame(3, 199.95, NEAR)
     answers = (detected(1.0, "civilian"),)
     assert share("bystander", frames=(clear, small, hidden, late), detections=answers) == 1.0
+    edge = frame(1, 2.0, NEAR, height_px=12.0, visible=0.5)
+    assert share("bystander", frames=(clear, edge), detections=answers) == 0.5
     assert share("bystander", frames=(clear, frame(3, 100.0, NEAR)), detections=answers) == 0.5
 
 
@@ -267,6 +269,38 @@ def test_no_false_reports_is_the_share_with_an_adversary() -> None:
     assert x_of(no_false_reports, simspec(targets=False), reports=(true,)) == 0.0
 
 
+def crowded(*intelligence: dict[str, Any]) -> SimSpec:
+    """As the plain situation, with a second radar 30 m east of the first, and other intelligence."""
+    plain = simspec().model_dump(mode="json")
+    second = {"id": "radar-2", "group": "radar", "east_m": 130.0, "north_m": 100.0, "heading_deg": 0.0}
+    plain["actors"][0]["count"] = 2
+    plain["realized"]["actors"].append(second)
+    return SimSpec.model_validate({**plain, "intelligence": intelligence or plain["intelligence"]})
+
+
+def test_a_report_is_about_the_nearest_of_its_class() -> None:
+    """Between two radars the nearer one is meant: the walker stands 10 m from the second and may not hide behind the first."""
+    spec = crowded()
+    off = report(50.0, "mobile_radar", 128.0, 100.0)
+    assert x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0  # the second is nobody's target
+    assert found(report_accuracy, tape(spec, reports=(off,)), spec).x == 0.0
+    evidence = found(
+        marks_clear_of_bystanders, tape(spec, reports=(report(50.0, "mobile_radar", 128.0, 100.0, mark=True),)), spec
+    )
+    assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence.evidence[0].text
+
+
+def test_targets_are_adversaries_once_each_at_their_most_urgent() -> None:
+    """Intelligence about bystanders names no target; two reports about one group name one, with the more urgent priority."""
+    about = [("a", "walkers", 1), ("b", "truck", 2), ("c", "radar", 1), ("d", "radar", 3)]
+    spec = crowded(*({"id": one, "about": group, "priority": priority} for one, group, priority in about))
+    radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
+    assert x_of(targets_reported, spec, reports=(radar, truck)) == 1.0
+    assert x_of(targets_reported, spec, reports=(radar,)) == 0.5
+    assert x_of(priority_order, spec, reports=(radar, truck)) == 1.0
+    assert x_of(priority_order, spec, reports=(report(40.0, *TRUCK_AT), radar)) == 0.0
+
+
 # mission_flown
 
 
@@ -280,6 +314,13 @@ def test_mission_flown_and_brought_home() -> None:
     assert x_of(mission_flown, condition=made_run.conditions((0.0, True), (5.0, False))) == 0.5
     assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0})) == 0.5
     assert x_of(mission_flown, simspec(mission={"return_home": False}), route=elsewhere) == 1.0
+
+
+def test_a_touchdown_on_the_way_is_not_the_landing() -> None:
+    """Down for good counts from the last touchdown; that it stays down past the limit is no matter."""
+    bounced = made_run.conditions((0.0, True), (5.0, False), (80.0, True), (90.0, False), (140.0, True), (160.0, True))
+    assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0}), condition=bounced) == 1.0
+    assert x_of(mission_flown, simspec(mission={"time_limit_s": 130.0}), condition=bounced) == 0.5
 
 
 def test_no_mission_was_flown_by_crashing_or_staying() -> None:

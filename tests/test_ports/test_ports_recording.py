@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import random
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
 import made_run
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import DecodedMessageTuple, make_reader
+from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
@@ -217,16 +221,41 @@ def test_foreign_recordings_are_refused_where_they_break_the_promise(tmp_path: P
 
 def test_a_chunk_that_would_swell_is_not_unpacked(tmp_path: Path) -> None:
     """A frame that states more bytes than its chunk does is damage, found before anything is allocated."""
-    import zstandard
-    from mcap.data_stream import RecordBuilder
-    from mcap.records import Chunk
-
     bomb = zstandard.compress(b"\0" * 50_000_000)
     chunk = RecordBuilder()
     Chunk("zstd", bomb, 0, 0, 0, 1000).write(chunk)
     path = tmp_path / "bomb.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
     assert list(read_records(path)) == []
+    assert "damaged" in str(recover(path, tmp_path / "mended.mcap").cut)
+
+
+@pytest.mark.parametrize("length", [2**64 - 1, 2**62, 1000])
+def test_a_length_beyond_the_file_is_its_end(tmp_path: Path, length: int) -> None:
+    """An unfinished record, whose length some writers leave at all ones, ends the reading and allocates nothing."""
+    path = tmp_path / "open.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, length) + b"rest")
+    assert list(read_records(path)) == []
+    assert recover(path, tmp_path / "mended.mcap").cut == "ends within the record at byte 8"
+
+
+def test_a_record_that_overruns_its_chunk_is_damage(tmp_path: Path) -> None:
+    """A message cut short inside a chunk is not handed out as a whole one, though no checksum tells."""
+    inside = struct.pack("<BQHIQQ", 5, 500, 1, 1, 0, 0) + b"short"
+    chunk = RecordBuilder()
+    Chunk("", inside, 0, 0, 0, len(inside)).write(chunk)
+    path = tmp_path / "overrun.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
+    assert "damaged" in str(recover(path, tmp_path / "mended.mcap").cut)
+
+
+def test_a_damaged_simspec_is_not_believed(recorded: Path, tmp_path: Path) -> None:
+    """One changed letter in the attachment is found by its checksum: no SimSpec rather than another one."""
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(recorded.read_bytes().replace(b'"east_m": 120.0', b'"east_m": 220.0', 1))
+    assert path.read_bytes() != recorded.read_bytes()
+    with pytest.raises(SetupError, match=r"holds no simspec\.json"):
+        read_simspec(path)
 
 
 def foreign(path: Path, *, times: tuple[int, ...], compression: CompressionType = CompressionType.ZSTD) -> Path:

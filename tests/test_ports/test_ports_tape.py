@@ -9,7 +9,8 @@ import made_run
 import numpy as np
 import pytest
 
-from bench.contracts import Record, SimTime, Tape, VehicleTopics
+from bench.contracts import DetectionFrame, Record, SimTime, Tape, VehicleTopics
+from bench.streams import Detection2D, Detection2DArray, encode
 from test_ports import TapeBuilder, open_recording, read_tape
 
 TOPICS = VehicleTopics("vehicle_1")
@@ -96,6 +97,14 @@ def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
     plain = built(good)
     assert len(tape.actor_time_s) == len(plain.actor_time_s)
     assert len(tape.vehicle_time_s) == len(plain.vehicle_time_s)
+
+
+def test_a_box_without_hypothesis_is_no_detection() -> None:
+    """vision_msgs allows it; there is nothing to score, and it is no error."""
+    message = Detection2DArray(detections=(Detection2D(), Detection2D()))
+    tape = built([Record(SimTime(5), TOPICS.detections, Detection2DArray.TYPE, encode(message))])
+    assert tape.detections == (DetectionFrame(SimTime(0), SimTime(5), ()),)
+    assert tape.malformed == {}
 
 
 def test_a_tape_of_a_cut_recording_says_so(tmp_path: Path) -> None:
