@@ -111,13 +111,13 @@ def test_every_worse_view_is_detected_less_and_nothing_new_is_seen(ladder: str) 
 @pytest.mark.parametrize("correlation_s", [0.0, 0.8, 5.0])
 @pytest.mark.parametrize("height_px", [10.0, 14.0, 25.0])
 def test_the_marginal_probability_is_the_stated_one_whatever_the_correlation(correlation_s: float, height_px: float) -> None:
-    """In a late frame, 1000 independent actors are detected as often as the formula says."""
-    simspec = spec(actors=1000, correlation_s=correlation_s)
+    """In a late frame, 3000 independent actors are detected as often as the formula says."""
+    simspec = spec(actors=3000, correlation_s=correlation_s)
     expected = DetectionOdds.of(simspec).clarity(Sighting(0, 80.0, height_px, 1.0, (0, 0, 1, 1)), 0.0).detection
 
-    count = sum(number == 19 for number, _ in found(simspec, frames=20, height_px=height_px))
+    count = sum(number == 11 for number, _ in found(simspec, frames=12, height_px=height_px))
 
-    low, high = binomial(1000, expected)
+    low, high = binomial(3000, expected)
     assert low <= count <= high
 
 

@@ -148,6 +148,15 @@ def test_somebody_walled_in_rests_instead_of_hanging() -> None:
     assert at(simspec, [600.0])[0, 1, :2].tolist() == [0.0, 0.0]
 
 
+def test_somebody_placed_against_a_wall_may_walk_away() -> None:
+    """Nearer to a house than its own half width, a civilian still leaves, and not through the house."""
+    simspec = situation([("house", 0.0, 0.0, 0.0), ("civilian", 4.6, 0.0, 0.0)], motion=WANDER, moving="civilian")
+    path = track(simspec, 200.0, 0.1)[:, 1, :2]
+
+    assert np.hypot(*np.ptp(path, axis=0)) > 5.0
+    assert not ((np.abs(path[:, 0]) < 4.5) & (np.abs(path[:, 1]) < 6.0)).any()
+
+
 def test_a_patrol_walks_its_route_in_a_loop_from_the_nearest_point() -> None:
     """Nearest point first, then in order, round and round, with the speed and no pause."""
     route = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (40, 0), (40, 40), (0, 40)))
