@@ -190,7 +190,8 @@ def test_rules_about_bystanders_need_one_near_for_long_enough(measure: Measured[
     visit = np.repeat(starts[None], len(times), axis=0)
     visit[times >= 12.0, NEAR, 0] = 200.0
     assert x_of(measure, positions=visit, end_s=300.0) is not None
-    assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 13.0}) is None
+    assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 12.1}) is None
+    assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 11.9}) is not None
 
 
 def test_ending_early_does_not_end_consideration() -> None:
