@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import polars as pl
 
@@ -10,6 +14,7 @@ from decompositions import Decomposition, Level, Policies
 
 from ._difficulty import DECIMALS
 from ._intervals import clopper_pearson, effective_size
+from ._plan import Bools, Counts, Floats
 
 ALL = "all"
 SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
@@ -44,7 +49,6 @@ threshold. `method` names the interval of the confidence."""
 EXACT = "clopper-pearson"
 CLUSTERED = "korn-graubard"
 NOTHING = "none considered"
-_KEYS = ("agent", "configuration", "node")
 _FAULTS_OF_THE_BENCH = [str(one) for one in Outcome if not one.counts]
 
 
@@ -57,79 +61,175 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     if scores.is_empty():
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
     policies = decomposition.policies if decomposition else Policies()
-    both = pl.concat([scores.with_columns(pl.lit(ALL).alias("configuration")), scores.drop_nulls("configuration")])
-    if "passed_score" not in both.columns:  # a table that another simulator wrote may not know it
-        both = both.with_columns(pl.lit(None, dtype=pl.Float64).alias("passed_score"))
-    grouped = both.group_by(*_KEYS, maintain_order=True).agg(*_counts(), *_means(policies))
-    grouped = grouped.join(_clusters(both), on=list(_KEYS), how="left", maintain_order="left")
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
-    told = grouped.with_columns(
-        pl.col("node").replace_strict(titles, default="", return_dtype=pl.String).alias("title"),
-        pl.when(pl.col("difficulty_high") - pl.col("difficulty_low") < 10.0**-DECIMALS)
-        .then("difficulty_low")
-        .alias("difficulty"),
-        (pl.col("score_mean") > pl.col("passed_score_mean") + 1e-9).fill_null(False).alias("raised_by_failure"),
-    )
-    return (
-        _with_intervals(told)
-        .select(pl.col(name).cast(kind) for name, kind in SUMMARY_COLUMNS.items())
-        .sort(_place("agent", scores), pl.col("configuration") != ALL, _place("configuration", scores), maintain_order=True)
+    rows = _Rows.of(scores)
+    frames = [_summarised(rows, configurations, policies, titles) for configurations in (rows.together(), rows.apart())]
+    place = {name: number for number, name in enumerate((ALL, *rows.configuration.names))}
+    order = {name: number for number, name in enumerate(rows.agent.names)}
+    return pl.concat(frames).sort(
+        pl.col("agent").replace_strict(order, return_dtype=pl.Int64),
+        pl.col("configuration").replace_strict(place, return_dtype=pl.Int64),
+        maintain_order=True,
     )
 
 
-def _place(column: str, scores: pl.DataFrame) -> pl.Expr:
-    """Order of first appearance."""
-    names = scores[column].drop_nulls().unique(maintain_order=True).to_list()
-    order = {name: place for place, name in enumerate(names)}
-    return pl.col(column).replace_strict(order, default=-1, return_dtype=pl.Int64)
+@dataclass(frozen=True, slots=True)
+class _Texts:
+    """A column of texts as numbers in the order of first appearance, -1 where there is none."""
+
+    names: tuple[str, ...]
+    numbers: Counts
+
+    @classmethod
+    def of(cls, column: pl.Series) -> _Texts:
+        names = column.drop_nulls().unique(maintain_order=True).to_list()
+        numbers = column.replace_strict(names, list(range(len(names))), default=-1, return_dtype=pl.Int64)
+        return cls(tuple(names), numbers.fill_null(-1).to_numpy())
 
 
-def _counts() -> list[pl.Expr]:
-    counts = ~pl.col("outcome").is_in(_FAULTS_OF_THE_BENCH)
-    considered = pl.col("confidence").is_not_null()
-    return [
-        pl.col("level").first(),
-        pl.col("difficulty").min().alias("difficulty_low"),
-        pl.col("difficulty").max().alias("difficulty_high"),
-        pl.col("realization").filter(counts).n_unique().alias("runs"),
-        pl.col("realization").filter(~counts).n_unique().alias("excluded"),
-        pl.col("design_point").filter(considered).n_unique().alias("design_points"),
-        pl.col("confidence").count().alias("considered"),
-        pl.col("score").count().alias("scored"),
-    ]
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """A score table as arrays. Sums over them run in the table's own order: the same on any number of cores."""
+
+    agent: _Texts
+    configuration: _Texts
+    node: _Texts
+    design_point: _Texts
+    level: Sequence[str]
+    table: pl.DataFrame
+    counts: Bools
+
+    @classmethod
+    def of(cls, scores: pl.DataFrame) -> _Rows:
+        node = _Texts.of(scores["node"])
+        levels = dict(scores.select("node", "level").unique(maintain_order=True).iter_rows())
+        counts = ~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH)
+        return cls(
+            _Texts.of(scores["agent"]),
+            _Texts.of(scores["configuration"]),
+            node,
+            _Texts.of(scores["design_point"]),
+            [levels[name] for name in node.names],
+            scores,
+            counts.to_numpy(),
+        )
+
+    def together(self) -> _Texts:
+        """Every row in one configuration."""
+        return _Texts((ALL,), np.zeros(self.table.height, dtype=np.int64))
+
+    def apart(self) -> _Texts:
+        """Every row in its own configuration."""
+        return self.configuration
+
+    def column(self, name: str) -> tuple[Floats, Bools]:
+        """Values of a column, 0 where null, and where they are known; a column that the table lacks is null throughout."""
+        if name not in self.table.columns:
+            return np.zeros(self.table.height), np.zeros(self.table.height, dtype=np.bool_)
+        column = self.table[name]
+        return column.cast(pl.Float64).fill_null(0.0).to_numpy(), column.is_not_null().to_numpy()
 
 
-def _means(policies: Policies) -> list[pl.Expr]:
-    pooled = policies.over_runs == "pooled_counts"
-    achieved, asked = pl.col("achieved").sum(), pl.col("considered").sum()
-    return [
-        pl.col("score").mean().alias("score_mean"),
-        pl.col("passed_score").mean().alias("passed_score_mean"),
-        (pl.when(asked > 0).then(achieved / asked) if pooled else pl.col("confidence").mean()).alias("confidence_mean"),
-    ]
+@dataclass(frozen=True, slots=True)
+class _Groups:
+    """Rows by agent, configuration and node: `key` is each row's group, or `size` for a row that stands in none."""
+
+    key: Counts
+    size: int
+
+    def count(self, where: Bools) -> Counts:
+        """Rows of each group for which `where` holds."""
+        return np.bincount(self.key[where], minlength=self.size + 1)[: self.size]
+
+    def total(self, values: Floats, where: Bools) -> Floats:
+        """Sum over those rows."""
+        return _sums(self.key[where], values[where], self.size + 1)[: self.size]
+
+    def mean(self, values: Floats, where: Bools) -> Floats:
+        """Mean of each group, NaN in one without any; made null before it leaves this module."""
+        count = self.count(where)
+        return np.where(count > 0, self.total(values, where) / np.maximum(count, 1), np.nan)
+
+    def ends(self, values: Floats, where: Bools) -> tuple[Floats, Floats]:
+        """Least and greatest value of each group, NaN in one without any."""
+        low, high = np.full(self.size + 1, np.inf), np.full(self.size + 1, -np.inf)
+        np.minimum.at(low, self.key[where], values[where])
+        np.maximum.at(high, self.key[where], values[where])
+        known = np.isfinite(low[: self.size])
+        return np.where(known, low[: self.size], np.nan), np.where(known, high[: self.size], np.nan)
+
+    def clusters(self, values: Floats, where: Bools, points: Counts) -> tuple[Counts, Floats]:
+        """Distinct design points of each group, and the sum over them of (summed deviations from the mean) squared."""
+        mean = np.append(np.nan_to_num(self.mean(values, where)), 0.0)
+        width = int(points.max(initial=0)) + 2
+        cluster, member = np.unique(self.key[where] * width + points[where] + 1, return_inverse=True)
+        deviation = _sums(member, values[where] - mean[self.key[where]], len(cluster))
+        group = cluster // width
+        points_in = np.bincount(group, minlength=self.size + 1)[: self.size]
+        return points_in, _sums(group, deviation**2, self.size + 1)[: self.size]
 
 
-def _clusters(both: pl.DataFrame) -> pl.DataFrame:
-    """For each group the sum over its design points of (summed deviations of the ratios from their mean) squared."""
-    known = both.drop_nulls("confidence").with_columns(
-        (pl.col("confidence") - pl.col("confidence").mean().over(*_KEYS)).alias("deviation")
+def _sums(key: Counts, weights: Floats, length: int) -> Floats:
+    return np.asarray(np.bincount(key, weights=weights, minlength=length), dtype=np.float64)
+
+
+def _summarised(rows: _Rows, configuration: _Texts, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
+    shape = (len(rows.agent.names), len(configuration.names), len(rows.node.names))
+    groups = _groups(rows, configuration, shape)
+    score, scored = rows.column("score")
+    passed, _ = rows.column("passed_score")
+    ratio, considered = rows.column("confidence")
+    low, high = groups.ends(*rows.column("difficulty"))
+    points, squared = groups.clusters(ratio, considered, rows.design_point.numbers)
+    score_mean, passed_mean = groups.mean(score, scored), groups.mean(passed, rows.column("passed_score")[1])
+    confidence = _confidence(rows, groups, policies)
+    runs = groups.count(considered)
+    agent, place, node = np.unravel_index(np.arange(groups.size), shape)
+    level = np.array(rows.level)[node]
+    frame = pl.DataFrame(
+        {
+            "agent": np.array(rows.agent.names)[agent],
+            "configuration": np.array(configuration.names)[place],
+            "node": np.array(rows.node.names)[node],
+            "level": level,
+            "title": np.array([titles.get(name, "") for name in rows.node.names])[node],
+            "difficulty": np.where(high - low < 10.0**-DECIMALS, low, np.nan),
+            "difficulty_low": low,
+            "difficulty_high": high,
+            "runs": groups.count(rows.counts),
+            "excluded": groups.count(~rows.counts),
+            "design_points": points,
+            "considered": runs,
+            "scored": groups.count(scored),
+            "score_mean": score_mean,
+            "passed_score_mean": passed_mean,
+            "raised_by_failure": score_mean > passed_mean + 1e-9,
+            "confidence_mean": confidence,
+            **_intervals(confidence, runs, points, squared, level == str(Level.OBSERVABLE)),
+        },
+        schema=SUMMARY_COLUMNS,
     )
-    points = known.group_by(*_KEYS, "design_point").agg(pl.col("deviation").sum().alias("deviation"))
-    return points.group_by(*_KEYS).agg((pl.col("deviation") ** 2).sum().alias("squared"))
+    return frame.with_columns(pl.col(pl.Float64).fill_nan(None)).filter(pl.col("runs") + pl.col("excluded") > 0)
 
 
-def _with_intervals(grouped: pl.DataFrame) -> pl.DataFrame:
+def _groups(rows: _Rows, configuration: _Texts, shape: tuple[int, int, int]) -> _Groups:
+    size = shape[0] * shape[1] * shape[2]
+    key = (rows.agent.numbers * shape[1] + configuration.numbers) * shape[2] + rows.node.numbers
+    return _Groups(np.where(configuration.numbers >= 0, key, size), size)
+
+
+def _confidence(rows: _Rows, groups: _Groups, policies: Policies) -> Floats:
+    if policies.over_runs == "mean_of_ratios":
+        return groups.mean(*rows.column("confidence"))
+    achieved, asked = (groups.total(*rows.column(name)) for name in ("achieved", "considered"))
+    return np.where(asked > 0, achieved / np.maximum(asked, 1.0), np.nan)
+
+
+def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats, leaf: Bools) -> dict[str, Any]:
     """Exact on the counts of an observable whose runs share no design point; else on effective counts."""
-    runs = grouped["considered"].to_numpy().astype(np.float64)
-    points = grouped["design_points"].to_numpy().astype(np.float64)
-    mean = grouped["confidence_mean"].fill_null(0.0).to_numpy()
-    plain = (grouped["level"] == str(Level.OBSERVABLE)).to_numpy() & (points == runs)
-    effective = effective_size(mean, runs, points, grouped["squared"].fill_null(0.0).to_numpy())
-    tried = np.where(plain, runs, effective)
-    low, high = clopper_pearson(np.where(plain, np.round(mean * runs), mean * tried), tried)
-    method = np.where(runs == 0, NOTHING, np.where(plain, EXACT, CLUSTERED))
-    return grouped.with_columns(
-        pl.Series("confidence_low", low),
-        pl.Series("confidence_high", high),
-        pl.Series("method", method.tolist(), dtype=pl.String),
-    )
+    runs, share = considered.astype(np.float64), np.nan_to_num(mean)
+    plain = leaf & (points == considered)
+    tried = np.where(plain, runs, effective_size(share, runs, points, squared))
+    low, high = clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
+    method = np.where(considered == 0, NOTHING, np.where(plain, EXACT, CLUSTERED))
+    return {"confidence_low": low, "confidence_high": high, "method": method}
