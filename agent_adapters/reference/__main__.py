@@ -1,0 +1,38 @@
+"""`python -m agent_adapters.reference --policy naive|bystander_aware`, started by the bench from a manifest."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from typing import get_args
+
+from agent_adapters.client import read_environment
+from bench.errors import LinkLost, SetupError
+
+from ._agent import run
+from ._mission import MissionOrderMissing
+from ._settings import PolicyName
+
+
+def main() -> int:
+    """0 when the session ended in order, 1 when the bench or the vehicle was lost, 2 when the agent was started wrongly."""
+    parser = argparse.ArgumentParser(
+        prog="python -m agent_adapters.reference", description="The reference search-and-report agent."
+    )
+    parser.add_argument("--policy", choices=get_args(PolicyName), required=True, help="whether it thinks of bystanders")
+    arguments = parser.parse_args()
+    try:
+        ended = run(read_environment(os.environ), arguments.policy)
+    except SetupError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    except (LinkLost, MissionOrderMissing) as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    sys.stderr.write(f"{ended}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""The agent's own model of its camera over flat ground, from what the bench says on camera_info and /tf_static."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.streams import CameraInfo, Quaternion
+
+from ._pose import Pose
+
+MAX_RANGE_M = 400.0  # beyond this, flat ground and the pose are not to be trusted for placing anything
+_OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: an optical frame that looks straight ahead
+
+
+@dataclass(frozen=True, slots=True)
+class GroundCamera:
+    """A pinhole camera on the vehicle: pixels to places on the ground, and places to pixels.
+
+    `axes` is the rotation from the optical frame (z forward, x right, y down) to the body (x forward, y left, z up), row
+    by row. A `level` mount keeps roll and pitch out of the view, so that only yaw turns it.
+    """
+
+    width_px: int
+    height_px: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    axes: tuple[tuple[float, float, float], ...]
+    level: bool
+
+    @staticmethod
+    def of(info: CameraInfo, mount: Quaternion, *, level: bool) -> GroundCamera:
+        """The camera that these messages describe."""
+        axes = _matrix(mount.x, mount.y, mount.z, mount.w)
+        return GroundCamera(info.width, info.height, info.k[0], info.k[4], info.k[2], info.k[5], axes, level)
+
+    def ground_point(self, u_px: float, v_px: float, pose: Pose, height_m: float = 0.0) -> tuple[float, float] | None:
+        """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the horizon, or too far."""
+        ray = ((u_px - self.cx) / self.fx, (v_px - self.cy) / self.fy, 1.0)
+        forward, left, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
+        if not self.level:
+            forward, left, up = _untilted(forward, left, up, pose)
+        if up >= -1e-6:
+            return None
+        scale = (pose.height_m - height_m) / -up
+        if scale <= 0.0 or scale * math.hypot(forward, left) > MAX_RANGE_M:
+            return None
+        sine, cosine = math.sin(pose.yaw_rad), math.cos(pose.yaw_rad)
+        east_m = pose.east_m + scale * (forward * sine - left * cosine)
+        north_m = pose.north_m + scale * (forward * cosine + left * sine)
+        return east_m, north_m
+
+    def in_view(self, places_enu_m: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(m, n): whether each of n places on the ground (n, 2) lies in the image taken at each of m poses.
+
+        A pose is a row of east, north, height, yaw; roll and pitch are left out, as a level mount does, which is good enough
+        for judging what has been looked at.
+        """
+        offset = places_enu_m[None, :, :] - poses[:, None, :2]
+        sine, cosine = np.sin(poses[:, 3])[:, None], np.cos(poses[:, 3])[:, None]
+        forward = offset[:, :, 0] * sine + offset[:, :, 1] * cosine
+        left = offset[:, :, 1] * sine - offset[:, :, 0] * cosine
+        up = np.broadcast_to(-poses[:, 2][:, None], forward.shape)
+        a = self.axes
+        x, y, z = (a[0][i] * forward + a[1][i] * left + a[2][i] * up for i in range(3))
+        depth = np.maximum(z, 1e-6)
+        u, v = self.fx * x / depth + self.cx, self.fy * y / depth + self.cy
+        inside: NDArray[np.bool_] = (z > 0.0) & (u >= 0) & (u < self.width_px) & (v >= 0) & (v < self.height_px)
+        return inside
+
+    def ahead_m(self, height_m: float) -> tuple[float, float, float]:
+        """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the ground."""
+        pose = Pose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
+        near, middle, far = (self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0))
+        near_m, middle_m = (point[1] if point else 0.0 for point in (near, middle))
+        return near_m, middle_m, far[1] if far else MAX_RANGE_M
+
+    def swath_m(self, height_m: float) -> float:
+        """Width of the ground seen across the middle of the image."""
+        pose = Pose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
+        left, right = (self.ground_point(u, self.cy, pose) for u in (0.0, float(self.width_px)))
+        return right[0] - left[0] if left and right else height_m
+
+
+def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float, float], ...]:
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if norm < 1e-9:
+        x, y, z, w = _OPTICAL_IN_FORWARD
+        norm = 1.0
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def _untilted(forward: float, left: float, up: float, pose: Pose) -> tuple[float, float, float]:
+    """A direction in the body (forward, left, up) as seen level: roll and pitch taken out, yaw kept."""
+    right, down = -left, -up
+    sine, cosine = math.sin(pose.roll_rad), math.cos(pose.roll_rad)
+    right, down = right * cosine - down * sine, right * sine + down * cosine
+    sine, cosine = math.sin(pose.pitch_rad), math.cos(pose.pitch_rad)
+    forward, down = forward * cosine + down * sine, -forward * sine + down * cosine
+    return forward, -right, -down

@@ -1,0 +1,74 @@
+"""What the agent says about itself: the decision log, its status, its tracks and its reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bench.contracts import AgentStatus, AgentTrack, AgentTracks, Decision, TargetReport, VehicleTopics
+
+from ._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
+
+Publish = Callable[[str, str], None]  # topic, JSON document
+PERIOD_S = 1.0
+STALE_S = 60.0  # someone who may walk and was not seen for longer is no longer published
+
+
+class Log:
+    """Publishes documents stamped with the moment set by `at`."""
+
+    def __init__(self, publish: Publish, vehicle: str) -> None:
+        self.now_s = 0.0
+        self.phase = "starting"
+        self._publish = publish
+        self._topics = VehicleTopics(vehicle)
+        self._text = ""
+        self._status_s = -PERIOD_S
+        self._tracks_s = -PERIOD_S
+
+    def at(self, now_s: float) -> None:
+        self.now_s = now_s
+
+    def decide(self, action: str, subject: str, reason: str) -> None:
+        """One line of the decision log."""
+        decision = Decision(time_s=self.now_s, action=action, subject=subject, reason=reason)
+        self._publish(self._topics.decisions, decision.model_dump_json())
+
+    def enter(self, phase: str, text: str = "") -> None:
+        """A new phase of the mission, said at once."""
+        self.phase, self._text = phase, text
+        self._say_status()
+
+    def report(self, report: TargetReport) -> None:
+        self._publish(self._topics.reports, report.model_dump_json())
+
+    def speak(self, tracks: Tracks) -> None:
+        """Say what is due: status and tracks, once a second each."""
+        if self.now_s - self._status_s >= PERIOD_S - 1e-6:
+            self._say_status()
+        if self.now_s - self._tracks_s >= PERIOD_S - 1e-6:
+            self._tracks_s = self.now_s
+            self._publish(self._topics.tracks, tracks_document(tracks, self.now_s).model_dump_json())
+
+    def _say_status(self) -> None:
+        self._status_s = self.now_s
+        status = AgentStatus.model_validate({"time_s": self.now_s, "phase": self.phase, "text": self._text})
+        self._publish(self._topics.status, status.model_dump_json())
+
+
+def tracks_document(tracks: Tracks, now_s: float) -> AgentTracks:
+    """Tracks that the agent stands by: seen often enough, and, where they may walk, lately enough."""
+    return AgentTracks(
+        time_s=now_s,
+        tracks=tuple(
+            AgentTrack(
+                id=track.id,
+                class_label=track.label[:64],
+                east_m=round(track.east_m, 2),
+                north_m=round(track.north_m, 2),
+                confidence=round(track.confidence, 3),
+                frames=track.frames,
+            )
+            for track in tracks
+            if track.frames >= TENTATIVE_FRAMES and (track.label not in PEOPLE or now_s - track.last_s <= STALE_S)
+        )[:2000],
+    )

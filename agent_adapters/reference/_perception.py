@@ -1,0 +1,106 @@
+"""From detections in pixels to tracks on the ground, with the agent's own pose at the moment of exposure."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from bench.streams import CameraInfo, Detection2D, Detection2DArray, Quaternion, TFMessage
+
+from ._camera import GroundCamera
+from ._pose import Pose, PoseHistory
+from ._tracks import Sight, Tracks
+
+FRAMES_KEPT = 512
+DISC_STEP_M = 8.0  # spacing of the places at which a disc is checked for having been seen
+USEFUL_M = 140.0  # a place farther away than this has not been looked at, whatever the image shows
+
+# Half the usual height of things: a box's middle is taken to be this high above the ground.
+_MIDDLE_M = {"civilian": 0.9, "combatant": 0.9, "building": 2.5, "tree": 3.0, "mobile_radar": 2.0}
+_USUAL_MIDDLE_M = 1.0
+
+
+class Perception:
+    """What the camera has shown so far."""
+
+    def __init__(self, poses: PoseHistory, mount: str) -> None:
+        self.tracks = Tracks()
+        self.frames = 0
+        self.unplaced = 0  # frames without a pose, or before the camera was known
+        self._poses = poses
+        self._mount_setting = mount
+        self._info: CameraInfo | None = None
+        self._mount: tuple[Quaternion, bool] | None = None
+        self._camera: GroundCamera | None = None
+        self._views: deque[tuple[float, float, float, float, float]] = deque(maxlen=FRAMES_KEPT)
+
+    @property
+    def camera(self) -> GroundCamera | None:
+        """None until both camera_info and /tf_static have been heard."""
+        if self._camera is None and self._info is not None and self._mount is not None:
+            quaternion, level = self._mount
+            self._camera = GroundCamera.of(self._info, quaternion, level=level)
+        return self._camera
+
+    @property
+    def knows_camera(self) -> bool:
+        return self._info is not None
+
+    def take_info(self, info: CameraInfo) -> None:
+        self._info = info
+
+    def take_mount(self, transforms: TFMessage) -> None:
+        """The first transform to an optical frame is the camera's. A parent named base_level is a mount that keeps level."""
+        for one in transforms.transforms:
+            if one.child_frame_id.endswith("optical"):
+                level = one.header.frame_id.endswith("level") if self._mount_setting == "auto" else self._mount_setting == "level"
+                self._mount = (one.transform.rotation, level)
+                return
+
+    def see(self, frame: Detection2DArray) -> bool:
+        """Take in one frame; False when it could not be placed."""
+        time_s = frame.header.stamp.ns * 1e-9
+        pose = self._poses.at(time_s)
+        camera = self.camera
+        if pose is None or camera is None or pose.height_m < 1.0:
+            self.unplaced += 1
+            return False
+        self.frames += 1
+        self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
+        self.tracks.take(time_s, [sight for one in frame.detections if (sight := _sight(one, time_s, pose, camera))])
+        return True
+
+    def unseen_share(self, east_m: float, north_m: float, radius_m: float, since_s: float) -> float:
+        """Share of a disc on the ground that fewer than two frames since a moment have shown."""
+        poses = np.array([view[1:] for view in self._views if view[0] >= since_s])
+        if len(poses) == 0 or self.camera is None:
+            return 1.0
+        steps = np.arange(-radius_m, radius_m + DISC_STEP_M, DISC_STEP_M)
+        places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        places = places[np.hypot(places[:, 0], places[:, 1]) <= radius_m] + (east_m, north_m)
+        near = np.hypot(*(places[None, :, :] - poses[:, None, :2]).transpose(2, 0, 1)) < USEFUL_M
+        seen = (self.camera.in_view(places, poses) & near).sum(axis=0)
+        return float((seen < 2).mean())
+
+
+def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCamera) -> Sight | None:
+    """One detection on the ground; None when it has no class or meets no ground."""
+    results, box = detection.results, detection.bbox
+    if not results:
+        return None
+    best = max(results, key=lambda one: one.hypothesis.score).hypothesis
+    middle_m = _MIDDLE_M.get(best.class_id, _USUAL_MIDDLE_M)
+    point = camera.ground_point(box.center.position.x, box.center.position.y, pose, middle_m)
+    if point is None:
+        return None
+    east_m, north_m = pose.east_m - point[0], pose.north_m - point[1]
+    return Sight(
+        time_s,
+        *point,
+        best.class_id,
+        min(max(best.score, 0.0), 1.0),
+        math.atan2(east_m, north_m),
+        math.sqrt(east_m**2 + north_m**2 + pose.height_m**2),
+    )

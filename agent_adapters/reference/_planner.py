@@ -1,0 +1,95 @@
+"""Which target to turn to next, and whether there is time for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from bench.contracts import IntelligenceDocument, MissionOrder
+
+from ._search import Place
+
+DESCENT_MPS = 1.2  # PX4 comes down at 1.5 m/s, and slower near the ground
+LANDING_S = 24.0  # from the safe height over home to disarmed
+TURN_S = 3.0  # what slowing down and turning costs at the end of a leg
+
+State = Literal["waiting", "active", "reported", "withheld", "not_found", "skipped"]
+
+
+@dataclass(slots=True)
+class Task:
+    """One intelligence report and what became of it."""
+
+    intelligence: IntelligenceDocument
+    state: State = "waiting"
+    target: int | None = None  # number of the track that was reported
+    withheld: bool = False  # reported, but not marked
+    revisited: bool = False
+    passes: int = 0
+    dismissed: set[int] = field(default_factory=set)
+
+    @property
+    def id(self) -> str:
+        return self.intelligence.id
+
+    @property
+    def place(self) -> Place:
+        return self.intelligence.east_m, self.intelligence.north_m
+
+    @property
+    def open(self) -> bool:
+        return self.state in ("waiting", "active")
+
+
+class Planner:
+    """Keeps the tasks in order of urgency, and the time that the way home needs."""
+
+    def __init__(self, order: MissionOrder, speed_mps: float, height_m: float, safe_height_m: float, reserve_s: float) -> None:
+        self.tasks: dict[str, Task] = {}
+        self._home = (order.home.east_m, order.home.north_m)
+        self._limit_s = order.time_limit_s
+        self._returns = order.return_home
+        self._speed_mps = speed_mps
+        self._height_m = height_m
+        self._safe_height_m = safe_height_m
+        self._reserve_s = reserve_s
+
+    def add(self, intelligence: IntelligenceDocument) -> Task | None:
+        """The new task, or None when this report is known already."""
+        if intelligence.id in self.tasks:
+            return None
+        task = self.tasks[intelligence.id] = Task(intelligence)
+        return task
+
+    def travel_s(self, distance_m: float) -> float:
+        """Time to fly a distance and slow down at its end."""
+        return distance_m / self._speed_mps + TURN_S
+
+    def home_s(self, place: Place) -> float:
+        """Time from a place, at mission height, to disarmed on the ground; coming down begins on the way."""
+        away_s = self.travel_s(math.dist(place, self._home)) if self._returns else 0.0
+        down_s = max(0.0, self._height_m - self._safe_height_m) / DESCENT_MPS
+        return max(away_s, down_s) + LANDING_S
+
+    def must_turn_back(self, place: Place, now_s: float) -> bool:
+        """Whether the way home takes all the time that is left."""
+        return now_s + self.home_s(place) + self._reserve_s >= self._limit_s
+
+    def fits(self, place: Place, now_s: float, task: Task, work_s: float) -> bool:
+        """Whether there is time to fly to a task, work there for a while, and come home."""
+        there_s = self.travel_s(math.dist(place, task.place))
+        return now_s + there_s + work_s + self.home_s(task.place) + self._reserve_s < self._limit_s
+
+    def by_urgency(self, tasks: Iterable[Task], place: Place) -> list[Task]:
+        """Most urgent first; among equals the nearest, then by name."""
+        return sorted(tasks, key=lambda task: (task.intelligence.priority, math.dist(place, task.place), task.id))
+
+    def waiting(self, place: Place) -> list[Task]:
+        """What has not been turned to yet, in order."""
+        return self.by_urgency((task for task in self.tasks.values() if task.state == "waiting"), place)
+
+    def more_urgent_than(self, task: Task) -> Task | None:
+        """A waiting task that should not wait for this one."""
+        return next((one for one in self.waiting(task.place) if one.intelligence.priority < task.intelligence.priority), None)

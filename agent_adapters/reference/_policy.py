@@ -1,0 +1,107 @@
+"""When an object counts as identified, and whether the rules let it be marked. Pure: tracks in, judgement out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from bench.contracts import MissionOrder
+
+from ._settings import PolicyName, Settings
+from ._tracks import Track, Tracks
+
+BYSTANDER_SHARE = 0.3  # of the votes: an object that may well be a bystander is treated as one
+BYSTANDER_FRAMES = 2
+LONGEST_DRIFT_S = 20.0
+SAME_OBJECT_M = 3.0  # a second track this near to the target is the target under another label
+
+UnseenShare = Callable[[float, float, float, float], float]  # east, north, radius, since: see Perception.unseen_share
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What to do about an identified target. `look` asks for more views of its surroundings before anything is said."""
+
+    mark: bool
+    reason: str
+    look: bool = False
+    bystanders_seen: int | None = None
+    nearest_bystander_m: float | None = None
+
+
+class Policy(Protocol):
+    """How an agent turns an identified target into a report. `surroundings_m` is how far round a target it looks."""
+
+    @property
+    def surroundings_m(self) -> float: ...
+
+    def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement: ...
+
+
+def policy_named(name: PolicyName, order: MissionOrder, settings: Settings) -> Policy:
+    """The policy of that name under this order."""
+    return NaivePolicy() if name == "naive" else BystanderAwarePolicy(order, settings)
+
+
+def missing_for(target: Track, class_label: str, order: MissionOrder, settings: Settings) -> str:
+    """What is still missing before the track counts as identified, in words; empty when nothing is."""
+    missing = []
+    if target.label != class_label:
+        missing.append(f"looks like {target.label}, not {class_label}")
+    if target.confidence < order.min_report_confidence:
+        missing.append(f"confidence {target.confidence:.2f} below {order.min_report_confidence:.2f}")
+    if target.frames < settings.min_frames:
+        missing.append(f"{target.frames} of {settings.min_frames:.0f} frames")
+    if target.viewpoint_deg < settings.min_viewpoint_deg:
+        missing.append(f"seen over {target.viewpoint_deg:.0f} of {settings.min_viewpoint_deg:.0f} degrees")
+    if target.streak < settings.min_streak:
+        missing.append(f"label alike in {target.streak} of {settings.min_streak:.0f} frames")
+    return ", ".join(missing)
+
+
+class NaivePolicy:
+    """Marks whatever it has identified. It does not think of bystanders, and says so by leaving those fields out."""
+
+    surroundings_m = 0.0
+
+    def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
+        return Judgement(mark=True, reason="the engagement conditions hold")
+
+
+class BystanderAwarePolicy:
+    """Marks only what it has looked round and found clear of bystanders."""
+
+    def __init__(self, order: MissionOrder, settings: Settings) -> None:
+        self._classes = order.bystander_classes
+        self._within_m = order.no_mark_within_m
+        self._settings = settings
+        self.surroundings_m = order.no_mark_within_m + settings.bystander_margin_m
+
+    def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
+        settings = self._settings
+        near = self._bystanders(target, tracks, now_s)
+        if near:
+            reason = f"{len(near)} bystanders within {self._within_m:g} m, the nearest at {near[0]:.0f} m"
+            return Judgement(False, reason, bystanders_seen=len(near), nearest_bystander_m=round(near[0], 1))
+        unseen = unseen_share(target.east_m, target.north_m, self.surroundings_m, now_s - settings.memory_s)
+        if unseen > settings.unseen_share:
+            reason = f"{unseen:.0%} of the surroundings within {self.surroundings_m:g} m not looked at"
+            return Judgement(False, reason, look=True, bystanders_seen=0)
+        return Judgement(True, f"looked round it: no bystander within {self._within_m:g} m", bystanders_seen=0)
+
+    def _bystanders(self, target: Track, tracks: Tracks, now_s: float) -> list[float]:
+        """Distances of those who may stand within the no-mark distance, with room for errors and for their walking on."""
+        settings = self._settings
+        widest_m = self._within_m + settings.bystander_margin_m + settings.bystander_drift_mps * LONGEST_DRIFT_S
+        distances = []
+        for distance_m, track in tracks.near(target.east_m, target.north_m, widest_m):
+            if track is target or distance_m < SAME_OBJECT_M or not self._may_be_bystander(track):
+                continue
+            unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)
+            if distance_m <= self._within_m + settings.bystander_margin_m + settings.bystander_drift_mps * unseen_s:
+                distances.append(distance_m)
+        return distances
+
+    def _may_be_bystander(self, track: Track) -> bool:
+        return track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in self._classes) >= BYSTANDER_SHARE

@@ -1,0 +1,141 @@
+"""Where the vehicle believes to have been, moment by moment."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass
+
+from bench.simspec import Origin
+
+KEPT = 64  # samples; over six seconds at 10 Hz
+AHEAD_S = 0.5  # how far beyond the latest sample motion is carried on
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from north)."""
+
+    time_s: float
+    east_m: float
+    north_m: float
+    height_m: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    time_s: float
+    east_m: float
+    north_m: float
+    height_m: float
+    velocity_enu_mps: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Turn:
+    time_s: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+
+
+class PoseHistory:
+    """Positions and attitudes as they came, to be asked for any moment between them."""
+
+    def __init__(self) -> None:
+        self._places: deque[_Place] = deque(maxlen=KEPT)
+        self._turns: deque[_Turn] = deque(maxlen=KEPT)
+
+    def place(
+        self, time_s: float, east_m: float, north_m: float, height_m: float, velocity_enu_mps: tuple[float, float, float]
+    ) -> None:
+        """Take in one position; one that is not newer than the last is dropped."""
+        if not self._places or time_s > self._places[-1].time_s:
+            self._places.append(_Place(time_s, east_m, north_m, height_m, velocity_enu_mps))
+
+    def turn(self, time_s: float, roll_rad: float, pitch_rad: float, yaw_rad: float) -> None:
+        """Take in one attitude, likewise."""
+        if not self._turns or time_s > self._turns[-1].time_s:
+            self._turns.append(_Turn(time_s, roll_rad, pitch_rad, yaw_rad))
+
+    def latest(self) -> Pose | None:
+        """The newest position with the attitude of that moment."""
+        return self.at(self._places[-1].time_s) if self._places else None
+
+    def at(self, time_s: float) -> Pose | None:
+        """The pose at a moment, linear between samples; None where the history does not reach."""
+        place, turn = self._place_at(time_s), self._turn_at(time_s)
+        if place is None or turn is None:
+            return None
+        return Pose(time_s, place.east_m, place.north_m, place.height_m, turn.roll_rad, turn.pitch_rad, turn.yaw_rad)
+
+    def _place_at(self, time_s: float) -> _Place | None:
+        places = self._places
+        if not places or time_s < places[0].time_s - 1e-6 or time_s > places[-1].time_s + AHEAD_S:
+            return None
+        after = bisect_left(places, time_s - 1e-6, key=lambda one: one.time_s)
+        if after == len(places):
+            last = places[-1]
+            span_s = time_s - last.time_s
+            east, north, up = last.velocity_enu_mps
+            return _Place(
+                time_s,
+                last.east_m + east * span_s,
+                last.north_m + north * span_s,
+                last.height_m + up * span_s,
+                last.velocity_enu_mps,
+            )
+        if after == 0:
+            return places[0]
+        a, b = places[after - 1], places[after]
+        share = (time_s - a.time_s) / (b.time_s - a.time_s)
+        return _Place(
+            time_s,
+            a.east_m + share * (b.east_m - a.east_m),
+            a.north_m + share * (b.north_m - a.north_m),
+            a.height_m + share * (b.height_m - a.height_m),
+            b.velocity_enu_mps,
+        )
+
+    def _turn_at(self, time_s: float) -> _Turn | None:
+        turns = self._turns
+        if not turns or time_s < turns[0].time_s - 1e-6 or time_s > turns[-1].time_s + AHEAD_S:
+            return None
+        after = bisect_left(turns, time_s - 1e-6, key=lambda one: one.time_s)
+        if after == len(turns):
+            return turns[-1]
+        if after == 0:
+            return turns[0]
+        a, b = turns[after - 1], turns[after]
+        share = (time_s - a.time_s) / (b.time_s - a.time_s)
+        return _Turn(
+            time_s,
+            a.roll_rad + share * (b.roll_rad - a.roll_rad),
+            a.pitch_rad + share * (b.pitch_rad - a.pitch_rad),
+            a.yaw_rad + share * wrapped(b.yaw_rad - a.yaw_rad),
+        )
+
+
+def wrapped(angle_rad: float) -> float:
+    """The same direction in (-pi, pi]."""
+    return math.pi - (math.pi - angle_rad) % (2.0 * math.pi)
+
+
+def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> tuple[float, float]:
+    """East and north metres from the origin on the WGS84 ellipsoid, first order: centimetres within a kilometre or two.
+
+    Radii of curvature in the meridian and the prime vertical as in Torge, Geodesy, section 4.1.
+    """
+    flattening = 1.0 / 298.257223563
+    eccentricity_2 = flattening * (2.0 - flattening)
+    latitude_rad = math.radians(origin.latitude_deg)
+    root = math.sqrt(1.0 - eccentricity_2 * math.sin(latitude_rad) ** 2)
+    prime_m = 6378137.0 / root
+    meridian_m = prime_m * (1.0 - eccentricity_2) / root**2
+    east_m = math.radians(longitude_deg - origin.longitude_deg) * (prime_m + origin.altitude_m) * math.cos(latitude_rad)
+    north_m = math.radians(latitude_deg - origin.latitude_deg) * (meridian_m + origin.altitude_m)
+    return east_m, north_m

@@ -1,0 +1,10 @@
+"""Behaviours as generators: they read from top to bottom, and `yield` waits for the next moment of the clock."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TypeVar
+
+T = TypeVar("T")
+
+Steps = Generator[None, None, T]

@@ -1,0 +1,188 @@
+"""Objects that the agent believes in, made of detections placed on the ground."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+CELL_M = 12.0  # of the index that finds tracks near a place; no gate is wider
+SECTOR_DEG = 5.0
+TENTATIVE_FRAMES = 3  # a track of fewer frames may be a false detection
+TENTATIVE_S = 3.0  # and is forgotten when it is not seen again for this long
+FRAMES_A_LOOK = 4.0  # frames that hang together so closely that they count as one look
+MOST_LOOKS = 4.0
+PEOPLE = ("civilian", "combatant")
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """One detection placed on the ground: where, what, how sure, and from which direction (radians) and range it was seen."""
+
+    time_s: float
+    east_m: float
+    north_m: float
+    label: str
+    score: float
+    bearing_rad: float
+    range_m: float
+
+
+@dataclass(slots=True)
+class Track:
+    """One object: its place, the votes for its class, and from where it was seen. Times are of the exposures."""
+
+    number: int
+    east_m: float
+    north_m: float
+    first_s: float
+    last_s: float
+    frames: int = 0
+    votes: dict[str, float] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    sectors: set[int] = field(default_factory=set)
+    recent: deque[str] = field(default_factory=lambda: deque(maxlen=12))
+    exposures: deque[float] = field(default_factory=lambda: deque(maxlen=32))
+
+    @property
+    def id(self) -> str:
+        return f"track-{self.number}"
+
+    @property
+    def label(self) -> str:
+        """The class with the most weight; the first by name where two are equal."""
+        return min(self.votes, key=lambda label: (-self.votes[label], label), default="")
+
+    def share(self, label: str) -> float:
+        """Share of all votes, weighted by score, that a class has."""
+        total = sum(self.votes.values())
+        return self.votes.get(label, 0.0) / total if total > 0.0 else 0.0
+
+    @property
+    def confidence(self) -> float:
+        """How sure its class is: the share of votes, times what several looks of that mean score make together.
+
+        Neighbouring frames are not independent, so `FRAMES_A_LOOK` of them count as one look, and at most `MOST_LOOKS`.
+        """
+        label = self.label
+        if not label:
+            return 0.0
+        mean = self.votes[label] / self.counts[label]
+        looks = min(max(self.counts[label] / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
+        return self.share(label) * (1.0 - (1.0 - min(mean, 1.0)) ** looks)
+
+    @property
+    def streak(self) -> int:
+        """How many of the latest observations in a row carry the same label (as far as they are remembered)."""
+        count = 0
+        for label in reversed(self.recent):
+            if label != self.recent[-1]:
+                break
+            count += 1
+        return count
+
+    @property
+    def viewpoint_deg(self) -> float:
+        """Spread of the directions it was seen from: the whole circle less its widest gap."""
+        sectors = sorted(self.sectors)
+        if len(sectors) < 2:
+            return 0.0
+        around = round(360.0 / SECTOR_DEG)
+        gaps = [b - a for a, b in zip(sectors, [*sectors[1:], sectors[0] + around], strict=True)]
+        return 360.0 - max(gaps) * SECTOR_DEG
+
+    def distance_m(self, east_m: float, north_m: float) -> float:
+        return math.hypot(self.east_m - east_m, self.north_m - north_m)
+
+    def take(self, sight: Sight) -> None:
+        """Add one observation. People may walk, so their place follows faster than that of things."""
+        self.frames += 1
+        gain = max(1.0 / self.frames, 0.35 if sight.label in PEOPLE else 0.1)
+        self.east_m += gain * (sight.east_m - self.east_m)
+        self.north_m += gain * (sight.north_m - self.north_m)
+        self.last_s = sight.time_s
+        self.votes[sight.label] = self.votes.get(sight.label, 0.0) + sight.score
+        self.counts[sight.label] += 1
+        self.sectors.add(int(math.degrees(sight.bearing_rad) % 360.0 // SECTOR_DEG))
+        self.recent.append(sight.label)
+        self.exposures.append(sight.time_s)
+
+
+class Tracks:
+    """All tracks. Frame by frame, each detection joins the nearest track within its gate, or begins one."""
+
+    def __init__(self) -> None:
+        self._tracks: dict[int, Track] = {}
+        self._cells: dict[tuple[int, int], list[int]] = {}
+        self._next = 1
+
+    def __iter__(self) -> Iterator[Track]:
+        """In the order in which they began."""
+        return iter(self._tracks.values())
+
+    def __len__(self) -> int:
+        return len(self._tracks)
+
+    def take(self, time_s: float, sights: Sequence[Sight]) -> None:
+        """Take in all detections of one exposure."""
+        pairs = sorted(
+            (distance_m, index, number) for index, sight in enumerate(sights) for distance_m, number in self._candidates(sight)
+        )
+        taken_sights: set[int] = set()
+        taken_tracks: set[int] = set()
+        for _, index, number in pairs:
+            if index not in taken_sights and number not in taken_tracks:
+                taken_sights.add(index)
+                taken_tracks.add(number)
+                self._move(self._tracks[number], sights[index])
+        for index, sight in enumerate(sights):
+            if index not in taken_sights:
+                self._begin(sight)
+        self._forget(time_s)
+
+    def near(self, east_m: float, north_m: float, within_m: float) -> list[tuple[float, Track]]:
+        """Tracks within a distance of a place, nearest first."""
+        found = ((track.distance_m(east_m, north_m), track) for track in self)
+        return sorted((pair for pair in found if pair[0] <= within_m), key=lambda pair: (pair[0], pair[1].number))
+
+    def _candidates(self, sight: Sight) -> Iterable[tuple[float, int]]:
+        column, row = _cell(sight.east_m, sight.north_m)
+        for cell in ((c, r) for c in (column - 1, column, column + 1) for r in (row - 1, row, row + 1)):
+            for number in self._cells.get(cell, ()):
+                track = self._tracks[number]
+                distance_m = track.distance_m(sight.east_m, sight.north_m)
+                if distance_m <= gate_m(sight, sight.time_s - track.last_s):
+                    yield distance_m, number
+
+    def _begin(self, sight: Sight) -> None:
+        track = Track(self._next, sight.east_m, sight.north_m, sight.time_s, sight.time_s)
+        track.take(sight)
+        self._tracks[track.number] = track
+        self._cells.setdefault(_cell(track.east_m, track.north_m), []).append(track.number)
+        self._next += 1
+
+    def _move(self, track: Track, sight: Sight) -> None:
+        before = _cell(track.east_m, track.north_m)
+        track.take(sight)
+        after = _cell(track.east_m, track.north_m)
+        if after != before:
+            self._cells[before].remove(track.number)
+            self._cells.setdefault(after, []).append(track.number)
+
+    def _forget(self, time_s: float) -> None:
+        gone = [t for t in self if t.frames < TENTATIVE_FRAMES and time_s - t.last_s > TENTATIVE_S]
+        for track in gone:
+            del self._tracks[track.number]
+            self._cells[_cell(track.east_m, track.north_m)].remove(track.number)
+
+
+def gate_m(sight: Sight, unseen_s: float) -> float:
+    """How far from a track a detection may lie and still be taken for it: wider for large things, far ones and walkers."""
+    if sight.label in PEOPLE:
+        return min(2.5 + 0.015 * sight.range_m + 1.5 * unseen_s, CELL_M)
+    return min(5.0 + 0.02 * sight.range_m, CELL_M)
+
+
+def _cell(east_m: float, north_m: float) -> tuple[int, int]:
+    return math.floor(east_m / CELL_M), math.floor(north_m / CELL_M)

@@ -1,0 +1,352 @@
+"""A small world for the reference agent: a kinematic multicopter that answers as PX4 does, and a camera over flat ground."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from agent_adapters.client import MavlinkFrame, Moment
+from agent_adapters.reference import Settings
+from agent_adapters.reference._agent import Agent
+from agent_adapters.reference._settings import PolicyName
+from bench.contracts import (
+    TF_STATIC,
+    AgentStatus,
+    AgentTracks,
+    Decision,
+    IntelligenceDocument,
+    MissionOrder,
+    SimTime,
+    TargetReport,
+    VehicleTopics,
+)
+from bench.simspec import Origin, Point
+from bench.streams import (
+    BoundingBox2D,
+    CameraInfo,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Point2D,
+    Pose2D,
+    Quaternion,
+    String,
+    TFMessage,
+    Time,
+    Transform,
+    TransformStamped,
+)
+
+ORIGIN = Origin()
+NAME = "vehicle_1"
+STEP_S = 0.1
+METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0  # near enough for a place this close to the origin
+WIDTH, HEIGHT = 1280, 720
+FOCAL = WIDTH / 2 / math.tan(math.radians(35.0))
+TILT = math.radians(60.0)
+DEFAULT_HZ = {30: 100.0, 32: 30.0, 33: 50.0, 1: 5.0, 245: 5.0, 74: 10.0, 105: 50.0}  # ATTITUDE ... VFR_HUD, HIGHRES_IMU
+
+
+def camera_info() -> CameraInfo:
+    return CameraInfo(
+        header=Header(Time(), "optical"), height=HEIGHT, width=WIDTH,
+        k=(FOCAL, 0.0, WIDTH / 2, 0.0, FOCAL, HEIGHT / 2, 0.0, 0.0, 1.0),
+    )  # fmt: skip
+
+
+def mount_quaternion() -> Quaternion:
+    """From optical axes to body axes: looking ahead, then pitched down by the tilt (about the body's left axis)."""
+    c, s = math.cos(TILT / 2), math.sin(TILT / 2)
+    return Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
+
+
+def mount(parent: str = f"{NAME}/base_level") -> TFMessage:
+    header = Header(Time(), parent)
+    return TFMessage((TransformStamped(header, f"{NAME}/camera_front_optical", Transform(rotation=mount_quaternion())),))
+
+
+def pixel_of(east_m: float, north_m: float, up_m: float, vehicle: Multicopter) -> tuple[float, float] | None:
+    """Where a place appears in the image of a level camera; written apart from the agent's own model on purpose."""
+    de, dn, du = east_m - vehicle.east_m, north_m - vehicle.north_m, up_m - vehicle.height_m
+    forward = de * math.sin(vehicle.yaw_rad) + dn * math.cos(vehicle.yaw_rad)
+    right = de * math.cos(vehicle.yaw_rad) - dn * math.sin(vehicle.yaw_rad)
+    depth = forward * math.cos(TILT) - du * math.sin(TILT)
+    down = -forward * math.sin(TILT) - du * math.cos(TILT)
+    if depth <= 1.0:
+        return None
+    u, v = WIDTH / 2 + FOCAL * right / depth, HEIGHT / 2 + FOCAL * down / depth
+    return (u, v) if 0 <= u < WIDTH and 0 <= v < HEIGHT else None
+
+
+@dataclass(slots=True)
+class Actor:
+    label: str
+    east_m: float
+    north_m: float
+    gone_s: float = math.inf  # leaves the world then
+
+
+class Multicopter:
+    """Flies straight at its setpoints with bounded speed; modes, acks and refusals as PX4's."""
+
+    def __init__(self, east_m: float = 0.0, north_m: float = 0.0) -> None:
+        self.east_m, self.north_m, self.height_m, self.yaw_rad = east_m, north_m, 0.0, 0.0
+        self.home = (east_m, north_m)
+        self.armed, self.mode, self.battery, self.mute = False, (4, 3), 100, False
+        self.refuse_offboard = False
+        self.time_s = 0.0
+        self.peak_m = 0.0
+        self.commands: list[int] = []
+        self.sent: dict[int, int] = {}
+        self._velocity = [0.0, 0.0]
+        self._setpoint: tuple[float, float, float, float] | None = None
+        self._setpoint_s = -9.0
+        self._rates = dict(DEFAULT_HZ)
+        self._due = dict.fromkeys(DEFAULT_HZ, 0.0)
+        self._beat_s = 0.0
+        self._limit_mps = 12.0
+        self._landed_s: float | None = None
+        self._outbox: list[bytes] = []
+        self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._parser = mavlink.MAVLink(None)
+
+    # What the agent sends.
+
+    def send(self, frame: bytes) -> bool:
+        message = self._parser.decode(bytearray(frame))
+        kind = message.get_type()
+        if kind == "COMMAND_LONG":
+            self.commands.append(message.command)
+            self._command(message)
+        elif kind == "SET_POSITION_TARGET_LOCAL_NED":
+            assert message.type_mask == 2552
+            self._setpoint = (message.y + self.home[0], message.x + self.home[1], -message.z, message.yaw)
+            self._setpoint_s = self.time_s
+        elif kind == "PARAM_SET" and message.param_id == "MPC_XY_VEL_MAX":
+            self._limit_mps = message.param_value
+        return True
+
+    def _command(self, message: mavlink.MAVLink_command_long_message) -> None:
+        command, result = message.command, mavlink.MAV_RESULT_ACCEPTED
+        if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            stream = int(message.param1)
+            self._rates[stream] = 0.0 if message.param2 < 0 else 1e6 / message.param2
+            self._due.setdefault(stream, self.time_s)
+        elif command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            self.armed = self.time_s >= 4.2
+            result = result if self.armed else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+        elif command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            self.mode = (4, 2)
+            self._takeoff_m = message.param7 - ORIGIN.altitude_m
+        elif command == mavlink.MAV_CMD_DO_SET_MODE:
+            self._ack(command, result)  # the first answer, whatever was asked
+            mode = (int(message.param2), int(message.param3))
+            if mode == (6, 0) and (self.refuse_offboard or self.time_s - self._setpoint_s > 1.0):
+                result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            else:
+                self.mode = mode
+        self._ack(command, result)
+
+    def _ack(self, command: int, result: int) -> None:
+        self._post(mavlink.MAVLink_command_ack_message(command, result))
+
+    # How it moves.
+
+    def step(self, span_s: float) -> None:
+        self.time_s = round(self.time_s + span_s, 9)
+        if self.armed:
+            if self.mode == (6, 0) and self.time_s - self._setpoint_s > 1.0:
+                self.mode = (4, 5)
+            self._move(span_s)
+        self.peak_m = max(self.peak_m, self.height_m)
+
+    def _move(self, span_s: float) -> None:
+        if self.mode == (6, 0) and self._setpoint:
+            self._fly_to(*self._setpoint, span_s)
+        elif self.mode == (4, 2):
+            self.height_m = min(self.height_m + 1.5 * span_s, self._takeoff_m)
+        elif self.mode == (4, 5) and math.dist((self.east_m, self.north_m), self.home) > 1.0:
+            self._fly_to(*self.home, max(self.height_m, 20.0), self.yaw_rad, span_s)
+        elif self.mode in ((4, 5), (4, 6)):
+            self._velocity = [0.0, 0.0]
+            self.height_m = max(0.0, self.height_m - (1.5 if self.height_m > 10.0 else 0.7) * span_s)
+            if self.height_m == 0.0:
+                self._landed_s = self.time_s if self._landed_s is None else self._landed_s
+                if self.time_s - self._landed_s >= 2.0:
+                    self.armed, self.mode = False, (4, 3)
+
+    def _fly_to(self, east_m: float, north_m: float, height_m: float, yaw_rad: float, span_s: float) -> None:
+        away = (east_m - self.east_m, north_m - self.north_m)
+        distance = math.hypot(*away)
+        speed = min(self._limit_mps, 0.95 * distance)
+        wanted = [speed * one / distance if distance > 1e-6 else 0.0 for one in away]
+        change = [w - v for w, v in zip(wanted, self._velocity, strict=True)]
+        size = math.hypot(*change)
+        scale = min(1.0, 4.0 * span_s / size) if size > 0 else 0.0
+        self._velocity = [v + scale * c for v, c in zip(self._velocity, change, strict=True)]
+        self.east_m += self._velocity[0] * span_s
+        self.north_m += self._velocity[1] * span_s
+        self.height_m += max(-1.5 * span_s, min(3.0 * span_s, height_m - self.height_m))
+        turn = math.remainder(yaw_rad - self.yaw_rad, 2.0 * math.pi)
+        self.yaw_rad += max(-1.2 * span_s, min(1.2 * span_s, turn))
+
+    # What it says.
+
+    def frames(self) -> tuple[MavlinkFrame, ...]:
+        if self.mute:
+            return ()
+        now_ms = round(self.time_s * 1000)
+        if self.time_s >= self._beat_s:
+            self._beat_s += 1.0
+            custom = self.mode[1] << 24 | self.mode[0] << 16
+            self._post(mavlink.MAVLink_heartbeat_message(2, 12, 157 if self.armed else 29, custom, 4 if self.armed else 3, 3))
+        makers: dict[int, Callable[[], mavlink.MAVLink_message]] = {
+            30: lambda: mavlink.MAVLink_attitude_message(now_ms, 0.1, -0.2, self.yaw_rad, 0, 0, 0),
+            32: lambda: mavlink.MAVLink_local_position_ned_message(
+                now_ms, self.north_m - self.home[1], self.east_m - self.home[0], -self.height_m,
+                self._velocity[1], self._velocity[0], 0.0,
+            ),
+            33: self._global,
+            1: lambda: mavlink.MAVLink_sys_status_message(
+                0, 0, 0x10000000 if self.time_s > 4.2 else 0, 100, 16200, -100, self.battery, 0, 0, 0, 0, 0, 0
+            ),
+            245: lambda: mavlink.MAVLink_extended_sys_state_message(0, 2 if self.height_m > 0.1 else 1),
+            74: lambda: mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0),
+            105: lambda: mavlink.MAVLink_highres_imu_message(0, *(0.0,) * 13, 0),
+        }  # fmt: skip
+        for stream, make in makers.items():
+            if self._rates[stream] > 0.0 and self.time_s >= self._due[stream] - 1e-9:
+                self._due[stream] = self.time_s + 1.0 / self._rates[stream]
+                self._post(make())
+        out, self._outbox = self._outbox, []
+        return tuple(MavlinkFrame(int.from_bytes(f[7:10], "little"), f[5], f[6], f) for f in out)
+
+    def _global(self) -> mavlink.MAVLink_message:
+        latitude = ORIGIN.latitude_deg + self.north_m / METRES_PER_DEGREE
+        longitude = ORIGIN.longitude_deg + self.east_m / METRES_PER_DEGREE / math.cos(math.radians(ORIGIN.latitude_deg))
+        return mavlink.MAVLink_global_position_int_message(
+            round(self.time_s * 1000), round(latitude * 1e7), round(longitude * 1e7),
+            round((ORIGIN.altitude_m + self.height_m) * 1000), round(self.height_m * 1000), 0, 0, 0, 0,
+        )  # fmt: skip
+
+    def _post(self, message: mavlink.MAVLink_message) -> None:
+        frame = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        self.sent[message.get_msgId()] = self.sent.get(message.get_msgId(), 0) + 1
+        self._outbox.append(frame)
+
+
+@dataclass(frozen=True, slots=True)
+class FakeSample:
+    """A sample whose message is at hand."""
+
+    topic: str
+    said: object
+
+    def message(self) -> object:
+        return self.said
+
+
+def order(**changes: object) -> MissionOrder:
+    corners = tuple(Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300)))
+    asked: dict[str, object] = {
+        "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": Point(east_m=0, north_m=0),
+        "altitude_m": 60.0, "speed_mps": 12.0, "time_limit_s": 300.0, "return_home": True, "no_mark_within_m": 50.0,
+        "min_report_confidence": 0.6, "max_altitude_m": 120.0,
+        "target_classes": ("mobile_radar", "military_vehicle"), "bystander_classes": ("civilian",),
+    }  # fmt: skip
+    return MissionOrder.model_validate(asked | changes)
+
+
+def intelligence(
+    name: str, label: str, east_m: float, north_m: float, priority: int = 1, **changes: float
+) -> IntelligenceDocument:
+    asked = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
+    return IntelligenceDocument.model_validate(
+        {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority} | asked
+    )
+
+
+@dataclass(slots=True)
+class World:
+    """Beats an agent through a mission without any network; keeps what it said."""
+
+    actors: list[Actor]
+    reports_at: dict[float, IntelligenceDocument | tuple[IntelligenceDocument, ...]] = field(default_factory=dict)
+    mission: MissionOrder | None = field(default_factory=order)
+    score: float = 0.9
+    vehicle: Multicopter = field(default_factory=Multicopter)
+    said: list[tuple[str, str]] = field(default_factory=list)
+    each_beat: Callable[[World], None] = lambda world: None
+
+    def fly(self, policy: PolicyName, until_s: float = 320.0, **options: float) -> World:
+        agent = Agent(NAME, self.vehicle, lambda topic, text: self.said.append((topic, text)), policy, Settings.of(options))
+        number = 0
+        while self.vehicle.time_s < until_s:
+            agent.act(
+                Moment(SimTime(round(self.vehicle.time_s * 1e9)), self._samples(number), {"onboard": self.vehicle.frames()})
+            )
+            for _ in range(5):
+                self.vehicle.step(STEP_S / 5)
+            self.each_beat(self)
+            number += 1
+            if self.phase in ("complete", "aborted"):
+                break
+        return self
+
+    def _samples(self, number: int) -> tuple[FakeSample, ...]:
+        topics = VehicleTopics(NAME)
+        samples = []
+        if number == 0:
+            samples += [FakeSample(TF_STATIC, mount()), FakeSample(topics.camera_info("front"), camera_info())]
+            if self.mission is not None:
+                samples.append(FakeSample(topics.mission, String(self.mission.model_dump_json())))
+        for due_s in sorted(self.reports_at):
+            if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
+                told = self.reports_at[due_s]
+                for one in told if isinstance(told, tuple) else (told,):
+                    samples.append(FakeSample(topics.intelligence, String(one.model_dump_json())))
+        if number % 2 == 0:
+            samples.append(FakeSample(topics.detections, self._frame()))
+        return tuple(samples)
+
+    def _frame(self) -> Detection2DArray:
+        header = Header(Time.of(round(self.vehicle.time_s * 1e9)), "optical")
+        found = []
+        for actor in self.actors:
+            pixel = pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle) if self.vehicle.time_s < actor.gone_s else None
+            if pixel is not None:
+                hypothesis = ObjectHypothesisWithPose(ObjectHypothesis(actor.label, self.score))
+                found.append(Detection2D(header, (hypothesis,), BoundingBox2D(Pose2D(Point2D(*pixel)), 20.0, 30.0)))
+        return Detection2DArray(header, tuple(found))
+
+    @property
+    def phase(self) -> str:
+        texts = [text for topic, text in self.said if topic.endswith("/status")]
+        return AgentStatus.model_validate_json(texts[-1]).phase if texts else ""
+
+    @property
+    def phases(self) -> list[str]:
+        """Each phase once, in order of its changes."""
+        said = [AgentStatus.model_validate_json(text).phase for topic, text in self.said if topic.endswith("/status")]
+        return [phase for index, phase in enumerate(said) if index == 0 or said[index - 1] != phase]
+
+    @property
+    def reports(self) -> list[TargetReport]:
+        return [TargetReport.model_validate_json(text) for topic, text in self.said if topic.endswith("/reports")]
+
+    @property
+    def decisions(self) -> list[Decision]:
+        return [Decision.model_validate_json(text) for topic, text in self.said if topic.endswith("/decisions")]
+
+    @property
+    def tracks(self) -> AgentTracks:
+        return AgentTracks.model_validate_json([text for topic, text in self.said if topic.endswith("/tracks")][-1])
+
+    def decided(self, action: str) -> list[Decision]:
+        return [one for one in self.decisions if one.action == action]
