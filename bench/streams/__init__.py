@@ -1,1 +1,80 @@
-"""Not written yet."""
+"""The ROS 2 wire over Zenoh, with no ROS: messages, CDR, keys and graph, an embedded router, publishers and subscriptions.
+
+    with open_router(AirPlan(7, agent_reads=((CLOCK, Clock.TYPE),), agent_writes=())) as router:
+        clock = router.node("bench").publisher(CLOCK, Clock, CLOCK_QOS)
+        with open_client(router.access, "agent") as node:  # in truth in the agent's own process
+            heard = node.subscribe(CLOCK, Clock)
+            ...
+            clock.put(Clock(Time.of(now_ns)))
+            heard.wait(clock.sequence, timeout_s=1.0)
+
+docs/streams.md says how a ROS 2 node or a program in another language joins.
+"""
+
+from __future__ import annotations
+
+from ._cdr import decode as decode
+from ._cdr import encode as encode
+from ._keys import CLOCK_QOS as CLOCK_QOS
+from ._keys import RELIABLE_10 as RELIABLE_10
+from ._keys import SENSOR_DATA as SENSOR_DATA
+from ._keys import TF_QOS as TF_QOS
+from ._keys import QoS as QoS
+from ._keys import data_key as data_key
+from ._node import AirAccess as AirAccess
+from ._node import Node as Node
+from ._node import Publisher as Publisher
+from ._node import Sample as Sample
+from ._node import Subscription as Subscription
+from ._node import open_client as open_client
+from ._poses import decode_pose_array as decode_pose_array
+from ._poses import encode_pose_array as encode_pose_array
+from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
+from ._router import AirPlan as AirPlan
+from ._router import Router as Router
+from ._router import Topic as Topic
+from ._router import open_router as open_router
+from ._types import MESSAGES as MESSAGES
+from ._types import BoundingBox2D as BoundingBox2D
+from ._types import BoundingBox3D as BoundingBox3D
+from ._types import CameraInfo as CameraInfo
+from ._types import Clock as Clock
+from ._types import CompressedImage as CompressedImage
+from ._types import Detection2D as Detection2D
+from ._types import Detection2DArray as Detection2DArray
+from ._types import Detection3D as Detection3D
+from ._types import Detection3DArray as Detection3DArray
+from ._types import Header as Header
+from ._types import Image as Image
+from ._types import Imu as Imu
+from ._types import Message as Message
+from ._types import MultiArrayDimension as MultiArrayDimension
+from ._types import MultiArrayLayout as MultiArrayLayout
+from ._types import NavSatFix as NavSatFix
+from ._types import NavSatStatus as NavSatStatus
+from ._types import ObjectHypothesis as ObjectHypothesis
+from ._types import ObjectHypothesisWithPose as ObjectHypothesisWithPose
+from ._types import Odometry as Odometry
+from ._types import Point as Point
+from ._types import Point2D as Point2D
+from ._types import Pose as Pose
+from ._types import Pose2D as Pose2D
+from ._types import PoseArray as PoseArray
+from ._types import PoseStamped as PoseStamped
+from ._types import PoseWithCovariance as PoseWithCovariance
+from ._types import PoseWithCovarianceStamped as PoseWithCovarianceStamped
+from ._types import Quaternion as Quaternion
+from ._types import RegionOfInterest as RegionOfInterest
+from ._types import String as String
+from ._types import TFMessage as TFMessage
+from ._types import Time as Time
+from ._types import Transform as Transform
+from ._types import TransformStamped as TransformStamped
+from ._types import Twist as Twist
+from ._types import TwistWithCovariance as TwistWithCovariance
+from ._types import TwistWithCovarianceStamped as TwistWithCovarianceStamped
+from ._types import UInt8MultiArray as UInt8MultiArray
+from ._types import Vector3 as Vector3
+from ._types import message_class as message_class
+from ._types import schema_text as schema_text
+from ._types import type_hash as type_hash

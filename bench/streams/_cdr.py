@@ -1,0 +1,361 @@
+"""CDR, plain version 1: the bytes of a message on the wire and in a recording.
+
+A message class is compiled once into steps: fixed-width fields that follow each other are one `struct` call, whatever
+messages they are nested in. Padding depends on the offset modulo 8 alone, so every run has eight `struct` formats.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import cache
+from itertools import islice
+from operator import attrgetter
+from typing import Any, TypeVar, overload
+
+from ._types import Field, Message, fields_of, message_class
+
+HEADER = b"\x00\x01\x00\x00"  # plain CDR, little endian, no options
+_SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "d": 8}
+_FORMATS = {"int8": "b", "uint8": "B", "bool": "?", "uint16": "H", "int32": "i", "uint32": "I", "float64": "d"}
+_MAX_TRAILING = 3  # some writers pad the end of a sample to four bytes
+_LITTLE, _BIG = "<", ">"
+
+M = TypeVar("M", bound=Message)
+_Write = Callable[[bytearray, Any], None]
+_Read = Callable[[bytes, int, list[Any]], int]
+_Build = Callable[[Iterator[Any]], Any]
+
+
+class _Malformed(ValueError):
+    """These bytes are not such a message."""
+
+
+def encode(message: Message) -> bytes:
+    """The CDR bytes of a message, header included. Raises ValueError when a value does not fit its field."""
+    out = bytearray(HEADER)
+    try:
+        for write in _writers(type(message)):
+            write(out, message)
+    except struct.error as error:
+        raise ValueError(f"{message.TYPE}: a value does not fit its field: {error}") from error
+    return bytes(out)
+
+
+@overload
+def decode(kind: type[M], data: bytes) -> M | None: ...
+@overload
+def decode(kind: str, data: bytes) -> Any: ...
+def decode(kind: type[M] | str, data: bytes) -> Any:
+    """The message in CDR bytes of either byte order, or None when they are not one (truncated, oversized, not UTF-8).
+
+    Never raises on bad data, and does no more work than its length allows. `kind` may be a type's name; an unknown one is
+    a KeyError, since it is the caller's and not the sender's.
+    """
+    if isinstance(kind, str):
+        named = message_class(kind)
+        if named is None:
+            raise KeyError(kind)
+        return decode(named, data)
+    if len(data) < 4 or data[0] != 0 or data[1] > 1:
+        return None
+    read, build = _reader(kind, _LITTLE if data[1] else _BIG)
+    values: list[Any] = []
+    try:
+        end = read(data, 4, values)
+    except (struct.error, _Malformed, UnicodeDecodeError):
+        return None
+    return build(iter(values)) if len(data) - end <= _MAX_TRAILING else None
+
+
+# The plan of a class: its leaves, and the runs among them.
+
+
+def _leaves(kind: type[Message], path: str = "") -> Iterator[tuple[str, Field]]:
+    """The fields of a message and of the messages in it, in the order of the wire, each with its dotted path."""
+    for field in fields_of(kind):
+        if isinstance(field.of, str) or field.count == "sequence":
+            yield path + field.name, field
+        else:
+            yield from _leaves(field.of, f"{path}{field.name}.")
+
+
+def _runs(kind: type[Message]) -> Iterator[list[tuple[str, Field]]]:
+    """The leaves, single fixed-width ones that follow each other together."""
+    run: list[tuple[str, Field]] = []
+    for leaf in _leaves(kind):
+        if _is_fixed(leaf[1]):
+            run.append(leaf)
+            continue
+        if run:
+            yield run
+        run = []
+        yield [leaf]
+    if run:
+        yield run
+
+
+def _is_fixed(field: Field) -> bool:
+    return field.count == "one" and field.of in _FORMATS
+
+
+@cache
+def _phased(formats: str, order: str = _LITTLE) -> tuple[struct.Struct, ...]:
+    """`formats` with its padding, for every offset modulo 8; offsets count the header's four bytes, alignment does not."""
+    return tuple(_padded(formats, order, (offset - len(HEADER)) % 8) for offset in range(8))
+
+
+def _padded(formats: str, order: str, at: int) -> struct.Struct:
+    text = order
+    for one in formats:
+        gap = -at % _SIZES[one]
+        text += "x" * gap + one
+        at += gap + _SIZES[one]
+    return struct.Struct(text)
+
+
+@cache
+def _many(count: int, one: str, order: str = _LITTLE) -> struct.Struct:
+    return struct.Struct(f"{order}{count}{one}")
+
+
+_U32 = _phased("I")
+
+
+# Writing.
+
+
+@cache
+def _writers(kind: type[Message]) -> tuple[_Write, ...]:
+    return tuple(_writer(run) for run in _runs(kind))
+
+
+def _writer(run: list[tuple[str, Field]]) -> _Write:
+    path, field = run[0]
+    if _is_fixed(field):
+        return _write_run(run)
+    get = attrgetter(path)
+    if isinstance(field.of, str):
+        if field.of == "string":
+            return _write_string(get)
+        if field.count == "array":
+            return _write_array(get, _FORMATS[field.of], field.size)
+        return _write_octets(get) if field.of == "uint8" else _write_numbers(get, _FORMATS[field.of])
+    return _write_messages(get, field.of)
+
+
+def _write_run(run: list[tuple[str, Field]]) -> _Write:
+    structs = _phased("".join(_FORMATS[str(field.of)] for _, field in run))
+    get = attrgetter(*(path for path, _ in run))
+    if len(run) == 1:
+
+        def write_one(out: bytearray, message: Any) -> None:
+            out += structs[len(out) & 7].pack(get(message))
+
+        return write_one
+
+    def write(out: bytearray, message: Any) -> None:
+        out += structs[len(out) & 7].pack(*get(message))
+
+    return write
+
+
+def _write_string(get: Callable[[Any], str]) -> _Write:
+    def write(out: bytearray, message: Any) -> None:
+        text = get(message).encode()
+        out += _U32[len(out) & 7].pack(len(text) + 1)
+        out += text
+        out.append(0)
+
+    return write
+
+
+def _write_octets(get: Callable[[Any], bytes]) -> _Write:
+    def write(out: bytearray, message: Any) -> None:
+        data = get(message)
+        out += _U32[len(out) & 7].pack(len(data))
+        out += data
+
+    return write
+
+
+def _write_array(get: Callable[[Any], tuple[float, ...]], one: str, size: int) -> _Write:
+    structs = _phased(one * size)
+
+    def write(out: bytearray, message: Any) -> None:
+        out += structs[len(out) & 7].pack(*get(message))
+
+    return write
+
+
+def _write_numbers(get: Callable[[Any], tuple[float, ...]], one: str) -> _Write:
+    size = _SIZES[one]
+
+    def write(out: bytearray, message: Any) -> None:
+        values = get(message)
+        out += _U32[len(out) & 7].pack(len(values))
+        if values:
+            out += bytes((4 - len(out)) % size)
+            out += struct.pack(f"<{len(values)}{one}", *values)
+
+    return write
+
+
+def _write_messages(get: Callable[[Any], tuple[Any, ...]], kind: type[Message]) -> _Write:
+    writers = _writers(kind)
+
+    def write(out: bytearray, message: Any) -> None:
+        elements = get(message)
+        out += _U32[len(out) & 7].pack(len(elements))
+        for element in elements:
+            for step in writers:
+                step(out, element)
+
+    return write
+
+
+# Reading: the leaves into a flat list, then the tree of messages from it.
+
+
+@cache
+def _reader(kind: type[Message], order: str) -> tuple[_Read, _Build]:
+    steps = tuple(_step(run, order) for run in _runs(kind))
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        for step in steps:
+            at = step(data, at, values)
+        return at
+
+    return (steps[0] if len(steps) == 1 else read), _builder(kind)
+
+
+@cache
+def _builder(kind: type[Message]) -> _Build:
+    parts = [None if isinstance(one.of, str) or one.count == "sequence" else _builder(one.of) for one in fields_of(kind)]
+    if not any(parts):
+        size = len(parts)
+        return lambda values: kind(*islice(values, size))
+    return lambda values: kind(*[next(values) if part is None else part(values) for part in parts])
+
+
+def _step(run: list[tuple[str, Field]], order: str) -> _Read:
+    _, field = run[0]
+    if _is_fixed(field):
+        return _read_run("".join(_FORMATS[str(one.of)] for _, one in run), order)
+    if isinstance(field.of, str):
+        if field.of == "string":
+            return _read_string(order)
+        if field.count == "array":
+            return _read_array(_FORMATS[field.of], field.size, order)
+        return _read_octets(order) if field.of == "uint8" else _read_numbers(_FORMATS[field.of], order)
+    return _read_messages(field.of, order)
+
+
+def _read_run(formats: str, order: str) -> _Read:
+    structs = _phased(formats, order)
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        one = structs[at & 7]
+        values += one.unpack_from(data, at)
+        return at + one.size
+
+    return read
+
+
+def _read_array(one: str, size: int, order: str) -> _Read:
+    structs = _phased(one * size, order)
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        layout = structs[at & 7]
+        values.append(layout.unpack_from(data, at))
+        return at + layout.size
+
+    return read
+
+
+def _counter(order: str) -> Callable[[bytes, int], tuple[int, int]]:
+    """Reads the uint32 before a string or sequence; also the offset after it."""
+    structs = _phased("I", order)
+
+    def count(data: bytes, at: int) -> tuple[int, int]:
+        one = structs[at & 7]
+        return one.unpack_from(data, at)[0], at + one.size
+
+    return count
+
+
+def _read_string(order: str) -> _Read:
+    count = _counter(order)
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        length, at = count(data, at)
+        end = at + length
+        if end > len(data) or (length and data[end - 1]):
+            raise _Malformed
+        values.append(str(data[at : end - 1], "utf-8") if length else "")
+        return end
+
+    return read
+
+
+def _read_octets(order: str) -> _Read:
+    count = _counter(order)
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        length, at = count(data, at)
+        end = at + length
+        if end > len(data):
+            raise _Malformed
+        values.append(data[at:end])
+        return end
+
+    return read
+
+
+def _read_numbers(one: str, order: str) -> _Read:
+    count = _counter(order)
+    size = _SIZES[one]
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        length, at = count(data, at)
+        if not length:
+            values.append(())
+            return at
+        at += (4 - at) % size
+        end = at + length * size
+        if end > len(data):  # before the format is built: its size is the sender's
+            raise _Malformed
+        values.append(struct.unpack_from(f"{order}{length}{one}", data, at))
+        return end
+
+    return read
+
+
+def _read_messages(kind: type[Message], order: str) -> _Read:
+    count = _counter(order)
+    inner, build = _reader(kind, order)
+    least = _least_size(kind)
+
+    def read(data: bytes, at: int, values: list[Any]) -> int:
+        length, at = count(data, at)
+        if length * least > len(data) - at:
+            raise _Malformed
+        flat: list[Any] = []
+        for _ in range(length):
+            at = inner(data, at, flat)
+        each = iter(flat)
+        values.append(tuple([build(each) for _ in range(length)]))
+        return at
+
+    return read
+
+
+def _least_size(kind: type[Message]) -> int:
+    """Bytes that any message of this class takes at least, padding aside; at least 1."""
+    return sum(_least(field) for _, field in _leaves(kind))
+
+
+def _least(field: Field) -> int:
+    if field.count == "sequence" or field.of == "string":
+        return 4
+    return _SIZES[_FORMATS[str(field.of)]] * max(field.size, 1)

@@ -1,0 +1,102 @@
+"""Names on the wire: keys, liveliness tokens, QoS strings, endpoint ids and attachments, as rmw_zenoh has them.
+
+A ROS 2 graph over Zenoh is nothing but these texts: data flows on a *data key*, and the *tokens* make nodes and endpoints
+visible to whoever looks for them (`ros2 topic list`, nodes that wait for a match).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+
+import xxhash
+
+from ._types import type_hash
+
+GRAPH = "@ros2_lv"
+_DEFAULT_DEPTH = 42  # what rmw_zenoh leaves out
+_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_ATTACHMENT = struct.Struct("<qqB16s")
+_GID_BYTES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class QoS:
+    """What an endpoint says of itself. Over Zenoh it is advertised and never negotiated: anybody hears anybody.
+
+    `latched` is transient_local: who subscribes late still gets the last `depth` samples.
+    """
+
+    reliable: bool = True
+    latched: bool = False
+    depth: int = 10
+
+    @property
+    def text(self) -> str:
+        reliability = "" if self.reliable else "2"
+        durability = "1" if self.latched else ""
+        depth = "" if self.depth == _DEFAULT_DEPTH else str(self.depth)
+        return f"{reliability}:{durability}:,{depth}:,:,:,,"
+
+
+RELIABLE_10 = QoS()
+SENSOR_DATA = QoS(reliable=False, depth=5)
+CLOCK_QOS = QoS(reliable=False, depth=1)
+TF_QOS = QoS(depth=100)
+
+
+def is_name(name: str) -> bool:
+    """Whether this is a fully qualified ROS 2 name (`/drone_1/detections`); no other text ever becomes part of a key."""
+    return _NAME.fullmatch(name) is not None
+
+
+def dds_name(type_name: str) -> str:
+    """`std_msgs/msg/String` as keys write it: `std_msgs::msg::dds_::String_`."""
+    package, kind, name = type_name.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def mangle(name: str) -> str:
+    """A name as tokens write it, every slash a percent sign."""
+    return name.replace("/", "%")
+
+
+def data_key(domain: int, topic: str, type_name: str) -> str:
+    """Where the samples of a topic travel. KeyError for a type that the bench does not speak."""
+    return f"{domain}/{topic.strip('/')}/{dds_name(type_name)}/{type_hash(type_name)}"
+
+
+def node_token(domain: int, zid: str, node_id: int, namespace: str, name: str) -> str:
+    """The token that shows a node."""
+    return f"{GRAPH}/{domain}/{zid}/{node_id}/{node_id}/NN/%/{mangle(namespace)}/{name}"
+
+
+def endpoint_token(
+    domain: int, zid: str, ids: tuple[int, int], kind: str, node: tuple[str, str], topic: str, type_name: str, qos: QoS
+) -> str:
+    """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes; `node` is
+    its namespace and name."""
+    node_id, own_id = ids
+    namespace, name = node
+    place = f"{GRAPH}/{domain}/{zid}/{node_id}/{own_id}/{kind}/%/{mangle(namespace)}/{name}"
+    return f"{place}/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/{qos.text}"
+
+
+def endpoint_gid(token: str) -> bytes:
+    """The 16 bytes that identify a publisher: XXH3-128 of its token, low half first, each half little endian."""
+    return xxhash.xxh3_128_digest(token.encode())[::-1]
+
+
+def write_attachment(sequence: int, source_ns: int, gid: bytes) -> bytes:
+    """The 33 bytes beside every sample. `source_ns` is wall clock since 1970 by the contract."""
+    return _ATTACHMENT.pack(sequence, source_ns, _GID_BYTES, gid)
+
+
+def read_sequence(attachment: bytes) -> int | None:
+    """The sequence number (from 1) in an attachment, or None when it is not one."""
+    if len(attachment) != _ATTACHMENT.size:
+        return None
+    sequence: int
+    sequence, _, length, _ = _ATTACHMENT.unpack(attachment)
+    return sequence if sequence > 0 and length == _GID_BYTES else None

@@ -1,0 +1,266 @@
+"""A ROS 2 node on a Zenoh session: typed publishers and subscriptions, and the client that an agent opens.
+
+Nothing here ever blocks a publisher: congestion means a lost sample (counted by the numbers that samples carry), because a
+bench that waits for an agent's inbox is a bench that an agent can stop.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import zenoh
+import zenoh.ext
+
+from bench.errors import Fault, LinkLost, SetupError
+
+from ._cdr import decode, encode
+from ._keys import RELIABLE_10, QoS, data_key, endpoint_gid, endpoint_token, is_name, node_token, read_sequence, write_attachment
+from ._types import Message
+
+M = TypeVar("M", bound=Message)
+_LEASE_MS = 60_000  # rmw_zenoh's
+_QUEUED_BATCHES = 16  # the most that Zenoh allows: samples are dropped when a reader is this far behind
+
+
+@dataclass(frozen=True, slots=True)
+class AirAccess:
+    """Where the air network is, and the credentials of this session's agent."""
+
+    locator: str
+    user: str
+    password: str = field(repr=False)
+    domain: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Sample(Generic[M]):
+    """One sample as it came: its publisher's sequence number and its CDR bytes."""
+
+    topic: str
+    kind: type[M]
+    sequence: int
+    data: bytes
+
+    def message(self) -> M | None:
+        """The message, or None when the bytes are not one."""
+        return decode(self.kind, self.data)
+
+
+class Publisher(Generic[M]):
+    """One topic that a node writes. For one thread at a time. Samples are numbered from 1."""
+
+    def __init__(self, topic: str, kind: type[M], zenoh_publisher: Any, gid: bytes, latched: bool) -> None:
+        self.topic = topic
+        self.kind = kind
+        self.sequence = 0
+        self._publisher: Any = zenoh_publisher
+        self._gid = gid
+        self._latched = latched
+
+    def put(self, message: M) -> bytes:
+        """Send a message; returns its CDR bytes, which the recorder wants too."""
+        data = encode(message)
+        self.put_bytes(data)
+        return data
+
+    def put_bytes(self, data: bytes) -> None:
+        """Send a message that is already encoded."""
+        self.sequence += 1
+        self._publisher.put(data, attachment=write_attachment(self.sequence, time.time_ns(), self._gid))
+
+    @property
+    def matched(self) -> bool:
+        """Whether anybody subscribes; always true of a latched topic, which keeps its samples for those to come."""
+        return self._latched or bool(self._publisher.matching_status)
+
+
+class Subscription(Generic[M]):
+    """One topic that a node reads, with an inbox of `capacity` samples. A full inbox refuses what is new and counts it.
+
+    `highest` is the highest sequence number seen, `received` counts good samples, `lost` the numbers that were skipped,
+    `overflowed` the good samples that found the inbox full, `malformed` those without a proper attachment.
+    Numbers are those of the publisher, so there is to be one publisher a topic. Of a latched topic the history comes
+    with the numbers that it was sent with: a late subscriber's first may be any number, and counts nothing as lost.
+    """
+
+    def __init__(self, topic: str, kind: type[M], capacity: int) -> None:
+        self.topic = topic
+        self.kind = kind
+        self.highest = 0
+        self.received = 0
+        self.lost = 0
+        self.overflowed = 0
+        self.malformed = 0
+        self._capacity = capacity
+        self._inbox: deque[Sample[M]] = deque()
+        self._arrival = threading.Condition()
+        self._waiting = 0
+
+    def take(self) -> list[Sample[M]]:
+        """Everything in the inbox, in order of arrival; the inbox is empty afterwards."""
+        if not self._inbox:
+            return []
+        with self._arrival:
+            taken = list(self._inbox)
+            self._inbox.clear()
+        return taken
+
+    def wait(self, sequence: int, timeout_s: float) -> bool:
+        """Block until a sample with this number or a higher one has come; False when it has not within `timeout_s`."""
+        if self.highest >= sequence:
+            return True
+        with self._arrival:
+            self._waiting += 1
+            try:
+                return self._arrival.wait_for(lambda: self.highest >= sequence, timeout_s)
+            finally:
+                self._waiting -= 1
+
+    def take_in(self, data: bytes, attachment: bytes | None) -> None:
+        """Put one sample into the inbox; called by Zenoh's thread."""
+        sequence = read_sequence(attachment) if attachment is not None else None
+        with self._arrival:
+            if sequence is None:
+                self.malformed += 1
+                return
+            self.received += 1
+            if len(self._inbox) < self._capacity:
+                self._inbox.append(Sample(self.topic, self.kind, sequence, data))
+            else:
+                self.overflowed += 1
+            if sequence > self.highest:
+                self.lost += sequence - self.highest - 1 if self.highest else 0
+                self.highest = sequence
+                if self._waiting:
+                    self._arrival.notify_all()
+
+
+class Node:
+    """A node of the graph; lives as long as its Zenoh session. Made by `Router.node` or `open_client`."""
+
+    def __init__(self, session: zenoh.Session, domain: int, ids: Iterator[int], name: str, namespace: str) -> None:
+        if not is_name(f"/{name}") or (namespace != "/" and not is_name(namespace)):
+            raise SetupError(Fault("node", f"{namespace!r} {name!r} is no ROS 2 node name", "give a /namespace and a name"))
+        self._session = session
+        self._domain = domain
+        self._ids = ids
+        self._name = (namespace, name)
+        self._zid = str(session.zid())
+        self._id = next(ids)
+        # Zenoh withdraws what nobody holds, so the node holds it.
+        self._held: list[Any] = []
+        self._show(node_token(domain, self._zid, self._id, namespace, name))
+
+    def publisher(self, topic: str, kind: type[M], qos: QoS = RELIABLE_10) -> Publisher[M]:
+        """Announce a topic that this node writes."""
+        if qos.latched:
+            return self.latched(topic, kind, qos.depth)
+        token = self._token("MP", topic, kind, qos)
+        publisher = self._session.declare_publisher(
+            data_key(self._domain, topic, kind.TYPE),
+            congestion_control=zenoh.CongestionControl.DROP,
+            reliability=zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
+        )
+        return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), latched=False), token, publisher)
+
+    def latched(self, topic: str, kind: type[M], depth: int = 1) -> Publisher[M]:
+        """Announce a topic whose last `depth` samples also reach whoever subscribes later (transient_local)."""
+        token = self._token("MP", topic, kind, QoS(latched=True, depth=depth))
+        publisher = zenoh.ext.declare_advanced_publisher(
+            self._session,
+            data_key(self._domain, topic, kind.TYPE),
+            congestion_control=zenoh.CongestionControl.DROP,
+            reliability=zenoh.Reliability.RELIABLE,
+            cache=zenoh.ext.CacheConfig(
+                depth, replies_config=zenoh.ext.RepliesConfig(congestion_control=zenoh.CongestionControl.DROP)
+            ),
+            # Numbered, but without rmw_zenoh's heartbeat: Zenoh sends heartbeats BLOCKing, at the wall clock's pace.
+            sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+            publisher_detection=True,
+        )
+        return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), latched=True), token, publisher)
+
+    def subscribe(
+        self, topic: str, kind: type[M], latched: bool = False, depth: int = 10, capacity: int = 4096
+    ) -> Subscription[M]:
+        """Listen to a topic. `latched` also asks for the last `depth` samples that were sent before."""
+        token = self._token("MS", topic, kind, QoS(latched=latched, depth=depth))
+        subscription = Subscription(topic, kind, capacity)
+        key = data_key(self._domain, topic, kind.TYPE)
+
+        def arrived(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            subscription.take_in(sample.payload.to_bytes(), attachment.to_bytes() if attachment is not None else None)
+
+        if latched:
+            history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=depth)
+            self._held.append(
+                zenoh.ext.declare_advanced_subscriber(self._session, key, arrived, history=history, subscriber_detection=True)
+            )
+        else:
+            self._held.append(self._session.declare_subscriber(key, arrived))
+        self._show(token)
+        return subscription
+
+    def _token(self, kind: str, topic: str, message: type[M], qos: QoS) -> str:
+        if not is_name(topic):
+            raise SetupError(Fault("topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"))
+        ids = (self._id, next(self._ids))
+        return endpoint_token(self._domain, self._zid, ids, kind, self._name, topic, message.TYPE, qos)
+
+    def _announce(self, publisher: Publisher[M], token: str, zenoh_publisher: Any) -> Publisher[M]:
+        self._held.append(zenoh_publisher)
+        self._show(token)
+        return publisher
+
+    def _show(self, token: str) -> None:
+        self._held.append(self._session.liveliness().declare_token(token))
+
+
+@contextmanager
+def open_client(access: AirAccess, name: str, namespace: str = "/", timeout_s: float = 5.0) -> Iterator[Node]:
+    """Join the air network as one node; leaving the block leaves the network.
+
+    Raises LinkLost when the router cannot be reached within `timeout_s` or refuses the credentials.
+    """
+    try:
+        session = zenoh.open(zenoh.Config.from_json5(json.dumps(_client_settings(access, timeout_s))))
+    except zenoh.ZError as error:
+        raise LinkLost(
+            f"the air network at {access.locator} did not answer within {timeout_s:g} s, or refused user {access.user!r}; "
+            "start the session first, and take the credentials that it hands over"
+        ) from error
+    with session:
+        yield Node(session, access.domain, itertools.count(), name, namespace)
+
+
+def _client_settings(access: AirAccess, timeout_s: float) -> dict[str, Any]:
+    settings = session_settings()
+    settings["transport"]["auth"] = {"usrpwd": {"user": access.user, "password": access.password}}
+    connect = {"endpoints": [access.locator], "timeout_ms": round(timeout_s * 1000), "exit_on_failure": True}
+    return {"mode": "client", "connect": connect, **settings}
+
+
+def session_settings() -> dict[str, Any]:
+    """What every session of the bench has in common: it looks for nobody, and is found at its address alone."""
+    everywhere: Mapping[str, bool] = {"router": True, "peer": True, "client": True}
+    return {
+        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "adminspace": {"enabled": False},
+        "timestamping": {"enabled": everywhere, "drop_future_timestamp": False},
+        "transport": {
+            "shared_memory": {"enabled": False},
+            "link": {
+                "protocols": ["tcp"],
+                "tx": {"lease": _LEASE_MS, "keep_alive": 2, "queue": {"size": {"data": _QUEUED_BATCHES}}},
+            },
+        },
+    }

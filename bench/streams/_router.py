@@ -1,0 +1,192 @@
+"""The air network of one session: an embedded Zenoh router that lets the agent do what its plan names, and nothing else.
+
+Truth is not here at all; the allow-list below is the second wall, for the bench's own streams. A session inside the router's
+process is not filtered (Zenoh filters what comes over a link), which is how the bench itself speaks.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import secrets
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from bench.errors import Fault, RebarError, SetupError
+
+from ._keys import GRAPH, data_key, dds_name, is_name, mangle
+from ._node import AirAccess, Node, session_settings
+from ._types import message_class, type_hash
+
+MAX_DOCUMENT_BYTES = 64 * 1024
+_AGENT = "agent"
+_ATTEMPTS = 16
+
+Topic = tuple[str, str]
+"""A topic's full name and its ROS 2 type."""
+
+
+@dataclass(frozen=True, slots=True)
+class AirPlan:
+    """What the agent may read and write on the air network of one session.
+
+    `agent_limit_hz` caps the rate of each of the agent's topics by the wall clock: not for lockstep, whose count of
+    samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
+    """
+
+    domain: int
+    agent_reads: tuple[Topic, ...]
+    agent_writes: tuple[Topic, ...]
+    host: str = "127.0.0.1"
+    port: int = 0
+    agent_limit_hz: float | None = None
+    agent_limit_bytes: int = MAX_DOCUMENT_BYTES
+
+
+class Router:
+    """The bench's end of the air network."""
+
+    def __init__(self, session: zenoh.Session, access: AirAccess) -> None:
+        self.access = access
+        self._session = session
+        self._ids = itertools.count()
+
+    def node(self, name: str, namespace: str = "/") -> Node:
+        """A node in this process, which may read and write everything."""
+        return Node(self._session, self.access.domain, self._ids, name, namespace)
+
+
+@contextmanager
+def open_router(plan: AirPlan) -> Iterator[Router]:
+    """Open the air network; leaving the block closes it and everything on it.
+
+    Raises SetupError when the plan names something that is no topic or type, or when its port is taken.
+    """
+    _check(plan)
+    password = secrets.token_urlsafe(24)
+    with _open(plan, password) as (session, port), session:
+        yield Router(session, AirAccess(f"tcp/{plan.host}:{port}", _AGENT, password, plan.domain))
+
+
+def _check(plan: AirPlan) -> None:
+    faults = [
+        Fault("air network", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections")
+        for topic, _ in (*plan.agent_reads, *plan.agent_writes)
+        if not is_name(topic)
+    ]
+    faults += [
+        Fault("air network", f"{topic}: the bench does not speak {type_name!r}", "use a type of bench.streams.MESSAGES")
+        for topic, type_name in (*plan.agent_reads, *plan.agent_writes)
+        if message_class(type_name) is None
+    ]
+    if faults:
+        raise SetupError(faults)
+
+
+@contextmanager
+def _open(plan: AirPlan, password: str) -> Iterator[tuple[zenoh.Session, int]]:
+    """A router session and its port. The file with the password is gone before anybody can connect who might look for it."""
+    for attempt in range(_ATTEMPTS):
+        port = plan.port or _free_port(plan.host)
+        try:
+            session = _open_at(plan, port, password)
+        except zenoh.ZError as error:
+            if plan.port or attempt == _ATTEMPTS - 1:
+                raise SetupError(
+                    Fault("air network", f"cannot listen on {plan.host}:{port}: {error}", "choose a free port, or 0")
+                ) from error
+            continue  # somebody was quicker: take another
+        yield session, port
+        return
+    raise RebarError("unreachable")
+
+
+def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
+    with tempfile.TemporaryDirectory(prefix="rebar-air-") as folder:  # mode 0700
+        users = Path(folder) / "users"
+        users.touch(mode=0o600)
+        users.write_text(f"{_AGENT}:{password}\n")
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(_router_settings(plan, port, users))))
+
+
+def _free_port(host: str) -> int:
+    with socket.create_server((host, 0)) as listener:
+        port: int = listener.getsockname()[1]
+        return port
+
+
+def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
+    settings = session_settings()
+    settings["transport"]["auth"] = {
+        "usrpwd": {"user": "router", "password": secrets.token_urlsafe(24), "dictionary_file": str(users)}
+    }
+    settings["mode"] = "router"
+    settings["listen"] = {"endpoints": [f"tcp/{plan.host}:{port}"], "exit_on_failure": True}
+    settings["access_control"] = _access_control(plan)
+    written = _keys(plan, plan.agent_writes)
+    if written:
+        everything = {"flows": ["ingress"], "messages": ["put"]}
+        settings["low_pass_filter"] = [{**everything, "key_exprs": written, "size_limit": plan.agent_limit_bytes}]
+        if plan.agent_limit_hz is not None:
+            rules = [{"key_expr": key, "freq": plan.agent_limit_hz} for key in written]
+            settings["downsampling"] = [{**everything, "rules": rules}]
+    return settings
+
+
+def _keys(plan: AirPlan, topics: tuple[Topic, ...]) -> list[str]:
+    return sorted({data_key(plan.domain, topic, type_name) for topic, type_name in topics})
+
+
+def _access_control(plan: AirPlan) -> dict[str, Any]:
+    rules = list(_rules(plan))
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": _AGENT, "usernames": [_AGENT]}],
+        "policies": [{"rules": [rule["id"] for rule in rules], "subjects": [_AGENT]}],
+    }
+
+
+def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
+    """The agent's allow-list. `ingress` is agent to router, `egress` router to agent; a rule must include the asked key."""
+    reads, writes = _keys(plan, plan.agent_reads), _keys(plan, plan.agent_writes)
+    # Beside each latched key Zenoh keeps a cache that answers queries, and tokens that tell of late publishers.
+    caches = [f"{key}/@adv/**" for key in reads]
+    graph = [f"{GRAPH}/{plan.domain}/**"]
+    if reads:
+        yield _rule("read-ask", "ingress", ["declare_subscriber"], reads)
+        yield _rule("read", "egress", ["put", "reply"], reads)
+        yield _rule("history-ask", "ingress", ["query", "declare_liveliness_subscriber", "liveliness_query"], caches)
+        yield _rule("history", "egress", ["declare_queryable", "liveliness_token"], caches)
+    if writes:
+        yield _rule("write", "ingress", ["put"], writes)
+        yield _rule("write-match", "egress", ["declare_subscriber"], writes)
+    yield _rule("graph-ask", "ingress", ["declare_liveliness_subscriber", "liveliness_query"], graph)
+    yield _rule("graph", "egress", ["liveliness_token"], graph)
+    yield _rule("graph-tell", "ingress", ["liveliness_token"], _own_tokens(plan))
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+def _own_tokens(plan: AirPlan) -> list[str]:
+    """The tokens that the agent may show: nodes of any name, and endpoints of exactly the topics that it may use.
+
+    So it cannot appear as a publisher of what the bench publishes.
+    """
+    node = f"{GRAPH}/{plan.domain}/*/*/*"
+    ends = [("MS", one) for one in plan.agent_reads] + [("MP", one) for one in plan.agent_writes]
+    tokens = {
+        f"{node}/{kind}/*/*/*/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/**"
+        for kind, (topic, type_name) in ends
+    }
+    return [f"{node}/NN/*/*/*", *sorted(tokens)]

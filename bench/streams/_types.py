@@ -1,0 +1,473 @@
+"""The ROS 2 messages that the bench speaks, as frozen values; the table that everything else about them is computed from.
+
+A class is its own table: the annotations of its fields, in order, are the fields of the `.msg` file. Plain `float` is
+float64; every other number names its width (`UInt32`). Constants of the `.msg` files are left out: they are not on the wire.
+"""
+# Without `from __future__ import annotations` on purpose: the annotations are read at run time.
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin
+
+Int8 = Annotated[int, "int8"]
+UInt8 = Annotated[int, "uint8"]
+UInt16 = Annotated[int, "uint16"]
+Int32 = Annotated[int, "int32"]
+UInt32 = Annotated[int, "uint32"]
+Octets = Annotated[bytes, "uint8[]"]
+Doubles = Annotated[tuple[float, ...], "float64[]"]
+Nine = Annotated[tuple[float, ...], "float64[9]"]
+Twelve = Annotated[tuple[float, ...], "float64[12]"]
+ThirtySix = Annotated[tuple[float, ...], "float64[36]"]
+
+_ZERO_9 = (0.0,) * 9
+_ZERO_12 = (0.0,) * 12
+_ZERO_36 = (0.0,) * 36
+
+
+class Message(Protocol):
+    """What every message class has: its ROS 2 type name."""
+
+    TYPE: ClassVar[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Time:
+    TYPE: ClassVar[str] = "builtin_interfaces/msg/Time"
+    sec: Int32 = 0
+    nanosec: UInt32 = 0
+
+    @staticmethod
+    def of(ns: int) -> "Time":
+        """The stamp of a simulated moment in nanoseconds."""
+        return Time(*divmod(ns, 1_000_000_000))
+
+    @property
+    def ns(self) -> int:
+        return self.sec * 1_000_000_000 + self.nanosec
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    TYPE: ClassVar[str] = "std_msgs/msg/Header"
+    stamp: Time = Time()
+    frame_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class String:
+    TYPE: ClassVar[str] = "std_msgs/msg/String"
+    data: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MultiArrayDimension:
+    TYPE: ClassVar[str] = "std_msgs/msg/MultiArrayDimension"
+    label: str = ""
+    size: UInt32 = 0
+    stride: UInt32 = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MultiArrayLayout:
+    TYPE: ClassVar[str] = "std_msgs/msg/MultiArrayLayout"
+    dim: tuple[MultiArrayDimension, ...] = ()
+    data_offset: UInt32 = 0
+
+
+@dataclass(frozen=True, slots=True)
+class UInt8MultiArray:
+    TYPE: ClassVar[str] = "std_msgs/msg/UInt8MultiArray"
+    layout: MultiArrayLayout = MultiArrayLayout()
+    data: Octets = b""
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    TYPE: ClassVar[str] = "rosgraph_msgs/msg/Clock"
+    clock: Time = Time()
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/Point"
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Quaternion:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/Quaternion"
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/Pose"
+    position: Point = Point()
+    orientation: Quaternion = Quaternion()
+
+
+@dataclass(frozen=True, slots=True)
+class PoseArray:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/PoseArray"
+    header: Header = Header()
+    poses: tuple[Pose, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PoseStamped:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
+    header: Header = Header()
+    pose: Pose = Pose()
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithCovariance:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovariance"
+    pose: Pose = Pose()
+    covariance: ThirtySix = _ZERO_36
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithCovarianceStamped:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    header: Header = Header()
+    pose: PoseWithCovariance = PoseWithCovariance()
+
+
+@dataclass(frozen=True, slots=True)
+class Vector3:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/Vector3"
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/Transform"
+    translation: Vector3 = Vector3()
+    rotation: Quaternion = Quaternion()
+
+
+@dataclass(frozen=True, slots=True)
+class TransformStamped:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/TransformStamped"
+    header: Header = Header()
+    child_frame_id: str = ""
+    transform: Transform = Transform()
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/Twist"
+    linear: Vector3 = Vector3()
+    angular: Vector3 = Vector3()
+
+
+@dataclass(frozen=True, slots=True)
+class TwistWithCovariance:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovariance"
+    twist: Twist = Twist()
+    covariance: ThirtySix = _ZERO_36
+
+
+@dataclass(frozen=True, slots=True)
+class TwistWithCovarianceStamped:
+    TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
+    header: Header = Header()
+    twist: TwistWithCovariance = TwistWithCovariance()
+
+
+@dataclass(frozen=True, slots=True)
+class TFMessage:
+    TYPE: ClassVar[str] = "tf2_msgs/msg/TFMessage"
+    transforms: tuple[TransformStamped, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Pose in the header's frame, twist in the child frame."""
+
+    TYPE: ClassVar[str] = "nav_msgs/msg/Odometry"
+    header: Header = Header()
+    child_frame_id: str = ""
+    pose: PoseWithCovariance = PoseWithCovariance()
+    twist: TwistWithCovariance = TwistWithCovariance()
+
+
+@dataclass(frozen=True, slots=True)
+class RegionOfInterest:
+    TYPE: ClassVar[str] = "sensor_msgs/msg/RegionOfInterest"
+    x_offset: UInt32 = 0
+    y_offset: UInt32 = 0
+    height: UInt32 = 0
+    width: UInt32 = 0
+    do_rectify: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfo:
+    """`k`, `r` (3x3) and `p` (3x4) are row-major, in pixels, of the optical frame (z forward, x right, y down)."""
+
+    TYPE: ClassVar[str] = "sensor_msgs/msg/CameraInfo"
+    header: Header = Header()
+    height: UInt32 = 0
+    width: UInt32 = 0
+    distortion_model: str = ""
+    d: Doubles = ()
+    k: Nine = _ZERO_9
+    r: Nine = _ZERO_9
+    p: Twelve = _ZERO_12
+    binning_x: UInt32 = 0
+    binning_y: UInt32 = 0
+    roi: RegionOfInterest = RegionOfInterest()
+
+
+@dataclass(frozen=True, slots=True)
+class CompressedImage:
+    TYPE: ClassVar[str] = "sensor_msgs/msg/CompressedImage"
+    header: Header = Header()
+    format: str = ""
+    data: Octets = b""
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    TYPE: ClassVar[str] = "sensor_msgs/msg/Image"
+    header: Header = Header()
+    height: UInt32 = 0
+    width: UInt32 = 0
+    encoding: str = ""
+    is_bigendian: UInt8 = 0
+    step: UInt32 = 0
+    data: Octets = b""
+
+
+@dataclass(frozen=True, slots=True)
+class NavSatStatus:
+    TYPE: ClassVar[str] = "sensor_msgs/msg/NavSatStatus"
+    status: Int8 = 0
+    service: UInt16 = 1
+
+
+@dataclass(frozen=True, slots=True)
+class NavSatFix:
+    """WGS 84: degrees, degrees, metres above the ellipsoid."""
+
+    TYPE: ClassVar[str] = "sensor_msgs/msg/NavSatFix"
+    header: Header = Header()
+    status: NavSatStatus = NavSatStatus()
+    latitude: float = 0.0
+    longitude: float = 0.0
+    altitude: float = 0.0
+    position_covariance: Nine = _ZERO_9
+    position_covariance_type: UInt8 = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Imu:
+    TYPE: ClassVar[str] = "sensor_msgs/msg/Imu"
+    header: Header = Header()
+    orientation: Quaternion = Quaternion()
+    orientation_covariance: Nine = _ZERO_9
+    angular_velocity: Vector3 = Vector3()
+    angular_velocity_covariance: Nine = _ZERO_9
+    linear_acceleration: Vector3 = Vector3()
+    linear_acceleration_covariance: Nine = _ZERO_9
+
+
+@dataclass(frozen=True, slots=True)
+class Point2D:
+    TYPE: ClassVar[str] = "vision_msgs/msg/Point2D"
+    x: float = 0.0
+    y: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2D:
+    TYPE: ClassVar[str] = "vision_msgs/msg/Pose2D"
+    position: Point2D = Point2D()
+    theta: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class BoundingBox2D:
+    """Centre and full size, in pixels."""
+
+    TYPE: ClassVar[str] = "vision_msgs/msg/BoundingBox2D"
+    center: Pose2D = Pose2D()
+    size_x: float = 0.0
+    size_y: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class BoundingBox3D:
+    TYPE: ClassVar[str] = "vision_msgs/msg/BoundingBox3D"
+    center: Pose = Pose()
+    size: Vector3 = Vector3()
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectHypothesis:
+    TYPE: ClassVar[str] = "vision_msgs/msg/ObjectHypothesis"
+    class_id: str = ""
+    score: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectHypothesisWithPose:
+    TYPE: ClassVar[str] = "vision_msgs/msg/ObjectHypothesisWithPose"
+    hypothesis: ObjectHypothesis = ObjectHypothesis()
+    pose: PoseWithCovariance = PoseWithCovariance()
+
+
+@dataclass(frozen=True, slots=True)
+class Detection2D:
+    TYPE: ClassVar[str] = "vision_msgs/msg/Detection2D"
+    header: Header = Header()
+    results: tuple[ObjectHypothesisWithPose, ...] = ()
+    bbox: BoundingBox2D = BoundingBox2D()
+    id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Detection2DArray:
+    TYPE: ClassVar[str] = "vision_msgs/msg/Detection2DArray"
+    header: Header = Header()
+    detections: tuple[Detection2D, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Detection3D:
+    TYPE: ClassVar[str] = "vision_msgs/msg/Detection3D"
+    header: Header = Header()
+    results: tuple[ObjectHypothesisWithPose, ...] = ()
+    bbox: BoundingBox3D = BoundingBox3D()
+    id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Detection3DArray:
+    TYPE: ClassVar[str] = "vision_msgs/msg/Detection3DArray"
+    header: Header = Header()
+    detections: tuple[Detection3D, ...] = ()
+
+
+MESSAGES: tuple[type[Message], ...] = (
+    *(Time, Header, String, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray, Clock),
+    *(Point, Quaternion, Pose, PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped),
+    *(Vector3, Transform, TransformStamped, Twist, TwistWithCovariance, TwistWithCovarianceStamped, TFMessage, Odometry),
+    *(RegionOfInterest, CameraInfo, CompressedImage, Image, NavSatStatus, NavSatFix, Imu),
+    *(Point2D, Pose2D, BoundingBox2D, BoundingBox3D, ObjectHypothesis, ObjectHypothesisWithPose),
+    *(Detection2D, Detection2DArray, Detection3D, Detection3DArray),
+)
+
+_BY_NAME = {kind.TYPE: kind for kind in MESSAGES}
+
+
+def message_class(type_name: str) -> type[Message] | None:
+    """The class of a ROS 2 type (`std_msgs/msg/String`), or None when the bench does not speak it."""
+    return _BY_NAME.get(type_name)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field: a primitive's name or a message class, alone, `size` of them, or as many as there are."""
+
+    name: str
+    of: str | type[Message]
+    count: Literal["one", "array", "sequence"] = "one"
+    size: int = 0
+
+    @property
+    def type_text(self) -> str:
+        """The field's type as a `.msg` file states it: `float64[36]`, `geometry_msgs/Pose[]`."""
+        base = self.of if isinstance(self.of, str) else short_name(self.of.TYPE)
+        return base + {"one": "", "array": f"[{self.size}]", "sequence": "[]"}[self.count]
+
+
+@cache
+def fields_of(kind: type[Message]) -> tuple[Field, ...]:
+    """The fields of a message class in the order of the wire."""
+    return tuple(_field(one.name, one.type) for one in fields(kind))  # type: ignore[arg-type]
+
+
+def _field(name: str, annotation: Any) -> Field:
+    plain = {str: "string", bool: "bool", float: "float64"}.get(annotation)
+    if plain is not None:
+        return Field(name, plain)
+    if get_origin(annotation) is Annotated:
+        base, _, rest = get_args(annotation)[1].partition("[")
+        if not rest:
+            return Field(name, base)
+        return Field(name, base, "array", int(rest[:-1])) if rest != "]" else Field(name, base, "sequence")
+    if get_origin(annotation) is tuple:
+        return Field(name, get_args(annotation)[0], "sequence")
+    return Field(name, annotation)
+
+
+def short_name(type_name: str) -> str:
+    """`std_msgs/msg/Header` as `.msg` files write it: `std_msgs/Header`."""
+    return type_name.replace("/msg/", "/")
+
+
+def dependencies(kind: type[Message]) -> tuple[type[Message], ...]:
+    """Every message class inside `kind`, at any depth, each once, in the order of first meeting."""
+
+    def walk(of: type[Message]) -> Iterator[type[Message]]:
+        for field in fields_of(of):
+            if not isinstance(field.of, str):
+                yield field.of
+                yield from walk(field.of)
+
+    return tuple(dict.fromkeys(walk(kind)))
+
+
+@cache
+def type_hash(type_name: str) -> str:
+    """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when unknown."""
+    kind = _BY_NAME[type_name]
+    inside = sorted(dependencies(kind), key=lambda one: one.TYPE)
+    whole = {"type_description": _description(kind), "referenced_type_descriptions": [_description(one) for one in inside]}
+    return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
+
+
+_TYPE_IDS = {"int8": 2, "uint8": 3, "uint16": 5, "int32": 6, "uint32": 7, "float64": 11, "bool": 15, "string": 17}
+_COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
+
+
+def _description(kind: type[Message]) -> dict[str, Any]:
+    return {"type_name": kind.TYPE, "fields": [{"name": one.name, "type": _type_description(one)} for one in fields_of(kind)]}
+
+
+def _type_description(field: Field) -> dict[str, Any]:
+    nested = "" if isinstance(field.of, str) else field.of.TYPE
+    base = _TYPE_IDS[field.of] if isinstance(field.of, str) else 1
+    return {
+        "type_id": base + _COUNT_IDS[field.count],
+        "capacity": field.size,
+        "string_capacity": 0,
+        "nested_type_name": nested,
+    }
+
+
+@cache
+def schema_text(type_name: str) -> str:
+    """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it. KeyError when unknown."""
+    kind = _BY_NAME[type_name]
+    parts = [_definition(kind)]
+    parts += [f"MSG: {short_name(one.TYPE)}\n{_definition(one)}" for one in dependencies(kind)]
+    return ("=" * 80 + "\n").join(parts)
+
+
+def _definition(kind: type[Message]) -> str:
+    return "".join(f"{field.type_text} {field.name}\n" for field in fields_of(kind))
