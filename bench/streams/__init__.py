@@ -78,3 +78,4 @@ from ._types import Vector3 as Vector3
 from ._types import message_class as message_class
 from ._types import schema_text as schema_text
 from ._types import type_hash as type_hash
+from ._types import type_name_of as type_name_of

@@ -21,7 +21,7 @@ _FORMATS = {"int8": "b", "uint8": "B", "bool": "?", "uint16": "H", "int32": "i",
 _MAX_TRAILING = 3  # some writers pad the end of a sample to four bytes
 _LITTLE, _BIG = "<", ">"
 
-M = TypeVar("M", bound=Message)
+M = TypeVar("M")
 _Write = Callable[[bytearray, Any], None]
 _Read = Callable[[bytes, int, list[Any]], int]
 _Build = Callable[[Iterator[Any]], Any]
@@ -31,14 +31,18 @@ class _Malformed(ValueError):
     """These bytes are not such a message."""
 
 
-def encode(message: Message) -> bytes:
-    """The CDR bytes of a message, header included. Raises ValueError when a value does not fit its field."""
+def encode(message: object) -> bytes:
+    """The CDR bytes of a message, header included.
+
+    Raises ValueError when a value does not fit its field, TypeError for what is no message at all.
+    """
     out = bytearray(HEADER)
+    kind: Any = type(message)
     try:
-        for write in _writers(type(message)):
+        for write in _writers(kind):
             write(out, message)
     except struct.error as error:
-        raise ValueError(f"{message.TYPE}: a value does not fit its field: {error}") from error
+        raise ValueError(f"{kind.TYPE}: a value does not fit its field: {error}") from error
     return bytes(out)
 
 
@@ -59,7 +63,8 @@ def decode(kind: type[M] | str, data: bytes) -> Any:
         return decode(named, data)
     if len(data) < 4 or data[0] != 0 or data[1] > 1:
         return None
-    read, build = _reader(kind, _LITTLE if data[1] else _BIG)
+    of: Any = kind
+    read, build = _reader(of, _LITTLE if data[1] else _BIG)
     values: list[Any] = []
     try:
         end = read(data, 4, values)

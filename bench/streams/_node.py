@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import zenoh
 import zenoh.ext
@@ -23,9 +23,8 @@ from bench.errors import Fault, LinkLost, SetupError
 
 from ._cdr import decode, encode
 from ._keys import RELIABLE_10, QoS, data_key, endpoint_gid, endpoint_token, is_name, node_token, read_sequence, write_attachment
-from ._types import Message
+from ._types import type_name_of
 
-M = TypeVar("M", bound=Message)
 _LEASE_MS = 60_000  # rmw_zenoh's
 _QUEUED_BATCHES = 16  # the most that Zenoh allows: samples are dropped when a reader is this far behind
 
@@ -41,23 +40,23 @@ class AirAccess:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample(Generic[M]):
+class Sample:
     """One sample as it came: its publisher's sequence number and its CDR bytes."""
 
     topic: str
-    kind: type[M]
+    kind: type[Any]
     sequence: int
     data: bytes
 
-    def message(self) -> M | None:
-        """The message, or None when the bytes are not one."""
+    def message(self) -> Any:
+        """The message, of class `kind`, or None when the bytes are not one."""
         return decode(self.kind, self.data)
 
 
-class Publisher(Generic[M]):
+class Publisher:
     """One topic that a node writes. For one thread at a time. Samples are numbered from 1."""
 
-    def __init__(self, topic: str, kind: type[M], zenoh_publisher: Any, gid: bytes, latched: bool) -> None:
+    def __init__(self, topic: str, kind: type[Any], zenoh_publisher: Any, gid: bytes, latched: bool) -> None:
         self.topic = topic
         self.kind = kind
         self.sequence = 0
@@ -65,7 +64,7 @@ class Publisher(Generic[M]):
         self._gid = gid
         self._latched = latched
 
-    def put(self, message: M) -> bytes:
+    def put(self, message: object) -> bytes:
         """Send a message; returns its CDR bytes, which the recorder wants too."""
         data = encode(message)
         self.put_bytes(data)
@@ -82,7 +81,7 @@ class Publisher(Generic[M]):
         return self._latched or bool(self._publisher.matching_status)
 
 
-class Subscription(Generic[M]):
+class Subscription:
     """One topic that a node reads, with an inbox of `capacity` samples. A full inbox refuses what is new and counts it.
 
     `highest` is the highest sequence number seen, `received` counts good samples, `lost` the numbers that were skipped,
@@ -91,7 +90,7 @@ class Subscription(Generic[M]):
     with the numbers that it was sent with: a late subscriber's first may be any number, and counts nothing as lost.
     """
 
-    def __init__(self, topic: str, kind: type[M], capacity: int) -> None:
+    def __init__(self, topic: str, kind: type[Any], capacity: int) -> None:
         self.topic = topic
         self.kind = kind
         self.highest = 0
@@ -100,11 +99,11 @@ class Subscription(Generic[M]):
         self.overflowed = 0
         self.malformed = 0
         self._capacity = capacity
-        self._inbox: deque[Sample[M]] = deque()
+        self._inbox: deque[Sample] = deque()
         self._arrival = threading.Condition()
         self._waiting = 0
 
-    def take(self) -> list[Sample[M]]:
+    def take(self) -> list[Sample]:
         """Everything in the inbox, in order of arrival; the inbox is empty afterwards."""
         if not self._inbox:
             return []
@@ -159,24 +158,24 @@ class Node:
         self._held: list[Any] = []
         self._show(node_token(domain, self._zid, self._id, namespace, name))
 
-    def publisher(self, topic: str, kind: type[M], qos: QoS = RELIABLE_10) -> Publisher[M]:
+    def publisher(self, topic: str, kind: type[object], qos: QoS = RELIABLE_10) -> Publisher:
         """Announce a topic that this node writes."""
         if qos.latched:
             return self.latched(topic, kind, qos.depth)
         token = self._token("MP", topic, kind, qos)
         publisher = self._session.declare_publisher(
-            data_key(self._domain, topic, kind.TYPE),
+            data_key(self._domain, topic, type_name_of(kind)),
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
         )
         return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), latched=False), token, publisher)
 
-    def latched(self, topic: str, kind: type[M], depth: int = 1) -> Publisher[M]:
+    def latched(self, topic: str, kind: type[object], depth: int = 1) -> Publisher:
         """Announce a topic whose last `depth` samples also reach whoever subscribes later (transient_local)."""
         token = self._token("MP", topic, kind, QoS(latched=True, depth=depth))
         publisher = zenoh.ext.declare_advanced_publisher(
             self._session,
-            data_key(self._domain, topic, kind.TYPE),
+            data_key(self._domain, topic, type_name_of(kind)),
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE,
             cache=zenoh.ext.CacheConfig(
@@ -189,12 +188,12 @@ class Node:
         return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), latched=True), token, publisher)
 
     def subscribe(
-        self, topic: str, kind: type[M], latched: bool = False, depth: int = 10, capacity: int = 4096
-    ) -> Subscription[M]:
+        self, topic: str, kind: type[object], latched: bool = False, depth: int = 10, capacity: int = 4096
+    ) -> Subscription:
         """Listen to a topic. `latched` also asks for the last `depth` samples that were sent before."""
         token = self._token("MS", topic, kind, QoS(latched=latched, depth=depth))
         subscription = Subscription(topic, kind, capacity)
-        key = data_key(self._domain, topic, kind.TYPE)
+        key = data_key(self._domain, topic, type_name_of(kind))
 
         def arrived(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
@@ -210,13 +209,13 @@ class Node:
         self._show(token)
         return subscription
 
-    def _token(self, kind: str, topic: str, message: type[M], qos: QoS) -> str:
+    def _token(self, kind: str, topic: str, message: type[object], qos: QoS) -> str:
         if not is_name(topic):
             raise SetupError(Fault("topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"))
         ids = (self._id, next(self._ids))
-        return endpoint_token(self._domain, self._zid, ids, kind, self._name, topic, message.TYPE, qos)
+        return endpoint_token(self._domain, self._zid, ids, kind, self._name, topic, type_name_of(message), qos)
 
-    def _announce(self, publisher: Publisher[M], token: str, zenoh_publisher: Any) -> Publisher[M]:
+    def _announce(self, publisher: Publisher, token: str, zenoh_publisher: Any) -> Publisher:
         self._held.append(zenoh_publisher)
         self._show(token)
         return publisher

@@ -379,6 +379,14 @@ def message_class(type_name: str) -> type[Message] | None:
     return _BY_NAME.get(type_name)
 
 
+def type_name_of(kind: type[object]) -> str:
+    """The ROS 2 type of a message class. Raises TypeError for any other class."""
+    name = getattr(kind, "TYPE", None)
+    if not isinstance(name, str):
+        raise TypeError(f"{kind.__name__} is no message class of bench.streams")
+    return name
+
+
 @dataclass(frozen=True, slots=True)
 class Field:
     """One field: a primitive's name or a message class, alone, `size` of them, or as many as there are."""
@@ -398,6 +406,7 @@ class Field:
 @cache
 def fields_of(kind: type[Message]) -> tuple[Field, ...]:
     """The fields of a message class in the order of the wire."""
+    type_name_of(kind)  # a dataclass that is no message stops here
     return tuple(_field(one.name, one.type) for one in fields(kind))  # type: ignore[arg-type]
 
 
