@@ -10,19 +10,23 @@ from dataclasses import dataclass
 from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics
 from bench.simspec import Document, SimSpec
 from bench.streams import (
+    CLOCK_QOS,
+    RELIABLE_10,
+    TF_QOS,
     AirAccess,
     AirPlan,
     CameraInfo,
     Clock,
     Detection2DArray,
+    Message,
     Publisher,
+    QoS,
     Router,
     String,
     Subscription,
     TFMessage,
     encode,
     open_router,
-    type_name_of,
 )
 
 from ._ending import SessionEnds
@@ -36,16 +40,16 @@ class Outlet:
     """One topic towards the agent: every message is recorded, and published while `heard`."""
 
     topic: str
-    kind: type[object]
+    kind: type[Message]
     tap: Tap
     publisher: Publisher | None
     latched: bool = False
     heard: bool = False
 
-    def say(self, time: SimTime, message: object) -> None:
+    def say(self, time: SimTime, message: Message) -> None:
         """Encode once, record, publish."""
         data = encode(message)
-        self.tap(Record(time, self.topic, type_name_of(self.kind), data))
+        self.tap(Record(time, self.topic, self.kind.TYPE, data))
         if self.publisher is not None and (self.heard or self.latched):
             self.publisher.put_bytes(data)
 
@@ -76,14 +80,14 @@ class Air:
         topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        def outlet(topic: str, kind: type[object], depth: int = 0) -> Outlet:
+        def outlet(topic: str, kind: type[Message], qos: QoS = RELIABLE_10, *, depth: int = 0) -> Outlet:
             publisher = None
             if node is not None:
-                publisher = node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind)
+                publisher = node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind, qos)
             return Outlet(topic, kind, tap, publisher, latched=depth > 0)
 
-        self.clock = outlet(CLOCK, Clock)
-        self.tf = outlet(TF, TFMessage)
+        self.clock = outlet(CLOCK, Clock, CLOCK_QOS)
+        self.tf = outlet(TF, TFMessage, TF_QOS)
         self.tf_static = outlet(TF_STATIC, TFMessage, depth=1)
         self.mission = outlet(topics.mission, String, depth=1)
         self.intelligence = outlet(topics.intelligence, String, depth=32)
@@ -126,9 +130,9 @@ class Air:
                     f"the agent says it sent {stated[ear.topic]} samples on {ear.topic}; {ear.subscription.highest} came",
                 )
             for sample in ear.subscription.take():
-                self._tap(Record(time, ear.topic, "std_msgs/msg/String", sample.data))
+                self._tap(Record(time, ear.topic, String.TYPE, sample.data))
                 message = sample.message()
-                if isinstance(message, String):
+                if message is not None:
                     said.setdefault(ear.topic, []).append(message.data)
         return said
 
@@ -143,19 +147,19 @@ class Air:
 def open_air(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Air]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
-    string, camera = "std_msgs/msg/String", topics.camera_info(simspec.vehicle.camera.name)
+    camera = topics.camera_info(simspec.vehicle.camera.name)
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=(
-            (CLOCK, "rosgraph_msgs/msg/Clock"),
-            (TF, "tf2_msgs/msg/TFMessage"),
-            (TF_STATIC, "tf2_msgs/msg/TFMessage"),
-            (topics.mission, string),
-            (topics.intelligence, string),
-            (camera, "sensor_msgs/msg/CameraInfo"),
-            (topics.detections, "vision_msgs/msg/Detection2DArray"),
+            (CLOCK, Clock.TYPE),
+            (TF, TFMessage.TYPE),
+            (TF_STATIC, TFMessage.TYPE),
+            (topics.mission, String.TYPE),
+            (topics.intelligence, String.TYPE),
+            (camera, CameraInfo.TYPE),
+            (topics.detections, Detection2DArray.TYPE),
         ),
-        agent_writes=tuple((topic, string) for topic in topics.from_agent),
+        agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh else None

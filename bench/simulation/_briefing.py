@@ -30,8 +30,8 @@ from bench.streams import (
     Pose2D,
     PoseWithCovariance,
     Quaternion,
-    RegionOfInterest,
     TFMessage,
+    Time,
     Transform,
     TransformStamped,
     Vector3,
@@ -43,13 +43,11 @@ from bench.streams import (
 from ._air import Air
 from ._camera import PinholeCamera
 from ._frames import body_in_map
-from ._truth import stamp
 
 _NOWHERE = PoseWithCovariance(
     pose=Pose(position=RosPoint(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)),
     covariance=(0.0,) * 36,
 )
-_WHOLE_IMAGE = RegionOfInterest(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
 
 
 class Briefing:
@@ -72,7 +70,7 @@ class Briefing:
     def tell(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
         """Everything that the agent may know at `now` and has not been told."""
         air = self._air
-        air.clock.say(now, Clock(clock=stamp(now)))
+        air.clock.say(now, Clock(clock=Time.of(now.ns)))
         if not self._briefed:
             self._briefed = True
             air.tf_static.say(now, self._mount(now))
@@ -92,34 +90,33 @@ class Briefing:
         )
         return TFMessage(
             transforms=(
-                TransformStamped(header=Header(stamp=stamp(now), frame_id="map"), child_frame_id=self._base, transform=transform),
+                TransformStamped(
+                    header=Header(stamp=Time.of(now.ns), frame_id="map"), child_frame_id=self._base, transform=transform
+                ),
             )
         )
 
     def _mount(self, now: SimTime) -> TFMessage:
         x, y, z, w = self._camera.mount_quaternion()
         transform = Transform(translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w))
-        header = Header(stamp=stamp(now), frame_id=self._base)
+        header = Header(stamp=Time.of(now.ns), frame_id=self._base)
         return TFMessage(transforms=(TransformStamped(header=header, child_frame_id=self._optical, transform=transform),))
 
     def _camera_info(self, exposed: SimTime) -> CameraInfo:
-        camera = self._camera
+        numbers = self._camera.camera_info()
         return CameraInfo(
-            header=Header(stamp=stamp(exposed), frame_id=self._optical),
-            height=camera.height_px,
-            width=camera.width_px,
-            distortion_model="plumb_bob",
-            d=(0.0, 0.0, 0.0, 0.0, 0.0),
-            k=(camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0),
-            r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-            p=(camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0),
-            binning_x=0,
-            binning_y=0,
-            roi=_WHOLE_IMAGE,
+            header=Header(stamp=Time.of(exposed.ns), frame_id=self._optical),
+            height=numbers.height,
+            width=numbers.width,
+            distortion_model=numbers.distortion_model,
+            d=numbers.d,
+            k=numbers.k,
+            r=numbers.r,
+            p=numbers.p,
         )
 
     def _detections(self, frame: DetectionFrame) -> Detection2DArray:
-        header = Header(stamp=stamp(frame.exposed), frame_id=self._optical)
+        header = Header(stamp=Time.of(frame.exposed.ns), frame_id=self._optical)
         return Detection2DArray(header=header, detections=tuple(_detection(header, one) for one in frame.detections))
 
 

@@ -33,6 +33,7 @@ from bench.streams import (
     Odometry,
     Point,
     Pose,
+    PoseArray,
     PoseWithCovariance,
     String,
     Time,
@@ -52,11 +53,6 @@ CONDITION_HZ = 1
 _SECOND_NS = 1_000_000_000
 _UNKNOWN_COVARIANCE = (0.0,) * 36
 _PLAIN_LAYOUT = MultiArrayLayout(dim=(), data_offset=0)
-
-
-def stamp(time: SimTime) -> Time:
-    """A moment as builtin_interfaces/Time."""
-    return Time(sec=time.ns // _SECOND_NS, nanosec=time.ns % _SECOND_NS)
 
 
 class Truth:
@@ -103,7 +99,7 @@ class Truth:
             for link, way in sorted(self._wire):
                 if way == direction:
                     data = encode(UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, way])))
-                    self._tap(Record(time, mavlink_topic(link, way), "std_msgs/msg/UInt8MultiArray", data))
+                    self._tap(Record(time, mavlink_topic(link, way), UInt8MultiArray.TYPE, data))
         self._wire.clear()
 
     def sample(self, time: SimTime, vehicle: Vehicle, scene: Scene) -> None:
@@ -130,7 +126,7 @@ class Truth:
         forward, left, above = velocity_in_body(state)
         roll, pitch, yaw = state.rates_body_radps
         message = Odometry(
-            header=Header(stamp=stamp(time), frame_id="map"),
+            header=Header(stamp=Time.of(time.ns), frame_id="map"),
             child_frame_id=self._base,
             pose=PoseWithCovariance(
                 pose=Pose(
@@ -143,18 +139,18 @@ class Truth:
                 covariance=_UNKNOWN_COVARIANCE,
             ),
         )
-        self._tap(Record(time, TRUTH_ODOMETRY, "nav_msgs/msg/Odometry", encode(message)))
+        self._tap(Record(time, TRUTH_ODOMETRY, Odometry.TYPE, encode(message)))
 
     def _actors(self, time: SimTime, scene: Scene) -> None:
         positions = scene.positions()
         half = (np.pi / 2.0 - scene.headings()) / 2.0
         turned = np.zeros((len(positions), 4))
         turned[:, 2], turned[:, 3] = np.sin(half), np.cos(half)
-        data = encode_pose_array(stamp(time), "map", positions, turned)
-        self._tap(Record(time, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
+        data = encode_pose_array(Time.of(time.ns), "map", positions, turned)
+        self._tap(Record(time, TRUTH_ACTORS, PoseArray.TYPE, data))
 
     def _document(self, time: SimTime, topic: str, document: Document) -> None:
-        self._tap(Record(time, topic, "std_msgs/msg/String", encode(String(document.model_dump_json()))))
+        self._tap(Record(time, topic, String.TYPE, encode(String(document.model_dump_json()))))
 
 
 def _shape(condition: VehicleCondition) -> tuple[object, ...]:
