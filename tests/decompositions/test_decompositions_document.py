@@ -1,0 +1,251 @@
+"""The decomposition document: what is accepted, and every fault of a bad one at once."""
+
+from __future__ import annotations
+
+import copy
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import pytest
+import yaml
+
+from bench.errors import Fault, SetupError
+from decompositions import (
+    Decomposition,
+    DecompositionDocument,
+    Level,
+    Vocabulary,
+    decomposition_of,
+    decomposition_schema,
+    load_decomposition,
+    read_decomposition,
+    shipped_decompositions,
+)
+
+UNITS = {"fog_level": "level", "uav_altitude_m": "m"}
+
+
+def node(name: str, *children: str) -> dict[str, Any]:
+    return {"id": name, "title": f"Title of {name}", "asks": "Is it so?", "children": list(children)}
+
+
+def leaf(name: str, **changes: Any) -> dict[str, Any]:
+    return {
+        "id": name,
+        "title": f"Title of {name}",
+        "asks": "Is it so?",
+        "measure": "detection_share",
+        "options": {"role": "any"},
+        "threshold": 0.5,
+        "threshold_reason": "Half.",
+        "considered": "Always.",
+        "key_factors": ["fog"],
+    } | changes
+
+
+def row(**changes: Any) -> dict[str, Any]:
+    return {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "The whole scale."} | changes
+
+
+@pytest.fixture
+def good() -> dict[str, Any]:
+    """Two key attributes that share a VAB, and two VABs that share an observable."""
+    return {
+        "format": "rebar.decomposition/1",
+        "name": "small",
+        "title": "Small",
+        "tables": {"fog": row()},
+        "principles": [node("P", "KA-1", "KA-2")],
+        "key_attributes": [node("KA-1", "V-1", "V-2"), node("KA-2", "V-2")],
+        "vabs": [node("V-1", "O-1", "O-2"), node("V-2", "O-2", "O-3")],
+        "observables": [leaf("O-1"), leaf("O-2"), leaf("O-3")],
+    }
+
+
+def faults(document: dict[str, Any], vocabulary: Vocabulary | None = None) -> list[Fault]:
+    with pytest.raises(SetupError) as caught:
+        read_decomposition(yaml.safe_dump(document, sort_keys=False), vocabulary, source="small.yaml")
+    return list(caught.value.faults)
+
+
+def test_the_graph_is_many_to_many(good: dict[str, Any]) -> None:
+    """A shared observable stands once under each node above it, and its parents are all known."""
+    small = read_decomposition(yaml.safe_dump(good))
+    assert small.observables_under("KA-1") == ("O-1", "O-2", "O-3")
+    assert small.observables_under("KA-2") == ("O-2", "O-3")
+    assert small.observables_under("O-2") == ("O-2",)
+    assert small.parents["O-2"] == ("V-1", "V-2")
+    assert small.parents["V-2"] == ("KA-1", "KA-2")
+    assert small.level_of("V-1") is Level.VAB
+    assert small.key_attributes == small.study == ("KA-1", "KA-2")
+    assert small.factors() == ("fog_level",)
+    assert nx.is_directed_acyclic_graph(small.graph())
+
+
+def test_every_node_follows_its_children_bottom_up(good: dict[str, Any]) -> None:
+    """The order in which scores are carried up never asks for what is not there yet."""
+    small = read_decomposition(yaml.safe_dump(good))
+    order = small.bottom_up()
+    assert sorted(order) == sorted(small.nodes)
+    assert all(order.index(child) < order.index(one) for one in order for child in small.children(one))
+
+
+def test_a_decomposition_travels_to_a_worker(good: dict[str, Any]) -> None:
+    """It survives pickling whole, as the pool of workers needs it to."""
+    small = read_decomposition(yaml.safe_dump(good))
+    again: Decomposition = pickle.loads(pickle.dumps(small))
+    assert again == small
+    assert again.digest == small.digest
+
+
+def test_the_digest_follows_the_meaning(good: dict[str, Any]) -> None:
+    """Layout of the file does not change it; a threshold does."""
+    first = read_decomposition(yaml.safe_dump(good)).digest
+    assert read_decomposition(json.dumps(good)).digest == first
+    good["observables"][0]["threshold"] = 0.6
+    assert read_decomposition(yaml.safe_dump(good)).digest != first
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "what"),
+    [
+        (lambda d: d["vabs"].append(node("V-9", "O-1")), "V-9", "is an orphan"),
+        (lambda d: d["observables"].append(leaf("O-9")), "O-9", "is an orphan"),
+        (lambda d: d["observables"].append(leaf("O-1")), "O-1", "used twice"),
+        (lambda d: d["key_attributes"][0]["children"].append("V-3"), "KA-1", "does not exist"),
+        (lambda d: d["key_attributes"][0]["children"].append("V-1"), "KA-1", "2 times"),
+        (lambda d: d["key_attributes"][0]["children"].append("O-1"), "KA-1", "names observable O-1 as a child"),
+        (lambda d: d["vabs"][0].update(children=[]), "V-1", "has no children"),
+        (lambda d: d["vabs"][1]["children"].append("KA-1"), "V-2", "key attribute KA-1 as a child"),
+        (lambda d: d["vabs"][1]["children"].append("KA-1"), "KA-1", "in a ring"),
+        (lambda d: d["observables"][1].update(threshold=1.5), "O-2", "outside 0 to 1"),
+        (lambda d: d["observables"][1].update(near_miss=-0.1, partial_credit=True), "O-2", "outside 0 to 1"),
+        (lambda d: d["observables"][1].update(near_miss=0.1), "O-2", "without partial_credit"),
+        (lambda d: d["observables"][1].update(key_factors=[]), "O-2", "no key factors"),
+        (lambda d: d["observables"][1].update(key_factors=["fogg"]), "O-2", "no table 'fogg'"),
+        (lambda d: d["observables"][1].update(key_factors=["fog", row()]), "O-2", "2 times"),
+        (lambda d: d["tables"].update(idle=row()), "idle", "no observable uses"),
+        (lambda d: d["tables"].update(fog=row(values=[3, 3])), "fog", "all equal"),
+        (lambda d: d["tables"].update(fog=row(ratings=[10], values=[3])), "fog", "fewer than two columns"),
+        (lambda d: d["tables"].update(fog=row(values=[0, 4, 9])), "fog", "2 ratings and 3 values"),
+        (lambda d: d["tables"].update(fog=row(ratings=[1, 2, 3], values=[0, 9, 4])), "fog", "not monotone"),
+        (lambda d: d["tables"].update(fog=row(ratings=[20, 20])), "fog", "do not rise"),
+        (lambda d: d["tables"].update(fog=row(ratings=[0, 101])), "fog", "outside 0 to 100"),
+        (lambda d: d["observables"][1].update(key_factors=[row(factor="snow")]), "O-2", "no key factor 'snow'"),
+        (lambda d: d["observables"][1].update(key_factors=[row(unit="m")]), "O-2", "is not that of the key factor"),
+        (lambda d: d.update(study=["KA-3"]), "study", "no key attribute 'KA-3'"),
+        (lambda d: d.update(study=["KA-1", "KA-1"]), "study", "studied twice"),
+        (lambda d: d["observables"][0].update(measures="x"), "observables[0]", "unknown field"),
+    ],
+)
+def test_a_fault_is_named_with_its_node_and_line(good: dict[str, Any], change: Any, where: str, what: str) -> None:
+    """Each thing wrong is told with the file's line, the node, and what would be right."""
+    change(good)
+    found = [fault for fault in faults(good, Vocabulary(UNITS)) if what in fault.what]
+    assert found, f"no fault says {what!r}"
+    assert any(where in fault.where for fault in found)
+    assert all(fault.where.startswith("small.yaml:") and fault.mend for fault in found)
+
+
+def test_all_faults_are_told_at_once(good: dict[str, Any]) -> None:
+    """Nobody mends ten faults in ten rounds."""
+    good["observables"][0].update(threshold=-1)
+    good["observables"][2].update(key_factors=["smog"])
+    good["tables"]["fog"]["values"] = [1, 1]
+    good["key_attributes"][1]["children"] = ["V-7"]
+    good["study"] = ["KA-0"]
+    found = [fault.what for fault in faults(good)]
+    for what in ("threshold", "'smog'", "all equal", "'V-7'", "'KA-0'"):
+        assert sum(what in one for one in found) == 1, what
+
+
+def test_a_shared_bad_child_is_one_fault_for_each_parent(good: dict[str, Any]) -> None:
+    """The same mistake in two places is two faults, for both have to be mended."""
+    good["key_attributes"][0]["children"] = ["V-1", "V-2", "V-8"]
+    good["key_attributes"][1]["children"] = ["V-2", "V-8"]
+    assert sum("'V-8'" in fault.what for fault in faults(good)) == 2
+
+
+def test_measures_are_asked_about(good: dict[str, Any]) -> None:
+    """An unknown measure and a bad option are faults of their observables, in the words of whoever knows measures."""
+
+    def check(measure: str, options: object) -> None:
+        if measure == "detektion":
+            raise SetupError(Fault("rebar.measures", "there is no plug-in named 'detektion'", "installed: detection_share"))
+        if "role" not in options:  # type: ignore[operator]
+            raise ValueError("detection_share: option 'role' is missing")
+
+    good["observables"][0]["measure"] = "detektion"
+    good["observables"][1]["options"] = {}
+    found = faults(good, Vocabulary(check_measure=check))
+    assert [("O-1" in f.where, "O-2" in f.where) for f in found] == [(True, False), (False, True)]
+    assert "'detektion'" in found[0].what
+    assert "'role' is missing" in found[1].what
+
+
+def test_near_miss_is_the_policy_only_where_credit_is_partial(good: dict[str, Any]) -> None:
+    """The global default reaches observables with partial credit; an own word goes before it."""
+    good["policies"] = {"near_miss": 0.1}
+    good["observables"][0]["partial_credit"] = True
+    good["observables"][1].update(partial_credit=True, near_miss=0.05)
+    small = read_decomposition(yaml.safe_dump(good))
+    assert [small.near_miss(one) for one in small.observables] == [0.1, 0.05, 0.0]
+
+
+def test_an_example_without_principles_is_whole(good: dict[str, Any]) -> None:
+    """The top level that is present need not stand under anything."""
+    del good["principles"]
+    assert read_decomposition(yaml.safe_dump(good)).at_level(Level.PRINCIPLE) == ()
+
+
+def test_unknown_names_and_missing_files_get_a_sentence(tmp_path: Path) -> None:
+    """A name that is not shipped lists what is; a path that is not there says so."""
+    with pytest.raises(SetupError, match="did you mean search-and-report"):
+        load_decomposition("search-and-reprot")
+    with pytest.raises(SetupError, match="no such file"):
+        load_decomposition(tmp_path / "mine.yaml")
+
+
+def test_a_file_by_path_is_read(good: dict[str, Any], tmp_path: Path) -> None:
+    """YAML and JSON files of a user's own are taken alike."""
+    for name, text in (("a.yaml", yaml.safe_dump(good)), ("a.json", json.dumps(good))):
+        (tmp_path / name).write_text(text)
+        assert load_decomposition(tmp_path / name).name == "small"
+
+
+def test_the_schema_describes_what_is_accepted() -> None:
+    """The published schema is one of the document: closed, and with the bounds of thresholds."""
+    schema = decomposition_schema()
+    assert schema["additionalProperties"] is False
+    threshold = schema["$defs"]["Observable"]["properties"]["threshold"]
+    assert (threshold["minimum"], threshold["maximum"]) == (0.0, 1.0)
+    assert set(schema["required"]) == {"format", "name", "title", "observables"}
+    json.dumps(schema)
+
+
+@pytest.mark.parametrize("name", shipped_decompositions())
+def test_what_is_shipped_is_sound(name: str) -> None:
+    """Every decomposition of the house passes the checks, carries its file's name, and survives a round trip."""
+    found = load_decomposition(name)
+    assert found.name == name
+    again = DecompositionDocument.model_validate_json(found.document.model_dump_json())
+    assert decomposition_of(again) == found
+
+
+def test_the_five_key_attributes_are_the_papers() -> None:
+    """search-and-report holds the five that the paper evaluates, each with two to five distinct observables."""
+    found = load_decomposition("search-and-report")
+    assert found.key_attributes == ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
+    assert len(found.at_level(Level.PRINCIPLE)) == 5
+    assert all(2 <= len(found.observables_under(one)) <= 5 for one in found.key_attributes)
+    assert found.parents["VAB-051"] == ("KA-05", "KA-20")
+
+
+def test_a_document_is_not_changed_by_reading(good: dict[str, Any]) -> None:
+    """Checking has no side effects on what it was handed."""
+    before = copy.deepcopy(good)
+    decomposition_of(DecompositionDocument.model_validate(good))
+    assert good == before
