@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from statistics import stdev
 
 import plotly.graph_objects as go
 import polars as pl
@@ -149,6 +150,7 @@ def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scor
                 width=width,
                 yaxis="y2",
                 spanmode="hard",
+                bandwidth=_bandwidth(values),
                 scalemode="width",
                 line={"color": look.colour, "width": 1.4},
                 fillcolor=look.fill,
@@ -173,6 +175,11 @@ def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scor
                 hovertext=[f"{look.letter} {escape(look.name)}<br>{node}: score {value:.2f}" for value in values],
                 hoverinfo="text",
             )
+
+
+def _bandwidth(values: Sequence[float]) -> float:
+    """Half of Scott's rule, since scores come in clumps; at least 1.5 points, or a clump of equal scores is a needle."""
+    return max(1.5, 0.5 * stdev(values) * math.pow(len(values), -0.2))
 
 
 def _swarm(values: Sequence[float]) -> list[float]:
@@ -233,10 +240,10 @@ def pairs_figure(pairings: Sequence[Pairing]) -> go.Figure:
         if one.mean_confidence_difference is not None:
             mean = 100 * one.mean_confidence_difference
             figure.add_scatter(
-                x=[mean, mean],
-                y=[place - 0.42, place + 0.42],
-                mode="lines",
-                line={"color": "var(--accent)", "width": 3.5},
+                x=[mean],
+                y=[place - 0.4],
+                mode="markers",
+                marker={"symbol": "triangle-down", "size": 12, "color": "var(--accent)"},
                 hovertext=f"{one.node}: mean {mean:+.1f} points over {one.scenes} scenes",
                 hoverinfo="text",
             )
@@ -252,7 +259,7 @@ def pairs_figure(pairings: Sequence[Pairing]) -> go.Figure:
         yaxis={
             "tickvals": list(range(len(pairings))),
             "ticktext": [one.node for one in pairings],
-            "range": [len(pairings) - 0.45, -0.55],
+            "range": [len(pairings) - 0.5, -0.65],
             "showgrid": False,
             "zeroline": False,
             "fixedrange": True,
@@ -400,9 +407,13 @@ def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: boo
         x=report.east_m,
         y=report.north_m,
         text=f"{kind}, {report.time_s:.0f} s" + ("<br>too near a bystander" if report.forbidden else ""),
-        showarrow=False,
-        yanchor="bottom",
-        yshift=14,
+        showarrow=True,
+        arrowhead=0,
+        arrowwidth=1,
+        arrowcolor=colour,
+        ax=0,
+        ay=-70,
+        standoff=10,
         font={"size": 12, "color": colour},
         bgcolor="var(--paper)",
         bordercolor=colour,

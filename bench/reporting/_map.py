@@ -18,6 +18,7 @@ from ._data import ReportData, Run
 Track = tuple[tuple[float, float], ...]
 TRAJECTORY_HZ = 2.0
 PATH_TOLERANCE_M = 0.5
+CUT = "recording"  # the entry of Tape.malformed that says so
 MEANT_WITHIN_M = 40.0  # a report further from every adversary of its class than this is taken at its own place
 
 
@@ -66,6 +67,8 @@ class RunMap:
     flight: tuple[tuple[float, float, float, float], ...]  # time_s, east_m, north_m, height_m
     reports: tuple[MapReport, ...]
     decisions: tuple[tuple[float, str, str, str], ...]  # time_s, action, subject, reason
+    malformed: tuple[tuple[str, int], ...] = ()  # topic and number of messages that could not be understood
+    cut: bool = False  # the recording ends before its session did
 
 
 def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
@@ -83,6 +86,8 @@ def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         flight=_flight(tape),
         reports=tuple(_report(one, tape, simspec.rules.no_mark_within_m) for one in tape.reports),
         decisions=tuple(_decision(one) for one in tape.decisions),
+        malformed=tuple((topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT),
+        cut=CUT in tape.malformed,
     )
 
 

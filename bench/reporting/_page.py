@@ -167,8 +167,9 @@ def _trees(data: ReportData, shown: Sequence[AgentLook]) -> list[dict[str, Any]]
 
 
 def _methods(data: ReportData, agent: str) -> str:
-    used = sorted({tally.method for (who, _, _), tally in data.tallies.items() if who == agent and tally.method})
-    return f"Intervals of confidence: {words.listed(used)}." if used else ""
+    used = sorted({tally.method for (who, where, _), tally in data.tallies.items() if (who, where) == (agent, ALL)})
+    named = [words.METHODS.get(one, one) for one in used if one != words.NO_INTERVAL]
+    return f"Intervals of confidence: {words.listed(named)}." if named else ""
 
 
 def _tree_rows(data: ReportData, agent: str) -> Iterator[dict[str, Any]]:

@@ -25,6 +25,13 @@ OUTCOMES = {
     Outcome.BENCH_ERROR: "a fault of the bench's own",
 }
 
+METHODS = {
+    "clopper-pearson": "Clopper-Pearson where each run stands for itself",
+    "korn-graubard": "Clopper-Pearson with the effective number of runs (Korn and Graubard) above observables and where runs share "
+    "a design point",
+}
+NO_INTERVAL = "none considered"
+
 GLOSSARY = (
     ("ARL score", "How difficult a situation the agent has been shown to handle, on the scale of difficulty (0 to 100, a little "
      "more with partial credit). In one run, an observable that was achieved scores its difficulty; a node above scores the minimum "

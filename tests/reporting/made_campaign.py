@@ -16,19 +16,28 @@ import numpy as np
 import yaml
 
 from bench.contracts import (
+    TRUTH_ACTORS,
+    TRUTH_CAST,
+    TRUTH_ODOMETRY,
     At,
+    CastDocument,
     CastMember,
     Decision,
     Observation,
     Outcome,
+    Record,
     SessionResult,
     SimTime,
     Tape,
     TargetReport,
+    VehicleTopics,
 )
+from bench.documents import Document
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import ASSETS, PlacedActor, PlacedReport, Realized, SimSpec
+from bench.streams import Header, Odometry, Point, Pose, PoseWithCovariance, Quaternion, String, Time, encode, encode_pose_array
 from decompositions import load_decomposition
+from test_ports import open_recording
 
 STUDY = ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
 AGENTS = ("reference-naive", "reference-bystander-aware")
@@ -57,7 +66,7 @@ class Made:
 
 
 def make_campaign(folder: Path, made: Made = Made()) -> Path:
-    """Write the folder; recordings are not part of it (see `made_tape`)."""
+    """Write the folder; recordings are not part of it (see `write_recording`)."""
     (folder / "simspecs").mkdir(parents=True)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(_campaign(made), sort_keys=False))
     (folder / "decomposition.json").write_text(json.dumps(_decomposition()))
@@ -187,6 +196,33 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
         reports=tuple(At(SimTime(round(one.time_s * 1e9)), one) for one in said),
         decisions=tuple(At(SimTime(round(one.time_s * 1e9)), one) for one in decided),
     )
+
+
+def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Record] = ()) -> str:
+    """A real recording of a made-up run; returns its SHA-256."""
+    topics = VehicleTopics(simspec.vehicle.name)
+    records = [_said(0.0, TRUTH_CAST, CastDocument(members=tape.cast)), *extra]
+    for time_s, place in zip(tape.vehicle_time_s, tape.vehicle_position_enu_m, strict=True):
+        at = SimTime(round(time_s * 1e9))
+        pose = PoseWithCovariance(Pose(Point(*map(float, place)), Quaternion(0.0, 0.0, 0.0, 1.0)))
+        message = Odometry(header=Header(Time.of(at.ns), "map"), child_frame_id="vehicle_1/base_link", pose=pose)
+        records.append(Record(at, TRUTH_ODOMETRY, Odometry.TYPE, encode(message)))
+    facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(tape.cast), 1))
+    for time_s, places in zip(tape.actor_time_s, tape.actor_position_enu_m, strict=True):
+        at = SimTime(round(time_s * 1e9))
+        data = encode_pose_array(Time.of(at.ns), "map", places, facing)
+        records.append(Record(at, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
+    records += [_said(one.time.s, topics.reports, one.value) for one in tape.reports]
+    records += [_said(one.time.s, topics.decisions, one.value) for one in tape.decisions]
+    with open_recording(path, simspec=simspec, versions={}) as recorder:
+        for record in sorted(records, key=lambda one: one.time.ns):
+            recorder(record)
+    assert recorder.sha256 is not None
+    return recorder.sha256
+
+
+def _said(time_s: float, topic: str, document: Document) -> Record:
+    return Record(SimTime(round(time_s * 1e9)), topic, String.TYPE, encode(String(document.model_dump_json())))
 
 
 def _campaign(made: Made) -> dict[str, Any]:

@@ -102,6 +102,13 @@
     all(1);
   }
 
+  // What scrolls sideways can be reached and scrolled by keyboard.
+  const reach = () => document.querySelectorAll(".scroll").forEach((box) => {
+    if (box.scrollWidth > box.clientWidth) box.tabIndex = 0; else box.removeAttribute("tabindex");
+  });
+  window.addEventListener("resize", reach);
+  reach();
+
   theme();
   boxes.filter((box) => !box.closest("[hidden]")).forEach((box) => watcher.observe(box));
 })();

@@ -1,0 +1,293 @@
+"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the same."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import made_campaign
+import polars as pl
+import pytest
+from made_campaign import AGENTS, STUDY, Made, make_campaign
+
+from bench.contracts import Outcome, Record, SimTime
+from bench.errors import SetupError
+from bench.reporting import draw_map, load_report_data, render_report, write_report
+from bench.streams import String, encode
+
+VOID = {"meta", "link", "br", "img", "hr", "input", "circle", "path", "rect"}
+
+
+class Page(HTMLParser):
+    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could fetch."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.scripts: dict[str, str] = {}
+        self.attributes: list[tuple[str, str, str]] = []
+        self.ids: list[str] = []
+        self.tables: dict[str, list[list[str]]] = {}
+        self.text = ""
+        self._script: str | None = None
+        self._table = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {name: value or "" for name, value in attrs}
+        self.attributes += [(tag, name, value) for name, value in values.items()]
+        self.ids += [values["id"]] if "id" in values else []
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "script":
+            self._script = values.get("id", f"script-{len(self.scripts)}")
+            self.scripts[self._script] = ""
+        if tag == "table":
+            self._table = values.get("id", "")
+            self.tables.setdefault(self._table, [])
+        if tag == "tr":
+            self.tables[self._table].append([])
+        if tag in ("td", "th"):
+            self.tables[self._table][-1].append("")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag, f"</{tag}> closes another element"
+        if tag == "script":
+            self._script = None
+
+    def handle_data(self, data: str) -> None:
+        if self._script is not None:
+            self.scripts[self._script] += data
+            return
+        self.text += data
+        if self.open and {"td", "th"} & set(self.open):
+            self.tables[self._table][-1][-1] += data
+
+
+def page_of(folder: Path) -> tuple[Page, str]:
+    text = write_report(folder).read_text(encoding="utf-8")
+    return Page(text), text
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be placed."""
+    endings = {
+        "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1: </script><script>alert(1)</script>"),
+        "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place for group 'close'"),
+    }
+    return make_campaign(tmp_path_factory.mktemp("made") / "campaign", Made(endings=endings))
+
+
+@pytest.fixture(scope="module")
+def page(made: Path) -> Page:
+    return page_of(made)[0]
+
+
+def test_headline_numbers_are_those_of_the_score_table(made: Path, page: Page) -> None:
+    """Score, confidence and counts of every studied node and agent equal what the Parquet file gives when averaged by hand."""
+    scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("outcome") != "placement_infeasible")
+    rows = [row for row in page.tables["headline"] if len(row) == 8][1:]
+    wanted = []
+    for node in STUDY:
+        for agent in AGENTS:
+            one = scores.filter(pl.col("node") == node, pl.col("agent") == agent)
+            wanted.append((one["score"].mean(), one["confidence"].mean(), one.height, one["score"].count()))
+    assert len(rows) == len(wanted)
+    for row, (score, confidence, runs, scored) in zip(rows, wanted, strict=True):
+        said = re.search(r"(\d+\.\d|not scored)", row[2])
+        assert said is not None
+        assert said[1] == (f"{score:.1f}" if score is not None else "not scored")
+        assert row[3] == f"{100 * confidence:.1f} %"
+        assert [int(cell) for cell in row[5:8]] == [runs, runs, scored]
+
+
+def test_every_node_of_every_agent_has_its_row(made: Path, page: Page) -> None:
+    """The trees hold each node of the decomposition for each agent, with the confidence of the table."""
+    data = load_report_data(made)
+    rows = [row for row in page.tables[""] if len(row) == 8 and row[0].split(" · ")[0].strip() in data.nodes]
+    found = [row[0].split(" · ")[0].strip() for row in rows]
+    for node in data.nodes:
+        assert found.count(node) >= len(AGENTS)
+
+
+def test_all_that_did_not_complete_is_listed_with_its_reason(page: Page) -> None:
+    """Both failures stand in the table, with reason and whether they count; completed runs do not."""
+    rows = page.tables["failures"][1:]
+    assert [row[0] for row in rows] == ["p003-r0-reference-naive", "p004-r0-reference-bystander-aware"]
+    assert rows[0][5] == "exit 1: </script><script>alert(1)</script>"
+    assert [row[3] for row in rows] == ["yes", "no"]
+    assert "12 sessions of 6 scenes by 2 agents: 10 completed, 1 agent crashed, 1 placement infeasible." in page.text
+
+
+def test_what_an_agent_says_stays_text(made: Path) -> None:
+    """Markup in reasons, decisions and class labels neither opens an element nor ends a script."""
+    nasty = "</script><script>alert('x')</script><img src=x onerror=alert(2)>"
+    data = load_report_data(made)
+    run = data.runs[0]
+    tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
+    said = replace(tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]}))
+    page = Page(render_report(data, [draw_map(run, data.simspecs[run.realization], replace(tape, reports=(said,)))]))
+    assert len([name for name in page.scripts if not name.startswith("data-")]) == 2
+    assert not [tag for tag, _, _ in page.attributes if tag == "img"]
+    assert nasty in page.text
+
+
+def test_data_in_scripts_cannot_end_them(made: Path) -> None:
+    """Figures are JSON that a parser reads back, without a single `<`, even when an agent's name holds one."""
+    data = load_report_data(made)
+    odd = "</script><b>"
+    named = pl.col("agent").replace({AGENTS[0]: odd})
+    runs = tuple(replace(run, agent=odd) if run.agent == AGENTS[0] else run for run in data.runs)
+    tallies = {(odd if who == AGENTS[0] else who, where, node): tally for (who, where, node), tally in data.tallies.items()}
+    renamed = replace(data, agents=(odd, AGENTS[1]), runs=runs, scores=data.scores.with_columns(named), tallies=tallies)
+    page = Page(render_report(renamed))
+    figures = {name: text for name, text in page.scripts.items() if name.startswith("data-")}
+    assert len(figures) == len(data.configurations) + 1
+    assert all("<" not in text and json.loads(text)["data"] for text in figures.values())
+
+
+def test_the_page_fetches_nothing_and_runs_only_its_own_scripts(page: Page) -> None:
+    """No attribute names another resource, and the policy's digests are those of the two scripts as they stand in the page."""
+    assert not [one for one in page.attributes if one[1] in ("src", "srcset", "action", "data", "poster")]
+    assert all(value.startswith("#") for _, name, value in page.attributes if name == "href")
+    policy = next(value for tag, name, value in page.attributes if tag == "meta" and value.startswith("default-src"))
+    assert policy.startswith("default-src 'none';")
+    own = [text for name, text in page.scripts.items() if not name.startswith("data-")]
+    for text in own:
+        assert f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" in policy
+    assert policy.count("sha256-") == len(own) == 2
+
+
+def test_the_page_is_sound_html(page: Page) -> None:
+    """Every element is closed in order, ids are unique, and every figure has its data."""
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    figures = {name.removeprefix("data-") for name in page.scripts if name.startswith("data-")}
+    drawn = {
+        value for tag, name, value in page.attributes if name == "id" and re.fullmatch(r"(configuration|map|pairs)-\d+", value)
+    }
+    assert drawn == figures
+
+
+def test_same_folder_same_bytes(made: Path, tmp_path: Path) -> None:
+    """Writing twice, and writing from a copy of the folder elsewhere, gives the same bytes."""
+    first = write_report(made).read_bytes()
+    shutil.copytree(made, tmp_path / "campaign")
+    assert write_report(made).read_bytes() == first
+    assert write_report(tmp_path / "campaign").read_bytes() == first
+
+
+def test_a_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
+    """The message names the folder and what would be right."""
+    with pytest.raises(SetupError, match=r"holds no campaign\.yaml"):
+        write_report(tmp_path)
+
+
+def test_an_empty_campaign_says_that_nothing_has_run(tmp_path: Path) -> None:
+    """No runs: a whole page that claims nothing."""
+    page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=0)))
+    assert "Nothing has been run yet." in page.text
+    assert "nothing has been scored" in page.text
+    assert page.open == []
+
+
+def test_a_campaign_not_yet_scored_says_so(tmp_path: Path) -> None:
+    """Without scores.parquet the runs are still counted and the note tells how to score."""
+    page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, scored=False)))
+    assert "There is no scores.parquet" in page.text
+    assert "4 sessions of 2 scenes by 2 agents: 4 completed" in page.text
+
+
+def test_all_failed_by_the_bench(tmp_path: Path) -> None:
+    """When nothing flew, every run is listed, nothing is scored, and no number is made up."""
+    endings = {f"p{scene:03d}-r0-{agent}": (Outcome.BENCH_ERROR, "out of disk") for scene in range(2) for agent in AGENTS}
+    page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
+    assert len(page.tables["failures"]) == 5
+    assert "4 runs, listed under Outcomes" in page.text
+    assert {row[2] for row in page.tables["headline"] if len(row) == 7 and row[0] != "Key attribute and agent"} == {"not scored"}
+
+
+def test_a_node_never_scored_is_shown_as_such(tmp_path: Path) -> None:
+    """KA-09 failed everywhere: not scored, confidence 0.0 %, named among what is not claimed; not zero and not left out."""
+    page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=3, never_scored="KA-09")))
+    rows = page.tables["headline"]
+    at = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
+    assert [row[2:4] for row in rows[at + 1 : at + 3]] == [["not scored", "0.0 %"]] * 2
+    said = next(line for line in page.text.splitlines() if "Not scored in any run:" in line)
+    assert all(f"KA-09 for {agent}" in said for agent in AGENTS)
+
+
+def test_one_agent_has_nothing_to_be_compared_with(tmp_path: Path) -> None:
+    """A single agent: no comparison, no pairs figure, everything else stands."""
+    page, _ = page_of(make_campaign(tmp_path / "c", Made(agents=AGENTS[:1], scenes=3)))
+    assert "One agent flew, so there is nothing to compare." in page.text
+    assert not [name for name in page.scripts if name.startswith("data-pairs")]
+    assert [name for name in page.scripts if name.startswith("data-configuration")]
+
+
+def test_missing_and_broken_recordings_are_said_not_raised(tmp_path: Path) -> None:
+    """Runs without a recording are named, one that is no MCAP file is named too, and the page is whole."""
+    folder = make_campaign(tmp_path / "c", Made(scenes=2))
+    (folder / "runs" / "p000-r0-reference-naive" / "recording.mcap").write_bytes(b"not a recording")
+    page, _ = page_of(folder)
+    assert "The recording of p000-r0-reference-naive cannot be read, so it is not drawn." in page.text
+    assert "No recording is here of" in page.text
+    assert page.open == []
+
+
+def test_recordings_become_maps(tmp_path: Path) -> None:
+    """Read from real recordings: both agents of a scene, what they reported, and a cut recording said to be one."""
+    folder = make_campaign(tmp_path / "c", Made(scenes=1))
+    for agent in AGENTS:
+        simspec = made_campaign.made_simspec(0, agent)
+        path = folder / "runs" / f"p000-r0-{agent}" / "recording.mcap"
+        rubbish = Record(SimTime(0), "/vehicle_1/agent/reports", String.TYPE, encode(String("{<b>")))
+        made_campaign.write_recording(path, simspec, made_campaign.made_tape(simspec), [rubbish])
+        if agent == AGENTS[1]:
+            path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    page, _ = page_of(folder)
+    assert [name for name in page.scripts if name.startswith("data-map")] == ["data-map-1", "data-map-2"]
+    assert page.text.count("The recording is cut off") == 1
+    assert "Messages that nobody could understand: 1 on /vehicle_1/agent/reports" in page.text
+    assert any("marked, against the rule" in row[3] for row in page.tables[""] if len(row) == 8)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "scores.parquet", "runs/p000-r0-reference-naive/result.json"])
+def test_damaged_files_become_notes(tmp_path: Path, name: str) -> None:
+    """A file cut off or overwritten is named in the report and costs only itself."""
+    folder = make_campaign(tmp_path / "c", Made(scenes=1))
+    (folder / name).write_bytes(b"{ damaged")
+    page, _ = page_of(folder)
+    assert Path(name).name in page.text
+    assert page.open == []
+
+
+def test_an_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
+    """Without the decomposition the scores stand by their ids, and the report says why."""
+    folder = make_campaign(tmp_path / "c", Made(scenes=2))
+    (folder / "decomposition.json").unlink()
+    page, _ = page_of(folder)
+    assert "so nodes stand here without titles" in page.text
+    assert any(row[0].strip().startswith("KA-18") for row in page.tables["headline"])
+
+
+def test_size_stays_small(made: Path) -> None:
+    """A campaign of a dozen runs with six maps stays below 8 MB, most of it the figures' library."""
+    data = load_report_data(made)
+    charts = [
+        draw_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
+        for run in data.runs[:6]
+    ]
+    assert len(render_report(data, charts).encode()) < 8_000_000
