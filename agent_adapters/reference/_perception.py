@@ -11,7 +11,7 @@ from bench.streams import CameraInfo, Detection2D, Detection2DArray, Quaternion,
 
 from ._camera import GroundCamera
 from ._pose import Pose, PoseHistory
-from ._tracks import Sight, Tracks
+from ._tracks import PEOPLE, Sight, Tracks
 
 FRAMES_KEPT = 512
 DISC_STEP_M = 8.0  # spacing of the places at which a disc is checked for having been seen
@@ -70,7 +70,18 @@ class Perception:
         self.frames += 1
         self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
         self.tracks.take(time_s, [sight for one in frame.detections if (sight := _sight(one, time_s, pose, camera))])
+        self._notice_absence(time_s, camera)
         return True
+
+    def _notice_absence(self, time_s: float, camera: GroundCamera) -> None:
+        """People whose place this frame shows without them were missed, or have gone."""
+        people = [track for track in self.tracks if track.label in PEOPLE and track.last_s < time_s]
+        if people:
+            places = np.array([(track.east_m, track.north_m) for track in people])
+            pose = np.array([self._views[-1][1:]])
+            near = np.hypot(places[:, 0] - pose[0, 0], places[:, 1] - pose[0, 1]) < USEFUL_M
+            shown = camera.in_view(places, pose)[0] & near
+            self.tracks.miss(track for track, was_shown in zip(people, shown, strict=True) if was_shown)
 
     def unseen_share(self, east_m: float, north_m: float, radius_m: float, since_s: float) -> float:
         """Share of a disc on the ground that fewer than two frames since a moment have shown."""

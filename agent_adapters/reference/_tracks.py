@@ -14,6 +14,7 @@ TENTATIVE_S = 3.0  # and is forgotten when it is not seen again for this long
 FRAMES_A_LOOK = 4.0  # frames that hang together so closely that they count as one look
 MOST_LOOKS = 4.0
 PEOPLE = ("civilian", "combatant")
+GONE_FRAMES = 20  # in a row in which someone should have been seen and was not: they have walked off
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,7 @@ class Track:
     first_s: float
     last_s: float
     frames: int = 0
+    missed: int = 0  # frames since the last sighting in which its place was in view
     votes: dict[str, float] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     sectors: set[int] = field(default_factory=set)
@@ -98,6 +100,7 @@ class Track:
     def take(self, sight: Sight) -> None:
         """Add one observation. People may walk, so their place follows faster than that of things."""
         self.frames += 1
+        self.missed = 0
         gain = max(1.0 / self.frames, 0.35 if sight.label in PEOPLE else 0.1)
         self.east_m += gain * (sight.east_m - self.east_m)
         self.north_m += gain * (sight.north_m - self.north_m)
@@ -141,6 +144,13 @@ class Tracks:
                 self._begin(sight)
         self._forget(time_s)
 
+    def miss(self, tracks: Iterable[Track]) -> None:
+        """These were in view of a frame that did not show them; people who are missed long enough are no longer there."""
+        for track in tracks:
+            track.missed += 1
+            if track.missed >= GONE_FRAMES and track.label in PEOPLE:
+                self._drop(track)
+
     def near(self, east_m: float, north_m: float, within_m: float) -> list[tuple[float, Track]]:
         """Tracks within a distance of a place, nearest first."""
         found = ((track.distance_m(east_m, north_m), track) for track in self)
@@ -173,8 +183,11 @@ class Tracks:
     def _forget(self, time_s: float) -> None:
         gone = [t for t in self if t.frames < TENTATIVE_FRAMES and time_s - t.last_s > TENTATIVE_S]
         for track in gone:
-            del self._tracks[track.number]
-            self._cells[_cell(track.east_m, track.north_m)].remove(track.number)
+            self._drop(track)
+
+    def _drop(self, track: Track) -> None:
+        del self._tracks[track.number]
+        self._cells[_cell(track.east_m, track.north_m)].remove(track.number)
 
 
 def gate_m(sight: Sight, unseen_s: float) -> float:

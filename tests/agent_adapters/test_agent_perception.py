@@ -1,0 +1,224 @@
+"""From pixels to places, and from places to tracks."""
+
+from __future__ import annotations
+
+import math
+
+import pymap3d
+import pytest
+from agent_fakes import FOCAL, HEIGHT, NAME, ORIGIN, WIDTH, Multicopter, camera_info, mount, mount_quaternion, pixel_of
+
+from agent_adapters.reference import GroundCamera, Pose
+from agent_adapters.reference._perception import Perception
+from agent_adapters.reference._pose import PoseHistory, east_north_of, wrapped
+from agent_adapters.reference._tracks import Sight, Track, Tracks
+from bench.streams import Detection2DArray, Header, TFMessage, Time
+
+
+def camera(*, level: bool = True) -> GroundCamera:
+    return GroundCamera.of(camera_info(), mount_quaternion(), level=level)
+
+
+def pose(**changes: float) -> Pose:
+    asked = {"time_s": 0, "east_m": 0, "north_m": 0, "height_m": 60, "roll_rad": 0, "pitch_rad": 0, "yaw_rad": 0} | changes
+    return Pose(**asked)
+
+
+def test_middle_of_the_image_by_hand() -> None:
+    """60 m up, looking 60 degrees down to the north: the axis meets the ground at 60 / tan 60 = 34.64 m."""
+    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, pose()) == pytest.approx((0.0, 34.641), abs=1e-3)
+    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, pose(yaw_rad=math.pi / 2)) == pytest.approx((34.641, 0.0), abs=1e-3)
+
+
+def test_right_edge_by_hand() -> None:
+    """The slant range of the axis is 69.28 m, so the right edge at 35 degrees lies 69.28 tan 35 = 48.51 m to the right."""
+    assert camera().ground_point(WIDTH, HEIGHT / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
+
+
+def test_lower_edge_by_hand() -> None:
+    """The lower edge lies atan(360 / f) below the axis, f = 914.03 px: 9.0 m ahead."""
+    below = math.degrees(math.atan(HEIGHT / 2 / FOCAL))
+    assert camera().ahead_m(60.0)[0] == pytest.approx(60.0 / math.tan(math.radians(60.0 + below)), abs=1e-6)
+    assert camera().swath_m(60.0) == pytest.approx(2 * 48.511, abs=1e-2)
+
+
+def test_a_body_mount_turns_with_the_body() -> None:
+    """Pitched 10 degrees nose down, a fixed camera looks 70 degrees down; a level one does not notice."""
+    down = pose(pitch_rad=math.radians(-10.0))
+    fixed = camera(level=False).ground_point(WIDTH / 2, HEIGHT / 2, down)
+    assert fixed == pytest.approx((0.0, 60.0 / math.tan(math.radians(70.0))), abs=1e-3)
+    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, down) == pytest.approx((0.0, 34.641), abs=1e-3)
+
+
+def test_a_body_mount_rolls_with_the_body() -> None:
+    """Rolled right wing down by 10 degrees, a camera that looks straight ahead and down sees to the left."""
+    rolled = camera(level=False).ground_point(WIDTH / 2, HEIGHT / 2, pose(roll_rad=math.radians(10.0)))
+    assert rolled is not None
+    assert rolled[0] == pytest.approx(-60.0 * math.tan(math.radians(10.0)), abs=1e-3)
+
+
+def test_the_sky_is_nowhere() -> None:
+    """A pixel at or above the horizon, or on ground too far to trust, has no place."""
+    assert camera().ground_point(WIDTH / 2, -2000.0, pose()) is None
+    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, pose(height_m=2000.0)) is None
+
+
+@pytest.mark.parametrize("place", [(20.0, 55.0), (-30.0, 40.0), (0.0, 12.0)])
+@pytest.mark.parametrize("yaw_deg", [0.0, 100.0, -60.0])
+def test_projection_and_its_inverse_agree(place: tuple[float, float], yaw_deg: float) -> None:
+    """What an independent projection puts into the image comes back to its place on the ground."""
+    vehicle = Multicopter(3.0, -8.0)
+    vehicle.height_m, vehicle.yaw_rad = 60.0, math.radians(yaw_deg)
+    sine, cosine = math.sin(vehicle.yaw_rad), math.cos(vehicle.yaw_rad)
+    east, north = 3.0 + place[1] * sine + place[0] * cosine, -8.0 + place[1] * cosine - place[0] * sine
+    pixel = pixel_of(east, north, 0.9, vehicle)
+    assert pixel is not None
+    at = pose(east_m=3.0, north_m=-8.0, yaw_rad=vehicle.yaw_rad)
+    assert camera().ground_point(*pixel, at, 0.9) == pytest.approx((east, north), abs=1e-6)
+
+
+def test_pose_between_samples() -> None:
+    """Between two samples the pose is linear, yaw the short way round; beyond the last it goes on with the velocity."""
+    history = PoseHistory()
+    for time_s, north in ((1.0, 0.0), (1.1, 1.2)):
+        history.place(time_s, 0.0, north, 60.0, (0.0, 12.0, 0.0))
+    history.turn(1.0, 0.0, 0.0, math.radians(179.0))
+    history.turn(1.1, 0.0, 0.0, math.radians(-179.0))
+    between, beyond = history.at(1.05), history.at(1.2)
+    assert between is not None
+    assert beyond is not None
+    assert between.north_m == pytest.approx(0.6)
+    assert abs(wrapped(between.yaw_rad)) == pytest.approx(math.pi)
+    assert beyond.north_m == pytest.approx(2.4)
+    assert history.at(0.9) is None
+    assert history.at(1.7) is None
+
+
+@pytest.mark.parametrize("place_deg", [(0.001, 0.001), (-0.004, 0.006), (0.009, -0.012)])
+def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, float]) -> None:
+    """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane, and mostly far closer."""
+    latitude, longitude = ORIGIN.latitude_deg + place_deg[0], ORIGIN.longitude_deg + place_deg[1]
+    exact = pymap3d.geodetic2enu(
+        latitude, longitude, ORIGIN.altitude_m, ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_m
+    )
+    assert east_north_of(latitude, longitude, ORIGIN) == pytest.approx(exact[:2], abs=0.2)
+
+
+def sight(
+    time_s: float, east_m: float, north_m: float, label: str = "civilian", score: float = 0.9, bearing_deg: float = 0.0
+) -> Sight:
+    return Sight(time_s, east_m, north_m, label, score, math.radians(bearing_deg), 70.0)
+
+
+def test_a_walker_stays_one_track() -> None:
+    """Someone who walks at 1.5 m/s and is missed for a second is still the same object."""
+    tracks = Tracks()
+    for frame in [*range(10), *range(15, 25)]:
+        tracks.take(frame * 0.2, [sight(frame * 0.2, 1.5 * frame * 0.2, 0.0)])
+    assert [track.frames for track in tracks] == [20]
+
+
+def test_neighbours_stay_apart() -> None:
+    """Two people ten metres apart are two tracks, each fed by the detection nearer to it."""
+    tracks = Tracks()
+    for frame in range(5):
+        tracks.take(frame * 0.2, [sight(frame * 0.2, 0.3, 0.0), sight(frame * 0.2, 10.2, 0.0)])
+    assert [(track.frames, round(track.east_m)) for track in tracks] == [(5, 0), (5, 10)]
+
+
+def test_a_single_false_detection_is_forgotten() -> None:
+    """What was seen once and never again is gone after a few seconds, and its place is free."""
+    tracks = Tracks()
+    tracks.take(0.0, [sight(0.0, 0.0, 0.0)])
+    tracks.take(4.0, [sight(4.0, 50.0, 50.0)])
+    assert [(track.east_m, track.north_m) for track in tracks] == [(50.0, 50.0)]
+    assert tracks.near(0.0, 0.0, 5.0) == []
+
+
+def track_of(*labels: str, score: float = 0.9, bearings_deg: tuple[float, ...] = ()) -> Track:
+    tracks = Tracks()
+    bearings_deg = bearings_deg or (0.0,) * len(labels)
+    for index, (label, bearing) in enumerate(zip(labels, bearings_deg, strict=True)):
+        tracks.take(index * 0.2, [sight(index * 0.2, 0.0, 0.0, label, score, bearing)])
+    (track,) = tracks
+    return track
+
+
+def test_votes_decide_the_class() -> None:
+    """The class with more weight wins; confidence falls with dissent and grows with looks."""
+    mixed = track_of("combatant", "civilian", "civilian", "civilian")
+    assert mixed.label == "civilian"
+    assert mixed.streak == 3
+    assert mixed.share("combatant") == pytest.approx(0.25)
+    assert mixed.confidence == pytest.approx(0.75 * 0.9)
+    assert track_of(*["civilian"] * 8, score=0.6).confidence == pytest.approx(1 - 0.4**2)
+    assert track_of("civilian", score=0.6).confidence == pytest.approx(0.6)
+
+
+def test_viewpoints_are_the_circle_less_the_widest_gap() -> None:
+    """Directions of 350, 10 and 40 degrees span 50, whichever way north lies."""
+    spread = track_of("tree", "tree", "tree", bearings_deg=(350.0, 10.0, 40.0)).viewpoint_deg
+    assert spread == pytest.approx(50.0)
+    assert track_of("tree", "tree", bearings_deg=(90.0, 91.0)).viewpoint_deg == 0.0
+
+
+def eyes_over(*places: tuple[float, float]) -> Perception:
+    """Eyes that hovered 60 m over each place for three frames, looking north."""
+    history = PoseHistory()
+    eyes = Perception(history, "auto")
+    eyes.take_info(camera_info())
+    eyes.take_mount(mount())
+    for index, (east, north) in enumerate(places):
+        for frame in range(3):
+            time_s = index + frame * 0.2
+            history.place(time_s, east, north, 60.0, (0.0, 0.0, 0.0))
+            history.turn(time_s, 0.0, 0.0, 0.0)
+            assert eyes.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
+    return eyes
+
+
+def test_what_was_looked_at_is_known() -> None:
+    """A disc in the middle of the image is seen; one behind the vehicle is not; old looks do not count."""
+    eyes = eyes_over((0.0, 0.0))
+    assert eyes.unseen_share(0.0, 35.0, 15.0, 0.0) == 0.0
+    assert eyes.unseen_share(0.0, -40.0, 15.0, 0.0) == 1.0
+    assert 0.2 < eyes.unseen_share(0.0, 35.0, 56.0, 0.0) < 0.8
+    assert eyes.unseen_share(0.0, 35.0, 15.0, 10.0) == 1.0
+
+
+def test_people_who_are_no_longer_there_are_forgotten() -> None:
+    """Twenty frames of a place without the person who stood there end the belief; looking elsewhere does not."""
+    eyes = eyes_over((0.0, 0.0))
+    eyes.tracks.take(0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")])
+    for track in eyes.tracks:
+        track.frames = 5  # long believed in
+    history = eyes._poses
+    for frame in range(20):
+        assert len(eyes.tracks) == 3
+        time_s = 1.0 + frame * 0.2
+        history.place(time_s, 0.0, 0.0, 60.0, (0.0, 0.0, 0.0))
+        history.turn(time_s, 0.0, 0.0, 0.0)
+        eyes.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
+    assert [(track.label, track.north_m) for track in eyes.tracks] == [("civilian", -40.0), ("tree", 45.0)]
+
+
+def test_frames_that_cannot_be_placed_are_counted() -> None:
+    """Before the camera is known, or at a moment without a pose, a frame is passed over."""
+    eyes = Perception(PoseHistory(), "auto")
+    assert not eyes.see(Detection2DArray())
+    assert (eyes.frames, eyes.unplaced) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("setting", "parent", "level"),
+    [("auto", "base_level", True), ("auto", "base_link", False), ("level", "base_link", True), ("body", "base_level", False)],
+)
+def test_the_mount_is_what_the_transform_says_unless_set(setting: str, parent: str, level: bool) -> None:
+    """A parent frame that keeps level makes a level camera; the option `mount` overrules it."""
+    eyes = Perception(PoseHistory(), setting)
+    eyes.take_info(camera_info())
+    eyes.take_mount(TFMessage())
+    assert eyes.camera is None
+    eyes.take_mount(mount(f"{NAME}/{parent}"))
+    assert eyes.camera is not None
+    assert eyes.camera.level is level
