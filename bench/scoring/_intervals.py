@@ -31,7 +31,7 @@ def wilson(passed: ArrayLike, tried: ArrayLike, level: float = LEVEL) -> tuple[F
     """Score interval for `passed` of `tried`; shorter than the exact one, and right on average only."""
     k, n = np.asarray(passed, dtype=np.float64), np.asarray(tried, dtype=np.float64)
     z = float(stats.norm.ppf(1.0 - (1.0 - level) / 2.0))
-    count = np.maximum(n, 1e-300)
+    count = np.where(n > 0.0, n, 1.0)
     share = k / count
     middle = (share + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))

@@ -47,7 +47,13 @@ def leaf(name: str, **changes: Any) -> dict[str, Any]:
 
 
 def row(**changes: Any) -> dict[str, Any]:
-    return {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "The whole scale."} | changes
+    return {
+        "factor": "fog_level",
+        "unit": "level",
+        "ratings": [10, 100],
+        "values": [0, 9],
+        "reason": "The whole scale.",
+    } | changes
 
 
 @pytest.fixture
@@ -249,3 +255,12 @@ def test_a_document_is_not_changed_by_reading(good: dict[str, Any]) -> None:
     before = copy.deepcopy(good)
     decomposition_of(DecompositionDocument.model_validate(good))
     assert good == before
+
+
+@pytest.mark.parametrize("name", shipped_decompositions())
+def test_what_is_shipped_names_only_what_there_is(name: str) -> None:
+    """Every key factor with its unit, and every measure with its options, exists in this bench."""
+    from bench.simspec import FACTORS
+    from test_ports.measures import check_options
+
+    load_decomposition(name, Vocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options))

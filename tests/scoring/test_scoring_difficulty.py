@@ -1,0 +1,254 @@
+"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve configurations."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.errors import SetupError
+from bench.scoring import (
+    Difficulty,
+    configuration_of,
+    configuration_tension,
+    difficulty,
+    difficulty_of,
+    rate,
+    studied,
+    tension,
+)
+from bench.simspec import FACTORS, SimSpec
+from decompositions import Decomposition, KeyFactor, Policies, Vocabulary, decomposition_of, load_decomposition
+
+UNITS = {name: factor.unit for name, factor in FACTORS.items()}
+CONCEALMENT = (0.5, 1.0)
+DENSITY_PER_KM2 = (313.3, 390.1, 453.3)
+PROXIMITY_M = (229.9, 259.1, 362.4)
+
+
+def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
+    row = {"factor": "fog_level", "unit": "level", "ratings": ratings, "values": values, "reason": "For the test."}
+    return KeyFactor.model_validate(row | changes)
+
+
+@pytest.fixture(scope="module")
+def asked() -> Decomposition:
+    return load_decomposition("search-and-report", Vocabulary(UNITS))
+
+
+@pytest.fixture(scope="module")
+def paper() -> Decomposition:
+    return load_decomposition("paper-tables", Vocabulary(UNITS))
+
+
+RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
+NEAR = table([10, 50, 100], [300, 200, 50])
+
+
+@pytest.mark.parametrize(
+    ("row", "mapping", "value", "expected"),
+    [
+        (RAIN, "linear", 1.5, 25.0),
+        (RAIN, "linear", 3.0, 35.0),
+        (RAIN, "linear", 4.0, 40.0),  # stands in two columns: the lower counts
+        (RAIN, "linear", 4.5, 55.0),
+        (RAIN, "step", 1.9, 20.0),
+        (RAIN, "step", 4.0, 40.0),
+        (RAIN, "step", 4.5, 50.0),  # just past it, the higher column
+        (RAIN, "step", math.nextafter(4.0, 5.0), 50.0),
+        (RAIN, "linear", 0.0, 10.0),
+        (RAIN, "linear", -0.1, 0.0),  # easier than the first column certifies nothing
+        (RAIN, "linear", 9.0, 60.0),  # harder than the last rates as the last
+        (RAIN, "step", 5.0, 60.0),
+        (NEAR, "linear", 301.0, 0.0),  # a table that falls
+        (NEAR, "linear", 300.0, 10.0),
+        (NEAR, "linear", 250.0, 30.0),
+        (NEAR, "step", 199.0, 50.0),
+        (NEAR, "linear", 1.0, 100.0),
+    ],
+)
+def test_a_table_rates_a_value(row: KeyFactor, mapping: str, value: float, expected: float) -> None:
+    """Linear and step tables, rising and falling, at, between and beyond their columns."""
+    assert rate(row.model_copy(update={"mapping": mapping}), value) == pytest.approx(expected, abs=1e-9)
+
+
+def test_shared_values_at_the_ends_have_the_lower_rating() -> None:
+    """Where the last columns share a value it is the lower of them, and what is harder still has the last."""
+    row = table([10, 80, 90, 100], [0, 5, 9, 9])
+    assert (rate(row, 9.0), rate(row, 9.1)) == (90.0, 100.0)
+    row = table([10, 20, 100], [0, 0, 8])
+    assert (rate(row, 0.0), rate(row, 4.0), rate(row, -1.0)) == (10.0, 60.0, 0.0)
+
+
+def test_the_policies_choose_otherwise() -> None:
+    """Each ruling on tables can be turned by its name."""
+    assert rate(RAIN, 4.0, Policies(shared_value="higher")) == 50.0
+    assert rate(RAIN, -1.0, Policies(easier_than_table="first")) == 10.0
+    assert rate(NEAR, 400.0, Policies(easier_than_table="first")) == 10.0
+
+
+def test_a_value_that_is_no_number_is_refused() -> None:
+    """NaN would rate as the hardest if it were let through."""
+    with pytest.raises(ValueError, match="fog_level"):
+        rate(RAIN, math.nan)
+
+
+@given(
+    values=st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda v: len(set(v)) > 1),
+    falling=st.booleans(),
+    mapping=st.sampled_from(["linear", "step"]),
+    low=st.floats(-60, 60),
+    more=st.floats(0, 60),
+)
+def test_harder_never_rates_lower(values: list[int], falling: bool, mapping: str, low: float, more: float) -> None:
+    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings or 0."""
+    ordered = [float(v) for v in sorted(values, reverse=falling)]
+    ratings = [100.0 * (i + 1) / len(ordered) for i in range(len(ordered))]
+    row = table(ratings, ordered, mapping=mapping)
+    sign = -1.0 if falling else 1.0
+    easy, hard = rate(row, low), rate(row, low + sign * more)
+    assert easy <= hard + 1e-9
+    assert easy == 0.0 or ratings[0] - 1e-9 <= easy <= 100.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("hours", "rain", "fog", "altitude_m", "expected", "ruler"),
+    [(5, 1, 2, 3000, 20.0, "rain_level"), (5, 2, 1, 3000, 20.0, "fog_level"), (8, 9, 9, 6000, 100.0, None)],
+)
+def test_the_papers_table(
+    paper: Decomposition, hours: float, rain: float, fog: float, altitude_m: float, expected: float, ruler: str | None
+) -> None:
+    """The paper's two SimSpecs both come out at 20, the first ruled by rain, the second by fog."""
+    values = {"hours_from_solar_noon": hours, "rain_level": rain, "fog_level": fog, "uav_altitude_m": altitude_m}
+    found = difficulty(paper, values)
+    assert found.of("OBS-vehicles") == found.of("KA-09") == expected
+    if ruler:
+        assert found.observables["OBS-vehicles"].ruled_by == (ruler,)
+        assert found.observables["OBS-vehicles"].margin == pytest.approx(10.0)
+        assert ruler in found.explain("KA-09")
+
+
+def test_every_missing_factor_is_told_at_once(asked: Decomposition) -> None:
+    """A situation without bystanders cannot be rated for what is asked about them; the fault says what is missing."""
+    with pytest.raises(SetupError) as caught:
+        difficulty(asked, {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0})
+    told = str(caught.value)
+    assert len(caught.value.faults) == 3
+    for factor in ("bystander_density_per_km2", "bystander_proximity_m", "intelligence_uncertainty_m"):
+        assert factor in told
+    assert "OBS-181, OBS-182" in told
+
+
+def test_a_node_is_as_hard_as_the_least_of_its_observables(asked: Decomposition) -> None:
+    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have it."""
+    found = at(asked, 1.0, 390.1, 229.9)
+    for node in asked.nodes:
+        lowest = min(found.of(one) for one in asked.observables_under(node))
+        assert found.of(node) == lowest
+        assert all(found.of(one) == lowest for one in found.nodes[node].ruled_by)
+    assert {row[0] for row in found.rows()} == set(asked.nodes)
+    assert {row["node"] for row in found.as_json()["nodes"]} == set(asked.nodes)
+
+
+def test_the_mean_of_the_factors_is_a_policy(asked: Decomposition) -> None:
+    """Under `mean`, no single factor rules."""
+    document = asked.document.model_copy(update={"policies": Policies(factor_rule="mean")})
+    found = at(decomposition_of(document), 1.0, 390.1, 229.9)
+    one = found.observables["OBS-181"]
+    assert one.difficulty == pytest.approx(sum(row.rating for row in one.ratings) / 2)
+    assert one.ruled_by == ()
+    assert "mean" in found.explain("OBS-181")
+
+
+@pytest.mark.parametrize(("value", "expected"), [(0, 1), (20, 1), (20.0000001, 1), (20.001, 2), (40, 2), (99, 5), (100, 5)])
+def test_tension(value: float, expected: int) -> None:
+    """max(1, ceil(d / 20)), where a rounding error of the last digits is no difference."""
+    assert tension(value) == expected
+
+
+def at(asked: Decomposition, concealment: float, density_per_km2: float, proximity_m: float) -> Difficulty:
+    """The paper's experiment: these three vary, the rest is fixed."""
+    values = {
+        "target_concealment": concealment,
+        "bystander_density_per_km2": density_per_km2,
+        "bystander_proximity_m": proximity_m,
+        "uav_altitude_m": 60.0,
+        "intelligence_uncertainty_m": 60.0,
+        "time_limit_s": 300.0,
+        "fog_level": 0.5,
+        "rain_level": 0.5,
+        "hours_from_solar_noon": 0.5,
+    }
+    return difficulty(asked, values)
+
+
+def test_the_papers_experiment_has_twelve_difficulty_configurations(asked: Decomposition) -> None:
+    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes."""
+    every = [at(asked, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
+    counted = Counter(configuration_of(asked, found) for found in every)
+    assert len(every) == 18
+    assert len(counted) == 12
+    assert sorted(counted.values()) == [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3]
+
+
+def test_the_papers_experiment_reaches_from_easy_to_hard(asked: Decomposition) -> None:
+    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to 80)."""
+    every = [at(asked, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
+    values = [found.of(node) for found in every for node in asked.study]
+    assert 20.0 <= min(values) <= 30.0
+    assert 75.0 <= max(values) <= 85.0
+    tensions = {configuration_tension(asked, found) for found in every}
+    assert tensions == {2, 3}
+    assert {found.nodes["KA-18"].tension for found in every} == {2, 3, 4}
+
+
+def test_no_factor_at_its_easiest_rules_the_experiment(asked: Decomposition) -> None:
+    """Weather and light, at their easiest there, are listed by no observable: they would rule everything."""
+    assert not {"fog_level", "rain_level", "hours_from_solar_noon", "wind_mps"} & set(asked.factors())
+
+
+def test_configurations_agree_to_six_decimals(asked: Decomposition) -> None:
+    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is compared."""
+    base = configuration_of(asked, at(asked, 0.5, 390.1, 259.1))
+    assert configuration_of(asked, at(asked, 0.5, 390.1 + 1e-8, 259.1)) == base
+    assert configuration_of(asked, at(asked, 0.5, 390.1 + 1e-3, 259.1)) != base
+    assert configuration_of(asked, at(asked, 0.5, 453.3, 259.1), ["KA-05"]) == "KA-05=55"
+
+
+def test_only_key_attributes_are_studied(asked: Decomposition) -> None:
+    """A typing error in a campaign's study is told with what there is."""
+    assert studied(asked) == asked.key_attributes
+    with pytest.raises(SetupError, match=r"KA-99.*known: KA-03"):
+        studied(asked, ["KA-99"])
+
+
+def test_difficulty_is_read_from_the_intent(asked: Decomposition) -> None:
+    """The configured mission altitude counts, and where placement put people or what the vehicle is changes nothing."""
+    spec = SimSpec.model_validate(
+        {
+            "name": "small",
+            "world": {"area": {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (600, 0), (600, 250), (0, 250))]}},
+            "actors": [
+                {"id": "targets", "asset": "radar-vehicle", "role": "adversary", "count": 1, "concealment": 0.5},
+                {
+                    "id": "people",
+                    "asset": "civilian",
+                    "role": "bystander",
+                    "density_per_km2": 390.1,
+                    "placement": {"mean_distance": {"of": "targets", "mean_m": 259.1}},
+                },
+            ],
+            "intelligence": [{"id": "tip", "about": "targets", "uncertainty_m": 60}],
+            "mission": {"altitude_m": 60, "time_limit_s": 300},
+        }
+    )
+    found = difficulty_of(asked, spec)
+    assert found == at(asked, 0.5, 390.1, 259.1)
+    placed = {"actors": [{"id": "targets-0", "group": "targets", "east_m": 9, "north_m": 9, "heading_deg": 0}]}
+    realized = SimSpec.model_validate(spec.model_dump() | {"realized": placed})
+    assert difficulty_of(asked, realized) == found

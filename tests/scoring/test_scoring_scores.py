@@ -1,0 +1,248 @@
+"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.contracts import Observation
+from bench.scoring import score_run
+from decompositions import Decomposition, DecompositionDocument, Level, decomposition_of
+
+
+def leaf(name: str, **changes: Any) -> dict[str, Any]:
+    row = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 100], "reason": "For the test."}
+    return {
+        "id": name,
+        "title": name,
+        "asks": "Is it so?",
+        "measure": "detection_share",
+        "threshold": 0.5,
+        "threshold_reason": "Half.",
+        "considered": "Always.",
+        "key_factors": [row],
+    } | changes
+
+
+def node(name: str, children: list[str]) -> dict[str, Any]:
+    return {"id": name, "title": name, "asks": "Is it so?", "children": children}
+
+
+def build(
+    observables: list[dict[str, Any]], vabs: dict[str, list[str]], attributes: dict[str, list[str]], **more: Any
+) -> Decomposition:
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "made",
+        "title": "Made",
+        "key_attributes": [node(name, children) for name, children in attributes.items()],
+        "vabs": [node(name, children) for name, children in vabs.items()],
+        "observables": observables,
+    }
+    return decomposition_of(DecompositionDocument.model_validate(document | more))
+
+
+def seen(values: Mapping[str, float | None]) -> tuple[Observation, ...]:
+    return tuple(Observation(observable=name, considered=x is not None, x=x) for name, x in values.items())
+
+
+def one(threshold: float = 0.5, **changes: Any) -> Decomposition:
+    """A single observable under a single key attribute."""
+    return build([leaf("O", threshold=threshold, **changes)], {"V": ["O"]}, {"KA": ["V"]})
+
+
+WORKED_DIFFICULTY = {"OBS1": 30.0, "OBS2": 80.0, "OBS3": 50.0}
+
+
+@pytest.fixture
+def worked() -> Decomposition:
+    """The graph of the paper's scoring example."""
+    names = [leaf(name) for name in WORKED_DIFFICULTY]
+    return build(names, {"VAB1": ["OBS1", "OBS2"], "VAB2": ["OBS3"]}, {"KA1": ["VAB1", "VAB2"]})
+
+
+def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
+    """Run 1: 30 (2/2), 50, 30 (3/3). Run 2, where OBS1 fails: 80 (1/2), 50, 50 (2/3)."""
+    first = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 1.0, "OBS2": 1.0, "OBS3": 1.0}))
+    assert [first[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [30, 80, 30, 50, 50, 30]
+    assert [(first[n].achieved, first[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [(2, 2), (1, 1), (3, 3)]
+    assert first["KA1"].confidence == 1.0
+
+    second = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
+    assert [second[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [None, 80, 80, 50, 50, 50]
+    assert [(second[n].achieved, second[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [(1, 2), (1, 1), (2, 3)]
+    assert second["OBS1"].confidence == 0.0
+    assert second["VAB1"].confidence == 0.5
+    assert second["KA1"].confidence == 2 / 3
+
+
+def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
+    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is 2/2."""
+    document = worked.document.model_dump() | {"policies": {"confidence": "children"}}
+    other = decomposition_of(DecompositionDocument.model_validate(document))
+    second = score_run(other, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
+    assert (second["VAB1"].confidence, second["KA1"].confidence) == (0.5, 1.0)
+    none = score_run(other, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
+    assert (none["VAB2"].confidence, none["KA1"].confidence) == (None, 0.0)
+
+
+def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
+    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above it."""
+    found = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": None, "OBS2": 1.0}))
+    assert (found["OBS1"].score, found["OBS1"].confidence, found["OBS1"].considered) == (None, None, 0)
+    assert (found["VAB1"].score, found["VAB1"].confidence) == (80.0, 1.0)
+    assert (found["VAB2"].score, found["VAB2"].confidence) == (None, None)  # without an observation: not considered
+    assert (found["KA1"].achieved, found["KA1"].considered) == (1, 1)
+
+
+def test_failed_is_not_not_considered(worked: Decomposition) -> None:
+    """Everything failed: no score anywhere, and a confidence of 0 that counts."""
+    found = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 0.0, "OBS3": 0.0}))
+    assert (found["KA1"].score, found["KA1"].confidence) == (None, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("x", "tau", "partial", "near", "d", "score", "achieved"),
+    [
+        (0.5, 0.5, False, None, 40.0, 40.0, 1),  # x >= tau exactly
+        (0.9, 0.5, False, None, 40.0, 40.0, 1),
+        (0.9, 0.5, True, None, 40.0, 40.0 + 4 * (0.9 - 0.5), 1),
+        (0.4999999999999999, 0.5, True, None, 40.0, None, 0),  # no slack at the threshold
+        (1.0, 0.0, True, None, 100.0, 104.0, 1),  # not clipped above
+        (0.0, 0.9, True, 0.9, 0.0, -3.6, 0),  # nor below
+        (0.45, 0.5, True, 0.1, 40.0, 40.0 + 4 * (0.45 - 0.5), 0),  # a near miss scores below d; its confidence stays 0
+        (0.39, 0.5, True, 0.1, 40.0, None, 0),
+        (0.7, 0.8, True, 0.1, 40.0, 40.0 + 4 * (0.7 - 0.8), 0),  # 0.8 - 0.1 is a hair above 0.7: the slack of 1e-12
+        (0.45, 0.5, True, 0.0, 40.0, None, 0),
+    ],
+)
+def test_credit_and_near_misses(
+    x: float, tau: float, partial: bool, near: float | None, d: float, score: float | None, achieved: int
+) -> None:
+    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is clipped."""
+    found = score_run(one(tau, partial_credit=partial, near_miss=near), {"O": d}, seen({"O": x}))
+    assert found["O"].score == found["KA"].score == score
+    assert (found["O"].achieved, found["O"].considered, found["O"].confidence) == (achieved, 1, float(achieved))
+
+
+def test_credit_points_are_a_policy() -> None:
+    """The paper's four points can be others."""
+    other = build(
+        [leaf("O", partial_credit=True)], {"V": ["O"]}, {"KA": ["V"]}, policies={"credit_points": 10.0, "inner_score": "mean"}
+    )
+    assert score_run(other, {"O": 40.0}, seen({"O": 1.0}))["KA"].score == 45.0
+
+
+def test_what_cannot_be_scored_is_refused(worked: Decomposition) -> None:
+    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs upstream."""
+    with pytest.raises(ValueError, match="OBS9"):
+        score_run(worked, WORKED_DIFFICULTY, seen({"OBS9": 1.0}))
+    with pytest.raises(ValueError, match="two observations of OBS1"):
+        score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 1.0}) * 2)
+    with pytest.raises(ValueError, match="has no value"):
+        score_run(worked, WORKED_DIFFICULTY, [Observation(observable="OBS1", considered=True)])
+    with pytest.raises(ValueError, match="no difficulty of OBS3"):
+        score_run(worked, {"OBS1": 30.0, "OBS2": 80.0}, ())
+
+
+@dataclass(frozen=True)
+class Expected:
+    score: float | None
+    confidence: float | None
+    achieved: int
+    considered: int
+
+
+def brute_force(asked: Decomposition, difficulties: Mapping[str, float], xs: Mapping[str, float | None]) -> dict[str, Expected]:
+    """The rulings read aloud, node by node, with nothing shared with the implementation."""
+    found: dict[str, Expected] = {}
+
+    def leaves(name: str) -> set[str]:
+        children = asked.nodes[name].children
+        return {name} if not children else {leaf for child in children for leaf in leaves(child)}
+
+    def achieved(name: str) -> bool:
+        x = xs.get(name)
+        return x is not None and x >= asked.observables[name].threshold
+
+    def score(name: str) -> float | None:
+        children = asked.nodes[name].children
+        if children:
+            scores = [s for s in map(score, children) if s is not None]
+            return min(scores) if scores else None
+        rule, x = asked.observables[name], xs.get(name)
+        if x is None:
+            return None
+        near = rule.near_miss if rule.near_miss is not None else asked.policies.near_miss
+        close = rule.partial_credit and near > 0 and x >= rule.threshold - near - 1e-12
+        if not (achieved(name) or close):
+            return None
+        return difficulties[name] + (4 * (x - rule.threshold) if rule.partial_credit else 0.0)
+
+    for name in asked.nodes:
+        considered = [one for one in leaves(name) if xs.get(one) is not None]
+        passed = sum(achieved(one) for one in considered)
+        found[name] = Expected(score(name), passed / len(considered) if considered else None, passed, len(considered))
+    return found
+
+
+@st.composite
+def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[str, float | None]]:
+    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some absent."""
+    grid = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
+    counts = [draw(st.integers(1, most)) for most in (3, 4, 6, 8)]
+    names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
+    layers = []
+    for above, below in pairwise(names):
+        children = {name: draw(st.lists(st.sampled_from(below), min_size=1, unique=True)) for name in above}
+        for orphan in set(below) - {child for ones in children.values() for child in ones}:
+            children[draw(st.sampled_from(above))].append(orphan)
+        layers.append([node(name, ones) for name, ones in children.items()])
+    observables = []
+    for name in names[3]:
+        partial = draw(st.booleans())
+        near = draw(st.none() | grid) if partial else None
+        observables.append(leaf(name, threshold=draw(grid), partial_credit=partial, near_miss=near))
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "random",
+        "title": "Random",
+        "policies": {"near_miss": draw(st.sampled_from([0.0, 0.2]))},
+        "principles": layers[0],
+        "key_attributes": layers[1],
+        "vabs": layers[2],
+        "observables": observables,
+    }
+    asked = decomposition_of(DecompositionDocument.model_validate(document))
+    difficulties = {name: draw(st.floats(0, 100)) for name in names[3]}
+    some = draw(st.lists(st.sampled_from(names[3]), unique=True))
+    return asked, difficulties, {name: draw(st.none() | grid | st.floats(0, 1)) for name in some}
+
+
+@settings(max_examples=200, deadline=None)
+@given(situations())
+def test_scores_are_those_of_a_brute_force_reference(
+    situation: tuple[Decomposition, dict[str, float], dict[str, float | None]],
+) -> None:
+    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the same."""
+    asked, difficulties, xs = situation
+    found = score_run(asked, difficulties, seen(xs))
+    for name, expected in brute_force(asked, difficulties, xs).items():
+        got = found[name]
+        assert Expected(got.score, got.confidence, got.achieved, got.considered) == expected, name
+
+
+@settings(max_examples=50, deadline=None)
+@given(situations())
+def test_a_shared_observable_counts_once(situation: tuple[Decomposition, dict[str, float], dict[str, float | None]]) -> None:
+    """No node counts more than its distinct descendants, and a principle's count is that of a set."""
+    asked, difficulties, _ = situation
+    found = score_run(asked, difficulties, seen(dict.fromkeys(asked.observables, 1.0)))
+    for name in asked.at_level(Level.PRINCIPLE):
+        assert found[name].considered == len(set(asked.observables_under(name)))

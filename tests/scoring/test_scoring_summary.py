@@ -1,0 +1,331 @@
+"""The score table and its summary: means and counts as published, intervals, and bulk."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.contracts import Observation, Outcome
+from bench.errors import SetupError
+from bench.scoring import (
+    SCORE_COLUMNS,
+    SUMMARY_COLUMNS,
+    Difficulty,
+    ScoredRun,
+    absent_pairs,
+    clopper_pearson,
+    configuration_of,
+    difficulty,
+    effective_size,
+    score_run,
+    score_table,
+    summary_frame,
+    wilson,
+)
+from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of, load_decomposition
+
+
+@pytest.fixture(scope="module")
+def asked() -> Decomposition:
+    return load_decomposition("search-and-report")
+
+
+def hard(asked: Decomposition, concealment: float = 0.5, density: float = 390.1) -> Difficulty:
+    values = {
+        "target_concealment": concealment,
+        "bystander_density_per_km2": density,
+        "bystander_proximity_m": 259.1,
+        "uav_altitude_m": 60.0,
+        "intelligence_uncertainty_m": 60.0,
+        "time_limit_s": 300.0,
+    }
+    return difficulty(asked, values)
+
+
+def run(name: str, found: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
+    seen = tuple(Observation(observable=one, considered=x is not None, x=x) for one, x in xs.items())
+    made = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, found, seen)
+    return replace(made, **changes)  # type: ignore[arg-type]
+
+
+def everything(asked: Decomposition, x: float | None = 1.0) -> dict[str, float | None]:
+    return dict.fromkeys(asked.observables, x)
+
+
+def line(summary: pl.DataFrame, node: str, configuration: str = "all", agent: str = "naive") -> dict[str, object]:
+    rows = summary.filter(node=node, configuration=configuration, agent=agent)
+    assert rows.height == 1
+    return rows.row(0, named=True)
+
+
+def worked() -> tuple[Decomposition, list[ScoredRun]]:
+    """The paper's two runs: observables of 30, 80 and 50 by one table, OBS1 failing in the second."""
+    leaves = []
+    for name, rating in (("OBS1", 30.0), ("OBS2", 80.0), ("OBS3", 50.0)):
+        row = {"factor": "fog_level", "unit": "level", "ratings": [rating, 100], "values": [1, 2], "reason": "Given."}
+        leaves.append(
+            {
+                "id": name,
+                "title": name,
+                "asks": "?",
+                "measure": "m",
+                "threshold": 0.5,
+                "threshold_reason": "Given.",
+                "considered": "Always.",
+                "key_factors": [row],
+            }
+        )
+    inner = [("VAB1", ["OBS1", "OBS2"]), ("VAB2", ["OBS3"])]
+    asked = decomposition_of(
+        DecompositionDocument.model_validate(
+            {
+                "format": "rebar.decomposition/1",
+                "name": "worked",
+                "title": "Worked",
+                "key_attributes": [{"id": "KA1", "title": "KA1", "asks": "?", "children": ["VAB1", "VAB2"]}],
+                "vabs": [{"id": name, "title": name, "asks": "?", "children": children} for name, children in inner],
+                "observables": leaves,
+            }
+        )
+    )
+    found = difficulty(asked, {"fog_level": 1.0})
+    good = everything(asked)
+    return asked, [run("r1", found, good), run("r2", found, good | {"OBS1": 0.0})]
+
+
+def test_the_worked_example_over_both_runs() -> None:
+    """Final ARL score 40, confidence 83.3 %; VAB1 rose because something failed, and is flagged for it."""
+    asked, runs = worked()
+    table = score_table(asked, runs)
+    summary = summary_frame(table, asked)
+    whole = line(summary, "KA1")
+    assert whole["score_mean"] == 40.0
+    assert whole["confidence_mean"] == pytest.approx(5 / 6, abs=1e-15)
+    assert f"{whole['confidence_mean']:.1%}" == "83.3%"
+    assert (whole["runs"], whole["considered"], whole["scored"], whole["design_points"]) == (2, 2, 2, 2)
+    assert whole["raised_by_failure"] is True  # 40 where both runs would have had 30
+    assert whole["passed_score_mean"] == 30.0
+    assert line(summary, "OBS3")["raised_by_failure"] is False
+    assert line(summary, "OBS1")["confidence_mean"] == 0.5
+    assert (line(summary, "OBS1")["scored"], line(summary, "OBS1")["considered"]) == (1, 2)
+
+
+def test_pooled_counts_are_a_policy(asked: Decomposition) -> None:
+    """Runs with unequal counts weigh alike by default; pooled, every observable does."""
+    found = hard(asked)
+    first = everything(asked, None) | {"OBS-181": 1.0}
+    second = everything(asked, None) | {"OBS-181": 0.0, "OBS-182": 0.0}
+    runs = [run("a", found, first), run("b", found, second)]
+    assert line(summary_frame(score_table(asked, runs), asked), "KA-18")["confidence_mean"] == 0.5
+    pooled = decomposition_of(asked.document.model_copy(update={"policies": Policies(over_runs="pooled_counts")}))
+    assert line(summary_frame(score_table(pooled, runs), pooled), "KA-18")["confidence_mean"] == pytest.approx(1 / 3)
+
+
+def test_a_table_holds_what_each_run_scored(asked: Decomposition) -> None:
+    """Every row of the table equals the run scored alone, with null for what there is not; x stands at observables."""
+    found = hard(asked)
+    xs = everything(asked) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
+    table = score_table(asked, [run("a", found, everything(asked)), run("b", found, xs)])
+    assert table.schema == pl.Schema(SCORE_COLUMNS)
+    assert table.height == 2 * len(asked.nodes)
+    alone = score_run(asked, found, run("b", found, xs).observations)
+    for row in table.filter(realization="b").iter_rows(named=True):
+        expected = alone[row["node"]]
+        assert (row["score"], row["confidence"]) == (expected.score, expected.confidence)
+        assert (row["achieved"], row["considered"]) == (expected.achieved, expected.considered)
+        assert row["difficulty"] == found.of(row["node"])
+        assert row["x"] == xs.get(row["node"])
+        assert row["configuration"] == configuration_of(asked, found)
+    assert not any(table[name].is_nan().any() for name in ("score", "confidence", "x", "difficulty", "passed_score"))
+
+
+def test_faults_of_the_bench_are_shown_and_not_counted(asked: Decomposition) -> None:
+    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent counts."""
+    found = hard(asked)
+    runs = [
+        run("a", found, everything(asked)),
+        run("b", found, everything(asked, 0.0), outcome=Outcome.BENCH_ERROR),
+        run("c", found, everything(asked, 0.0), outcome=Outcome.AGENT_CRASHED),
+        run("d", found, {}, outcome=Outcome.PLACEMENT_INFEASIBLE),
+    ]
+    table = score_table(asked, runs)
+    assert table["realization"].n_unique() == 4
+    whole = line(summary_frame(table, asked), "KA-20")
+    assert (whole["runs"], whole["excluded"], whole["considered"], whole["scored"]) == (2, 2, 2, 1)
+    assert whole["confidence_mean"] == 0.5
+    assert absent_pairs(asked, runs) == 0
+
+
+def test_absent_observations_are_counted(asked: Decomposition) -> None:
+    """What the bench did not write is not considered, and is known by number."""
+    found = hard(asked)
+    runs = [run("a", found, {"OBS-031": 1.0}), run("b", found, everything(asked))]
+    assert absent_pairs(asked, runs) == len(asked.observables) - 1
+
+
+def test_runs_are_grouped_by_configuration_and_agent(asked: Decomposition) -> None:
+    """Each agent and configuration has its own line beside `all`; difficulty is one number there and null where it differs."""
+    easy, other = hard(asked, 0.5), hard(asked, 1.0)
+    runs = [
+        run("a", easy, everything(asked)),
+        run("b", other, everything(asked)),
+        run("c", other, everything(asked, 0.0), agent="aware"),
+    ]
+    summary = summary_frame(score_table(asked, runs), asked)
+    assert summary.schema == pl.Schema(SUMMARY_COLUMNS)
+    keys = (configuration_of(asked, easy), configuration_of(asked, other))
+    assert summary["configuration"].unique(maintain_order=True).to_list() == ["all", *keys]
+    assert summary["agent"].unique(maintain_order=True).to_list() == ["naive", "aware"]
+    assert summary.filter(agent="aware", configuration=keys[0]).is_empty()
+    assert line(summary, "KA-05", keys[0])["difficulty"] == 55.0
+    whole = line(summary, "KA-05")
+    assert (whole["difficulty"], whole["difficulty_low"], whole["difficulty_high"]) == (None, 55.0, 80.0)
+    assert (whole["runs"], line(summary, "KA-05", keys[1])["runs"]) == (2, 1)
+    first = summary.filter(agent="naive", configuration="all")
+    assert first["node"].to_list() == list(asked.nodes)
+    assert first["title"].to_list() == [one.title for one in asked.nodes.values()]
+
+
+def test_what_was_never_considered_has_no_mean(asked: Decomposition) -> None:
+    """Null means, an interval that says nothing, and a method that says why."""
+    found = hard(asked)
+    summary = summary_frame(score_table(asked, [run("a", found, everything(asked) | {"OBS-181": None, "OBS-182": None})]), asked)
+    row = line(summary, "KA-18")
+    assert (row["score_mean"], row["confidence_mean"], row["considered"], row["runs"]) == (None, None, 0, 1)
+    assert (row["confidence_low"], row["confidence_high"], row["method"]) == (0.0, 1.0, "none considered")
+    assert row["raised_by_failure"] is False
+
+
+def test_nothing_flown_is_an_empty_table(asked: Decomposition) -> None:
+    """No runs: both frames are empty and have their columns."""
+    table = score_table(asked, [])
+    assert table.is_empty()
+    assert table.schema == pl.Schema(SCORE_COLUMNS)
+    assert summary_frame(table).schema == pl.Schema(SUMMARY_COLUMNS)
+
+
+def test_a_realization_counts_once(asked: Decomposition) -> None:
+    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to mend."""
+    found = hard(asked)
+    with pytest.raises(ValueError, match="'a' comes twice"):
+        score_table(asked, [run("a", found, {}), run("a", found, {})])
+    with pytest.raises(SetupError, match="KA-77"):
+        score_table(asked, [run("a", found, {})], study=["KA-77"])
+
+
+def test_a_table_survives_parquet(asked: Decomposition) -> None:
+    """What a campaign writes to disk and reads back is the same table, and sums up the same without the decomposition."""
+    from io import BytesIO
+
+    table = score_table(asked, [run("a", hard(asked), everything(asked)), run("b", hard(asked, 1.0), everything(asked, 0.2))])
+    file = BytesIO()
+    table.write_parquet(file)
+    file.seek(0)
+    again = pl.read_parquet(file)
+    assert again.equals(table)
+    assert summary_frame(again).drop("title").equals(summary_frame(table, asked).drop("title"))
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_summaries_are_those_of_a_brute_force_reference(asked: Decomposition, data: st.DataObject) -> None:
+    """Means and counts by agent, configuration and node equal plain Python over plain rows."""
+    situations = [hard(asked, 0.5), hard(asked, 1.0), hard(asked, 0.5, 453.3)]
+    value = st.none() | st.sampled_from([0.0, 0.4, 0.5, 0.8, 1.0])
+    runs = [
+        run(
+            f"r{i}",
+            situations[data.draw(st.integers(0, 2))],
+            {one: data.draw(value) for one in asked.observables},
+            agent=data.draw(st.sampled_from(["naive", "aware"])),
+            design_point=data.draw(st.sampled_from(["p1", "p2", "p3"])),
+            outcome=data.draw(st.sampled_from([Outcome.COMPLETED, Outcome.TIME_LIMIT, Outcome.WORKER_LOST])),
+        )
+        for i in range(data.draw(st.integers(1, 5)))
+    ]
+    table = score_table(asked, runs)
+    rows = list(table.iter_rows(named=True))
+    for row in summary_frame(table, asked).iter_rows(named=True):
+        own = [
+            one
+            for one in rows
+            if (one["agent"], one["node"]) == (row["agent"], row["node"])
+            and row["configuration"] in ("all", one["configuration"])
+        ]
+        scores = [one["score"] for one in own if one["score"] is not None]
+        ratios = [one["confidence"] for one in own if one["confidence"] is not None]
+        lost = sum(one["outcome"] == "worker_lost" for one in own)
+        assert (row["scored"], row["considered"], row["excluded"]) == (len(scores), len(ratios), lost)
+        assert row["runs"] == len(own) - lost
+        assert row["design_points"] == len({one["design_point"] for one in own if one["confidence"] is not None})
+        assert row["score_mean"] == (pytest.approx(sum(scores) / len(scores)) if scores else None)
+        assert row["confidence_mean"] == (pytest.approx(sum(ratios) / len(ratios)) if ratios else None)
+        assert row["confidence_low"] <= (row["confidence_mean"] or 0.0) + 1e-12
+        assert row["confidence_high"] >= (row["confidence_mean"] or 0.0) - 1e-12
+
+
+def test_exact_intervals() -> None:
+    """Textbook values: 0 of 10, 10 of 10, 7 of 10; no count says nothing."""
+    low, high = clopper_pearson([0, 10, 7, 0], [10, 10, 10, 0])
+    assert low == pytest.approx([0.0, 0.6915, 0.3475, 0.0], abs=5e-5)
+    assert high == pytest.approx([0.3085, 1.0, 0.9333, 1.0], abs=5e-5)
+
+
+def test_wilson_intervals() -> None:
+    """Textbook values of the score interval; the ends are exact where all or none pass."""
+    low, high = wilson([0, 10, 7, 0], [10, 10, 10, 0])
+    assert low == pytest.approx([0.0, 0.7225, 0.3968, 0.0], abs=5e-5)
+    assert high == pytest.approx([0.2775, 1.0, 0.8922, 1.0], abs=5e-5)
+
+
+@pytest.mark.parametrize("n", [5, 12, 40])
+def test_the_exact_interval_covers_at_least_95_percent(n: int) -> None:
+    """Summed over the whole binomial distribution, for many true shares."""
+    from scipy.stats import binom
+
+    k = np.arange(n + 1)
+    low, high = clopper_pearson(k, np.full(n + 1, n))
+    for p in np.linspace(0.01, 0.99, 33):
+        assert binom.pmf(k, n, p)[(low <= p) & (p <= high)].sum() >= 0.95
+
+
+def test_runs_that_hang_together_are_worth_fewer() -> None:
+    """Replicates that agree within their design point count about as one each; independent ones nearly all."""
+    alike = effective_size(0.5, 30, 10, 10 * 1.5**2)  # ten points of three equal runs, half of them all passes
+    apart = effective_size(0.5, 30, 30, 30 * 0.25)
+    assert 5.0 < alike < 10.0
+    assert apart == pytest.approx(29.0)
+    assert effective_size(1.0, 30, 10, 0.0) == 30.0  # no variance to see
+    assert effective_size(0.5, 30, 1, 9.0) == 30.0  # one situation, whose replicates are independent
+
+
+def test_the_interval_knows_about_design_points(asked: Decomposition) -> None:
+    """The same passes give a wider interval where replicates of one design point agree, and the column says which it is."""
+    found = hard(asked)
+    passed = [everything(asked, 1.0 if i < 6 else 0.0) for i in range(12)]
+    apart = [run(f"r{i}", found, xs) for i, xs in enumerate(passed)]
+    shared = [replace(one, design_point=f"p{i // 3}") for i, one in enumerate(apart)]
+    single = line(summary_frame(score_table(asked, apart), asked), "OBS-031")
+    clustered = line(summary_frame(score_table(asked, shared), asked), "OBS-031")
+    inner = line(summary_frame(score_table(asked, apart), asked), "KA-03")
+    assert (single["method"], clustered["method"], inner["method"]) == ("clopper-pearson", "korn-graubard", "korn-graubard")
+    assert single["confidence_low"] == pytest.approx(float(clopper_pearson(6, 12)[0]))
+    assert clustered["confidence_low"] < single["confidence_low"] < 0.5 < single["confidence_high"] < clustered["confidence_high"]  # type: ignore[operator]
+
+
+def test_three_hundred_runs_take_well_under_a_second(asked: Decomposition) -> None:
+    """Scoring and summing a campaign is nothing beside flying it (CPU time; measured 0.04 s)."""
+    rng = np.random.default_rng(4)
+    situations = [hard(asked, c, d) for c in (0.5, 1.0) for d in (313.3, 390.1, 453.3)]
+    runs = [
+        run(f"r{i}", situations[i % 6], dict(zip(asked.observables, map(float, rng.random(14)), strict=True))) for i in range(300)
+    ]
+    began = time.process_time()
+    summary_frame(score_table(asked, runs), asked)
+    assert time.process_time() - began < 1.0
