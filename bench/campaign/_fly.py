@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from agent_adapters import load_manifest, open_agent
-from bench.contracts import Outcome, Record, SessionResult
+from bench.contracts import Observation, Outcome, Record, SessionResult
 from bench.documents import dump_json
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, place
@@ -41,7 +41,7 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
     except SetupError as error:
         return SessionResult(realization=realization, outcome=Outcome.SETUP_INVALID, reason=str(error))
     (folder / SIMSPEC).write_text(dump_json(placed))
-    tape = TapeBuilder()
+    tape = TapeBuilder(placed)
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
         open_recording(folder / RECORDING, simspec=placed, versions=versions()) as recording,
@@ -60,7 +60,7 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
     return result_of(realization, end, recording.sha256, observations)
 
 
-def result_of(realization: str, end: SessionEnd, sha256: str | None, observations: tuple[object, ...]) -> SessionResult:
+def result_of(realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]) -> SessionResult:
     """The session's end as the document that stays."""
     return SessionResult(
         realization=realization,
@@ -72,6 +72,6 @@ def result_of(realization: str, end: SessionEnd, sha256: str | None, observation
         agent_cpu_s=round(end.agent_cpu_s, 3),
         recording_sha256=sha256,
         counters=end.counters,
-        observations=observations,  # type: ignore[arg-type]
+        observations=observations,
         details={"trace": end.trace} if end.trace else {},
     )

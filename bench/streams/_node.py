@@ -78,7 +78,7 @@ class Publisher:
     @property
     def matched(self) -> bool:
         """Whether anybody subscribes; always true of a latched topic, which keeps its samples for those to come."""
-        return self._latched or bool(self._publisher.matching_status)
+        return self._latched or bool(self._publisher.matching_status.matching)
 
 
 class Subscription:

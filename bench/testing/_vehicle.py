@@ -1,0 +1,63 @@
+"""A vehicle without physics: it stands on its home, or obeys nothing but gravity's absence. For tests of everything around it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+
+from bench.contracts import START, MavlinkTap, SimTime, VehicleCondition, VehiclePlan, VehicleState
+
+
+class StillVehicle:
+    """Stands at home, disarmed, for ever; has no socket, so whatever the agent says that it sent never comes."""
+
+    def __init__(self, plan: VehiclePlan) -> None:
+        self._plan = plan
+        self._time = START
+
+    @property
+    def time(self) -> SimTime:
+        return self._time
+
+    @property
+    def step_s(self) -> float:
+        return 1.0 / self._plan.controller_hz
+
+    def endpoints(self) -> Mapping[str, str]:
+        return {link.name: "udpin:127.0.0.1:9" for link in self._plan.links}
+
+    def receive(self) -> Mapping[str, int]:
+        return {link.name: 0 for link in self._plan.links}
+
+    def sent(self) -> Mapping[str, int]:
+        return {link.name: 0 for link in self._plan.links}
+
+    def step(self) -> None:
+        self._time = self._time.after(self.step_s)
+
+    def truth(self) -> VehicleState:
+        home = self._plan.simspec.vehicle.home
+        return VehicleState(
+            time=self._time,
+            position_enu_m=(home.east_m, home.north_m, 0.0),
+            velocity_enu_mps=(0.0, 0.0, 0.0),
+            roll_rad=0.0,
+            pitch_rad=0.0,
+            yaw_rad=math.radians(home.heading_deg),
+        )
+
+    def estimate(self) -> VehicleState:
+        return self.truth()
+
+    def condition(self) -> VehicleCondition:
+        return VehicleCondition(armed=False, landed=True, crashed=False, mode="STILL", battery_fraction=1.0)
+
+    def counters(self) -> Mapping[str, int]:
+        return {}
+
+
+@contextmanager
+def open_still_vehicle(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Generator[StillVehicle]:
+    """The entry point `still` of group rebar.vehicles."""
+    yield StillVehicle(plan)

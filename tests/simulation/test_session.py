@@ -1,0 +1,154 @@
+"""The session: every way it can end has a name, and none of them is an exception."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from agent_adapters import open_agent
+from bench.contracts import AgentManifest, Outcome, Record, SimTime
+from bench.simspec import Budgets, Home, Mission, Pace, Placement, PlacedActor, Point, Polygon, Realized, Role, SimSpec, VehicleSpec, World
+from bench.simspec import ActorGroup, AgentSpec
+from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.testing import agent_manifest
+
+SQUARE = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))))
+
+
+def situation(**changes: object) -> SimSpec:
+    """A still vehicle beside one soldier, for three simulated seconds at most."""
+    spec = SimSpec(
+        name="session",
+        world=World(area=SQUARE),
+        vehicle=VehicleSpec(model="still", home=Home(east_m=5, north_m=5)),
+        actors=(ActorGroup(id="target", asset="soldier", role=Role.ADVERSARY, count=1),),
+        mission=Mission(time_limit_s=3.0),
+        agent=AgentSpec(manifest="fake"),
+        budgets=Budgets(wall_s=20.0, reply_s=1.0, connect_s=5.0),
+        realized=Realized(actors=(PlacedActor(id="target-1", group="target", east_m=50, north_m=50, heading_deg=0),)),
+    )
+    return spec.model_copy(update=changes)
+
+
+def fly(folder: Path, manifest: AgentManifest, spec: SimSpec | None = None) -> tuple[SessionEnd, list[Record]]:
+    records: list[Record] = []
+    end = run_session(SessionPlan(spec or situation(), manifest, folder, open_agent, folder / "scratch", records.append))
+    return end, records
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "outcome", "words"),
+    [
+        ("idle", Outcome.TIME_LIMIT, "time limit of 3 s"),
+        ("flood", Outcome.TIME_LIMIT, "time limit of 3 s"),
+        ("finish", Outcome.COMPLETED, "declared its mission over"),
+        ("crash", Outcome.AGENT_CRASHED, "this agent gives up"),
+        ("hang", Outcome.AGENT_TIMEOUT, "no answer to tick 10 within 1 s"),
+        ("babble", Outcome.AGENT_PROTOCOL, "expected the ack of tick 10"),
+        ("leaver", Outcome.AGENT_PROTOCOL, "closed the tick socket"),
+    ],
+)
+def test_every_behaviour_has_its_outcome(tmp_path: Path, behaviour: str, outcome: Outcome, words: str) -> None:
+    """What an agent does wrong is named, with its own last words where it has any, and costs only its own session."""
+    end, records = fly(tmp_path, agent_manifest(behaviour))
+    assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.trace
+    assert records[-1].topic == "/session/events"
+
+
+def test_an_agent_that_never_connects_is_given_up(tmp_path: Path) -> None:
+    """Silence before the hello ends by the connect budget, not by patience."""
+    spec = situation(budgets=Budgets(wall_s=20.0, reply_s=1.0, connect_s=0.5))
+    for behaviour in ("silent", "mute"):
+        end, _ = fly(tmp_path / behaviour, agent_manifest(behaviour), spec)
+        assert end.outcome is Outcome.AGENT_NEVER_CONNECTED
+        assert end.simulated_s == 0.0
+
+
+@pytest.mark.parametrize(("behaviour", "words"), [("liar", "MAVLink messages"), ("pretender", "but does not")])
+def test_claims_that_never_come_true_end_the_session(
+    tmp_path: Path, behaviour: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Counts that are stated must come true; the bench does not wait for ever for what an agent made up."""
+    monkeypatch.setattr("bench.simulation._session.COUNT_BUDGET_S", 0.3)
+    monkeypatch.setattr("bench.simulation._air.MATCH_BUDGET_S", 0.3)
+    end, _ = fly(tmp_path, agent_manifest(behaviour))
+    assert end.outcome is Outcome.AGENT_PROTOCOL
+    assert words in end.reason
+
+
+def test_a_program_that_is_not_there_is_the_agents_failure(tmp_path: Path) -> None:
+    """A manifest that names no program says which."""
+    manifest = AgentManifest(name="ghost", command=("/no/such/program",), pace=("lockstep",))
+    end, _ = fly(tmp_path, manifest)
+    assert end.outcome is Outcome.AGENT_CRASHED
+    assert "/no/such/program cannot be started" in end.reason
+
+
+def test_the_wall_budget_ends_a_session_that_drags(tmp_path: Path) -> None:
+    """The session's own budget of host time is kept."""
+    spec = situation(budgets=Budgets(wall_s=0.01), mission=Mission(time_limit_s=7200.0))
+    assert fly(tmp_path, agent_manifest("idle"), spec)[0].outcome is Outcome.WALL_BUDGET
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"realized": None}, "not realized"),
+        ({"vehicle": VehicleSpec(model="zeppelin")}, "no plug-in named 'zeppelin'"),
+        ({"pace": Pace(tick_s=0.05)}, "not a whole number of controller steps"),
+    ],
+)
+def test_what_cannot_be_flown_is_said_before_anything_starts(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    """A SimSpec that names what is not there is invalid, with the mend."""
+    end, records = fly(tmp_path, agent_manifest("idle"), situation(**changes))
+    assert end.outcome is Outcome.SETUP_INVALID
+    assert words in end.reason
+    assert not records
+
+
+def test_a_pace_that_the_agent_cannot_follow_is_refused(tmp_path: Path) -> None:
+    """The manifest says which paces an agent can follow."""
+    manifest = agent_manifest("idle").model_copy(update={"pace": ("realtime",)})
+    end, _ = fly(tmp_path, manifest)
+    assert "cannot follow pace 'lockstep'" in end.reason
+
+
+def test_real_time_takes_its_time(tmp_path: Path) -> None:
+    """In real time, three simulated seconds take three seconds; nobody has to acknowledge anything."""
+    manifest = AgentManifest(name="sleeper", command=("{python}", "-c", "import time; time.sleep(60)"), pace=("realtime",))
+    spec = situation(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=1.0))
+    end, records = fly(tmp_path, manifest, spec)
+    assert end.outcome is Outcome.TIME_LIMIT
+    assert 0.95 <= end.wall_s
+    assert sum(record.topic == "/clock" for record in records) == 50
+
+
+def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
+    """Simulated time never steps back in what is recorded, and everything needed to read the rest comes first."""
+    _, records = fly(tmp_path, agent_manifest("idle"))
+    times = [record.time for record in records]
+    assert times == sorted(times)
+    first = [record.topic for record in records if record.time == SimTime(0)]
+    assert first[:2] == ["/session/events", "/truth/cast"]
+    counts = {topic: sum(record.topic == topic for record in records) for topic in {record.topic for record in records}}
+    assert counts["/truth/odometry"] == 31
+    assert counts["/truth/actors"] == 7
+    assert counts["/clock"] == 30
+    assert counts["/truth/view"] == 15
+
+
+def test_two_sessions_say_the_same_bytes(tmp_path: Path) -> None:
+    """Same SimSpec, same agent: the same records, byte for byte, whatever ports and credentials were drawn."""
+    first, second = (fly(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
+    assert first == second
+
+
+def test_truth_and_placement_stay_off_the_air() -> None:
+    """No topic that an agent may read carries truth: the allow-list is made of the briefing's topics alone."""
+    from bench.simulation._air import open_air
+
+    records: list[Record] = []
+    with open_air(situation(), records.append, zenoh=True) as air:
+        topics = {outlet.topic for outlet in air._outlets}
+    assert not any(topic.startswith(("/truth", "/session", "/mavlink")) for topic in topics)
