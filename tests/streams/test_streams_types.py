@@ -1,0 +1,74 @@
+"""The message table against what ROS 2 installations publish about the same types."""
+
+from __future__ import annotations
+
+import pytest
+from mcap_ros2._dynamic import generate_dynamic
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from bench.streams import MESSAGES, Clock, String, message_class, schema_text, type_hash, type_name_of
+
+# Listed from ROS 2 installations and by upstream's own generator; the same from Iron to Lyrical.
+GOLDEN = {
+    "std_msgs/msg/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    "rosgraph_msgs/msg/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+    "sensor_msgs/msg/Image": "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
+    "sensor_msgs/msg/CompressedImage": "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
+    "sensor_msgs/msg/CameraInfo": "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
+    "sensor_msgs/msg/NavSatFix": "62223ab3fe210a15976021da7afddc9e200dc9ec75231c1b6a557fc598a65404",
+    "sensor_msgs/msg/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+    "geometry_msgs/msg/PoseStamped": "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+    "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "vision_msgs/msg/Detection2DArray": "214274120007f4a683866481336b70310268cfa107aebe9d594a6acf75bda968",
+    "vision_msgs/msg/Detection3DArray": "793f5eab9595ac1c0da07873cc859db42eae51f0ee76056db8562515d830e018",
+}
+TYPE_NAMES = [type_name_of(kind) for kind in MESSAGES]
+
+
+@pytest.fixture(scope="module")
+def jazzy() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@pytest.mark.parametrize("type_name", GOLDEN)
+def test_hashes_are_those_of_ros_2_installations(type_name: str) -> None:
+    """A wrong hash would mean silence on the wire, not an error."""
+    assert type_hash(type_name) == "RIHS01_" + GOLDEN[type_name]
+
+
+def test_hashes_of_all_standard_types_equal_those_of_rosbags(jazzy: Typestore) -> None:
+    """What the golden table does not list is checked against an independent implementation on the upstream texts."""
+    standard = [name for name in TYPE_NAMES if not name.startswith("vision_msgs/")]
+    assert len(standard) > 25
+    assert {name: type_hash(name) for name in standard} == {name: jazzy.hash_rihs01(name) for name in standard}
+
+
+@pytest.mark.parametrize("type_name", TYPE_NAMES)
+def test_schema_text_describes_the_same_fields(type_name: str, jazzy: Typestore) -> None:
+    """The schema in a recording, read by another's parser, gives the type with the same hash."""
+    text = schema_text(type_name)
+    main, *parts = text.split("=" * 80 + "\n")
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(main, type_name))
+    for part in parts:
+        head, _, body = part.partition("\n")
+        store.register(get_types_from_msg(body, head.removeprefix("MSG: ").replace("/", "/msg/")))
+    assert store.hash_rihs01(type_name) == type_hash(type_name)
+
+
+@pytest.mark.parametrize("type_name", TYPE_NAMES)
+def test_schema_text_is_taken_by_the_reader_of_recordings(type_name: str) -> None:
+    """mcap-ros2-support, which reads our recordings in Python, builds a decoder from the schema."""
+    short = type_name.replace("/msg/", "/")
+    assert short in generate_dynamic(short, schema_text(type_name))
+
+
+def test_types_are_found_by_name() -> None:
+    """Recordings name types as text; unknown names give None, and other classes no name."""
+    assert message_class("std_msgs/msg/String") is String
+    assert message_class("std_msgs/msg/Strong") is None
+    assert type_name_of(Clock) == "rosgraph_msgs/msg/Clock"
+    with pytest.raises(TypeError, match="no message class"):
+        type_name_of(int)
