@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from bench.contracts import AgentPlan
@@ -114,7 +115,7 @@ def _expanded(plan: AgentPlan, texts: Mapping[str, str]) -> dict[str, str]:
         )
         return ""
 
-    expanded = {where: _PLACEHOLDER.sub(lambda found, at=where: value(at, found), text) for where, text in texts.items()}
+    expanded = {where: _PLACEHOLDER.sub(partial(value, where), text) for where, text in texts.items()}
     if faults:
         raise SetupError(faults)
     return expanded

@@ -156,7 +156,7 @@ class Mission:
         others = len(self._planner.waiting(self._place))
         self._log.decide("go", task.id, f"priority {about.priority}, most urgent and nearest of {others + 1}")
         self._log.enter("transit", f"to {task.id}")
-        while task.state == "active":
+        while task.active:
             path = self._search_path(task)
             if not (yield from self._follow([self._place, path[0]], task, self._flight.speed_mps)):
                 return
@@ -167,9 +167,9 @@ class Mission:
             self._log.enter("searching", f"{task.id}, pass {task.passes}")
             if not (yield from self._follow(path, task, self._flight.speed_mps)):
                 return
-            if task.state == "active":
+            if task.active:
                 yield from self._identify(task)
-            if task.state == "active" and not self._search_again(task):
+            if task.active and not self._search_again(task):
                 task.state = "not_found"
                 self._log.decide("give_up", task.id, f"no {about.class_label} identified in {task.passes} passes")
 
@@ -192,12 +192,12 @@ class Mission:
 
     def _identify(self, task: Task) -> Steps[None]:
         """Look at every candidate from all sides until one is identified."""
-        while task.state == "active" and (candidate := self._candidate(task)):
+        while task.active and (candidate := self._candidate(task)):
             missing = self._missing(candidate, task)
             self._log.decide("inspect", task.id, missing or self._judged.get(task.id, "look round it"))
             self._log.enter("inspecting", f"{task.id}: {candidate.id}")
             yield from self._circle(candidate, task)
-            if task.state != "active":
+            if not task.active:
                 return
             if not self._missing(candidate, task):
                 yield from self._look_round(candidate, task)
@@ -211,7 +211,7 @@ class Mission:
         path = ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
 
         def settled() -> bool:
-            return task.state != "active"
+            return not task.active
 
         if (yield from self._follow([self._place, path[0]], task, self._flight.speed_mps, facing=target, until=settled)):
             yield from self._follow(path, task, self._settings.inspect_speed_mps, facing=target, until=settled)
@@ -221,8 +221,8 @@ class Mission:
         if self._judge(target).look:
             path = self._legs((target.east_m, target.north_m), self._policy.surroundings_m, bearing_rad(self._place, task.place))
             self._log.decide("look_round", task.id, f"sweep of {self._policy.surroundings_m:g} m, {length_m(path):.0f} m")
-            yield from self._follow([self._place, *path], task, self._flight.speed_mps, until=lambda: task.state != "active")
-        if task.state == "active":
+            yield from self._follow([self._place, *path], task, self._flight.speed_mps, until=lambda: not task.active)
+        if task.active:
             self._say(task, target, self._judge(target))
 
     def _ring_radius_m(self) -> float:
@@ -272,7 +272,7 @@ class Mission:
         if self._order is None:
             return
         for task in self._planner.tasks.values():
-            if task.state == "active" and (candidate := self._candidate(task)) and not self._missing(candidate, task):
+            if task.active and (candidate := self._candidate(task)) and not self._missing(candidate, task):
                 judgement = self._judge(candidate)
                 self._judged[task.id] = judgement.reason
                 if not judgement.look:
@@ -339,7 +339,7 @@ class Mission:
             if walk.left_m < 3.0:
                 return True
             self._aim(walk.aim(reach_m), facing)
-            if task is not None and task.state == "active" and (urgent := self._planner.more_urgent_than(task)):
+            if task is not None and task.active and (urgent := self._planner.more_urgent_than(task)):
                 task.state = "waiting"
                 self._log.decide("divert", task.id, f"{urgent.id} is more urgent")
                 return False

@@ -39,8 +39,8 @@ class Task:
         return self.intelligence.east_m, self.intelligence.north_m
 
     @property
-    def open(self) -> bool:
-        return self.state in ("waiting", "active")
+    def active(self) -> bool:
+        return self.state == "active"
 
 
 class Planner:

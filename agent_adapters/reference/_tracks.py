@@ -72,7 +72,7 @@ class Track:
             return 0.0
         mean = self.votes[label] / self.counts[label]
         looks = min(max(self.counts[label] / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
-        return self.share(label) * (1.0 - (1.0 - min(mean, 1.0)) ** looks)
+        return self.share(label) * (1.0 - math.pow(1.0 - min(mean, 1.0), looks))
 
     @property
     def streak(self) -> int:
