@@ -192,7 +192,7 @@ class Mission:
 
     def _identify(self, task: Task) -> Steps[None]:
         """Look at every candidate from all sides until one is identified."""
-        while task.active and (candidate := self._candidate(task)):
+        while candidate := self._candidate(task):
             missing = self._missing(candidate, task)
             self._log.decide("inspect", task.id, missing or self._judged.get(task.id, "look round it"))
             self._log.enter("inspecting", f"{task.id}: {candidate.id}")
