@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -37,7 +38,13 @@ from bench.streams import (
 )
 from bench.streams._types import Field, dependencies, fields_of
 
-RANGES = {"int8": (-128, 127), "uint8": (0, 255), "uint16": (0, 2**16 - 1), "int32": (-(2**31), 2**31 - 1), "uint32": (0, 2**32 - 1)}
+RANGES = {
+    "int8": (-128, 127),
+    "uint8": (0, 255),
+    "uint16": (0, 2**16 - 1),
+    "int32": (-(2**31), 2**31 - 1),
+    "uint32": (0, 2**32 - 1),
+}
 TEXT = st.text(st.characters(exclude_categories=("Cs",)), max_size=9)
 
 

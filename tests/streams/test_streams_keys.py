@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bench.streams import CLOCK_QOS, RELIABLE_10, SENSOR_DATA, TF_QOS, QoS, data_key
 from bench.streams._keys import endpoint_gid, endpoint_token, is_name, node_token, read_sequence, write_attachment
@@ -60,7 +61,7 @@ def test_qos_texts(qos: QoS, text: str) -> None:
 @given(st.binary(max_size=40))
 def test_other_attachments_are_none(data: bytes) -> None:
     """Whatever is not 33 bytes with a positive number and a 16-byte id is no attachment."""
-    good = len(data) == 33 and data[16] == 16 and 0 < int.from_bytes(data[:8], "little", signed=True)
+    good = len(data) == 33 and data[16] == 16 and int.from_bytes(data[:8], "little", signed=True) > 0
     assert (read_sequence(data) is not None) == good
 
 
