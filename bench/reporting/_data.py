@@ -23,6 +23,7 @@ from decompositions import Decomposition, load_decomposition
 
 ALL = "all"
 LEVELS = ("principle", "ka", "vab", "observable")
+NOT_IN_LABELS = re.compile(r"[^a-z0-9_-]+")  # as realizations write agents' names
 REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)$")
 
 
@@ -254,7 +255,7 @@ def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]
     """In the order in which the campaign names them; what flew without being named comes last."""
     flown = {run.agent for run in runs}
     stated = [str(_mapping(one).get("manifest", "")) for one in campaign.get("agents") or ()]
-    named = [Path(one).stem for one in stated if one]
+    named = [NOT_IN_LABELS.sub("-", Path(one).stem.lower()) for one in stated if one]
     ordered = [name for name in dict.fromkeys(named) if name in flown or not flown]
     return (*ordered, *sorted(flown - set(ordered)))
 

@@ -49,6 +49,7 @@ def describe(data: ReportData) -> list[Fact]:
         Fact("Sessions", f"{len(data.runs)}, {simulated_s:.0f} simulated seconds, {cpu_s:.0f} CPU seconds of this machine"),
         Fact("Agents", listed(data.agents) or "none"),
         Fact("Under study", ", ".join(data.study) or "nothing"),
+        Fact("Design", _design(data)),
     ]
     specs = list(data.simspecs.values())
     if not specs:
@@ -57,6 +58,16 @@ def describe(data: ReportData) -> list[Fact]:
     groups = {group.id: None for spec in specs for group in spec.actors}
     facts += [_over(f"Actors: {one}", [_group(spec, one) for spec in specs]) for one in groups]
     return [*facts, _over("Intelligence", [_intelligence(spec) for spec in specs])]
+
+
+def _design(data: ReportData) -> str:
+    design = data.campaign.get("design")
+    if not isinstance(design, Mapping):
+        return "not stated"
+    method = design.get("method")
+    kind = str(method.get("kind", "full_factorial")) if isinstance(method, Mapping) else "full_factorial"
+    points = plural(len({run.design_point for run in data.runs}), "design point")
+    return f"{kind.replace('_', ' ')}, {points}, {plural(len({run.scene for run in data.runs}), 'scene')}, replicates included"
 
 
 def _over(name: str, texts: Sequence[str]) -> Fact:
@@ -102,13 +113,15 @@ def factor_rows(data: ReportData) -> list[dict[str, str]]:
 
 def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
     levels, span, sets = stated.get("levels"), stated.get("range"), stated.get("sets")
-    if isinstance(levels, Mapping | list | tuple):
+    if isinstance(levels, list) and levels:
         text = ", ".join(str(one) for one in levels)
     else:
         text = f"{span.get('low')} to {span.get('high')}" if isinstance(span, Mapping) else "–"
     unit = f" {stated['unit']}" if stated.get("unit") else ""
-    paths = [sets] if isinstance(sets, str) else sets if isinstance(sets, list) else []
-    return {"name": str(stated.get("name", "")), "levels": text + unit, "sets": ", ".join(map(str, paths)) or "several fields"}
+    paths = list(map(str, sets)) if isinstance(sets, list) else []
+    patches = stated.get("patches")
+    patched = [str(path) for patch in patches.values() for path in patch] if isinstance(patches, Mapping) else []
+    return {"name": str(stated.get("name", "")), "levels": text + unit, "sets": ", ".join(dict.fromkeys(paths + patched)) or "–"}
 
 
 def factor_levels(configuration: Configuration) -> str:
@@ -129,13 +142,16 @@ def _unit(factor: str) -> str:
 
 
 def provenance_of(data: ReportData) -> list[Fact]:
-    """Where the numbers come from: digest of the decomposition and the scores, seeds."""
+    """Where the numbers come from: digests of the decomposition and of the scores, versions, seeds."""
     design = data.campaign.get("design")
     seed = design.get("seed") if isinstance(design, Mapping) else None
+    versions = data.manifest.get("versions")
+    stated = ", ".join(f"{name} {versions[name]}" for name in sorted(versions)) if isinstance(versions, Mapping) else ""
     digest = hashlib.sha256(data.scores.write_csv().encode()).hexdigest()
     return [
         Fact("Decomposition", data.decomposition or "not stated"),
         Fact("SHA-256 of the decomposition", data.decomposition_sha256 or "not known"),
+        Fact("Versions", stated or "not on record"),
         Fact("Seed of the design", "not stated" if seed is None else str(seed)),
         Fact("Rows of the score table", str(data.scores.height)),
         Fact("SHA-256 of the score table as CSV", digest),

@@ -73,7 +73,8 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "comparisons": comparisons,
         "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
-        "manifest": list(_flattened(data.manifest))[:MANIFEST_ROWS],
+        # The page's own digest cannot stand in the page.
+        "manifest": [row for row in _flattened(data.manifest) if "report.html" not in row[0]][:MANIFEST_ROWS],
         "labels": {one.key: one.label for one in data.configurations},
         "glossary": words.GLOSSARY,
         "violin_from": VIOLIN_FROM,

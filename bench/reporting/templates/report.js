@@ -4,6 +4,8 @@
   const prefersDark = window.matchMedia("(prefers-color-scheme: dark)");
   let chosen = "auto";
   let printing = false;
+  const PAPER_PX = 1000;
+  const PANEL_ON_PAPER_PX = 480;
 
   // Colours in the figures are CSS variables, so that one figure serves light, dark and print.
   const resolve = (value, style) => {
@@ -17,9 +19,11 @@
   const draw = (box) => {
     const source = JSON.parse(document.getElementById("data-" + box.id).textContent);
     const figure = resolve(source, getComputedStyle(root));
-    const interactive = box.classList.contains("map");
+    const interactive = box.classList.contains("map") && !printing;
+    // Paper has a width of its own, that of @page in the style; the window's would run over its edge.
+    if (printing) figure.layout.width = box.closest(".panel") ? PANEL_ON_PAPER_PX : PAPER_PX;
     return Plotly.react(box, figure.data, figure.layout, {
-      responsive: true, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
+      responsive: !printing, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { format: "svg", filename: box.id },
     }).then(() => { box.dataset.drawn = "yes"; });
@@ -52,7 +56,6 @@
     printing = on;
     theme();
     if (on) boxes.filter((box) => seen(box) && !box.dataset.drawn).forEach(draw);
-    boxes.filter((box) => seen(box) && box.dataset.drawn).forEach((box) => Plotly.Plots.resize(box));
   };
   window.addEventListener("beforeprint", () => print(true));
   window.addEventListener("afterprint", () => print(false));
