@@ -1,1 +1,15 @@
-"""Not written yet."""
+"""Simulated aircraft with their flight controllers: JSBSim flies, MAVLink services talk.
+
+from bench.contracts import LinkSpec, VehiclePlan
+from vehicle_models import open_x500
+
+plan = VehiclePlan(simspec, (LinkSpec("onboard", "udp_out", port=14540),))
+with open_x500(plan) as vehicle:
+    vehicle.receive()
+    vehicle.step()
+    print(vehicle.truth(), vehicle.condition())
+"""
+
+from __future__ import annotations
+
+from ._vehicle import open_x500 as open_x500

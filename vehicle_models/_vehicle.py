@@ -1,0 +1,258 @@
+"""One simulated aircraft with its flight controller: what the `Vehicle` contract asks, put together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from bench.contracts import (
+    START,
+    LinkSpec,
+    MavlinkTap,
+    SimTime,
+    Vector,
+    VehicleCondition,
+    VehiclePlan,
+    VehicleState,
+)
+from bench.simspec import SimSpec, generator
+
+from ._battery import Battery
+from ._geodesy import TangentPlane
+from ._gusts import Gusts, mean_wind_ned_mps
+from ._navigation import Navigation
+from .controller import PERSONALITIES, Controller, Flight, Home, Link, Target, open_links
+from .x500 import Motion, Place, X500Plant
+
+_YAW_MAX_RADPS = 1.0
+_CRASH_MPS = 3.0
+_CRASH_TILT_RAD = math.radians(70.0)
+_NEAR_GROUND_M = 0.5
+_TOUCH_M = 0.02
+
+
+@contextmanager
+def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[X500]:
+    """Yield an X500 standing at home, its links open. Raises SetupError for a link or a parameter that cannot be."""
+    with open_links(plan.links) as links:
+        yield X500(plan, links, tap)
+
+
+class X500Airframe:
+    """The airframe as its flight controller sees it: targets by the vehicle's own estimate, heading turned no faster than 1 rad/s."""
+
+    def __init__(self, plant: X500Plant, plane: TangentPlane, home_enu_m: tuple[float, float], step_s: float) -> None:
+        self._plant = plant
+        self._plane = plane
+        self._home_east_m, self._home_north_m = home_enu_m
+        self._step_s = step_s
+        self._yaw_rad = plant.motion.yaw_rad
+        self.error_enu_m: Vector = (0.0, 0.0, 0.0)
+
+    def arm(self) -> None:
+        self._plant.write("armed", 1.0)
+        self._yaw_rad = self._plant.motion.yaw_rad
+
+    def disarm(self) -> None:
+        self._plant.write("flying", 0.0)
+        self._plant.write("armed", 0.0)
+
+    def rest(self) -> None:
+        self._plant.write("flying", 0.0)
+        self._yaw_rad = self._plant.motion.yaw_rad
+
+    def fly(self, target: Target) -> None:
+        """Aim the true position beside the target by the error of the estimate, so that the estimate meets the target."""
+        write = self._plant.write
+        error_e, error_n, error_u = self.error_enu_m
+        if target.north_east_m is None:
+            write("position-mode", 0.0)
+        else:
+            shift_n, shift_e = self._plant.shift_ne_m
+            write("position-mode", 1.0)
+            write("target-n-m", target.north_east_m[0] + self._home_north_m - error_n + shift_n)
+            write("target-e-m", target.north_east_m[1] + self._home_east_m - error_e + shift_e)
+        if target.down_m is None:
+            write("height-mode", 0.0)
+        else:
+            write("height-mode", 1.0)
+            write("target-u-m", -target.down_m - error_u)
+        north, east, down = target.velocity_ned_mps
+        write("target-vn-mps", north)
+        write("target-ve-mps", east)
+        write("target-vu-mps", -down)
+        write("speed-max-mps", target.speed_max_mps)
+        write("climb-max-mps", target.climb_max_mps)
+        write("descent-max-mps", target.descent_max_mps)
+        self._turn(target)
+        write("flying", 1.0)
+
+    def outputs(self) -> list[float]:
+        return self._plant.rotor_commands()
+
+    def specific_force_mps2(self) -> Vector:
+        return self._plant.specific_force_mps2()
+
+    def to_geodetic_e7(self, north_m: float, east_m: float) -> tuple[int, int]:
+        return self._plane.geodetic_e7(east_m + self._home_east_m, north_m + self._home_north_m)
+
+    def to_local_m(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+        east, north = self._plane.east_north_m(math.radians(latitude_deg), math.radians(longitude_deg))
+        return north - self._home_north_m, east - self._home_east_m
+
+    def _turn(self, target: Target) -> None:
+        rate = target.yawrate_radps
+        if target.yaw_rad is not None:
+            missing = math.remainder(target.yaw_rad - self._yaw_rad, 2.0 * math.pi)
+            most = _YAW_MAX_RADPS * self._step_s
+            turn = min(max(missing, -most), most)
+            rate = turn / self._step_s
+        rate = min(max(rate, -_YAW_MAX_RADPS), _YAW_MAX_RADPS)
+        self._yaw_rad = math.remainder(self._yaw_rad + rate * self._step_s, 2.0 * math.pi)
+        self._plant.write("target-yaw-rad", self._yaw_rad)
+        self._plant.write("target-yawrate-radps", rate)
+
+
+class X500:
+    """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks."""
+
+    def __init__(self, plan: VehiclePlan, links: list[Link], tap: MavlinkTap | None = None) -> None:
+        simspec = plan.simspec
+        self.step_s = 1.0 / plan.controller_hz
+        self._step_ns = round(1e9 / plan.controller_hz)
+        self.time = START
+        origin, home = simspec.world.origin, simspec.vehicle.home
+        self._home = (home.east_m, home.north_m)
+        self._plane = TangentPlane(origin.latitude_deg, origin.longitude_deg)
+        self._ground_m = origin.altitude_m
+        place = Place(
+            origin.latitude_deg,
+            origin.longitude_deg,
+            origin.altitude_m,
+            home.east_m,
+            home.north_m,
+            math.radians(home.heading_deg),
+        )
+        self._plant = X500Plant(place, self.step_s)
+        wind = simspec.environment.wind
+        self._plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
+        self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
+        self._navigation = Navigation(simspec.vehicle.gps, self.step_s, generator(simspec.seeds, "sensors"))
+        self._battery = Battery(simspec.vehicle.battery)
+        self._airframe = X500Airframe(self._plant, self._plane, self._home, self.step_s)
+        personality = PERSONALITIES[simspec.vehicle.autopilot]
+        latitude_e7, longitude_e7 = self._plane.geodetic_e7(*self._home)
+        self._flight = Flight(
+            step_s=self.step_s,
+            origin=Home(latitude_e7, longitude_e7, origin.altitude_m),
+            mode=personality.mode(personality.first_mode),
+            unix_start_us=round(simspec.environment.start_utc.timestamp() * 1e6),
+        )
+        self._sense()
+        self._controller = Controller(personality, self._flight, self._airframe, links, simspec.vehicle.parameters, tap)
+        self._links = links
+
+    def endpoints(self) -> Mapping[str, str]:
+        return {link.spec.name: link.endpoint for link in self._links}
+
+    def receive(self) -> Mapping[str, int]:
+        self._controller.receive()
+        return {link.spec.name: link.received for link in self._links}
+
+    def sent(self) -> Mapping[str, int]:
+        return {channel.name: channel.sent for channel in self._controller.channels}
+
+    def step(self) -> None:
+        self._controller.control()
+        self._air()
+        falling_mps = self._speed_mps()
+        self._plant.advance()
+        self.time = SimTime(self.time.ns + self._step_ns)
+        self._power()
+        self._navigation.step()
+        self._sense()
+        if self._crashed(falling_mps):
+            self._controller.crash()
+        self._controller.report()
+
+    def truth(self) -> VehicleState:
+        return self._state((0.0, 0.0, 0.0))
+
+    def estimate(self) -> VehicleState:
+        return self._state(self._navigation.error_enu_m)
+
+    def condition(self) -> VehicleCondition:
+        flight = self._flight
+        landed = not flight.flying and flight.on_ground
+        return VehicleCondition(
+            flight.armed, landed, flight.crashed, flight.mode.name, flight.battery_fraction, flight.failsafe
+        )
+
+    def counters(self) -> Mapping[str, int]:
+        return self._controller.counters()
+
+    def _air(self) -> None:
+        if not self._gusts.calm:
+            motion = self._plant.motion
+            self._plant.set_gust_ned_mps(self._gusts.step(motion.up_m, motion.airspeed_mps))
+
+    def _power(self) -> None:
+        self._battery.drain(self._plant.thrust_n(), self.step_s)
+        if self._battery.fraction <= 0.0:
+            self._airframe.disarm()  # nothing turns without power, whatever the flight controller wants
+
+    def _speed_mps(self) -> float:
+        motion = self._plant.motion
+        return math.sqrt(motion.vn_mps**2 + motion.ve_mps**2 + motion.vd_mps**2)
+
+    def _crashed(self, speed_before_mps: float) -> bool:
+        """Hitting the ground at more than 3 m/s, or lying on its side near it."""
+        motion = self._plant.motion
+        if motion.up_m > _NEAR_GROUND_M:
+            return False
+        tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
+        return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)
+
+    def _sense(self) -> None:
+        """Write what the vehicle believes and feels into the state that its services read."""
+        flight, motion = self._flight, self._plant.motion
+        error = self._airframe.error_enu_m = self._navigation.error_enu_m
+        east, north, up = motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]
+        flight.time_ns = self.time.ns
+        flight.east_m, flight.north_m, flight.down_m = east - self._home[0], north - self._home[1], -up
+        flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
+        flight.altitude_m = up + self._ground_m
+        if flight.gps_epoch != self._navigation.fixes:
+            flight.gps_epoch = self._navigation.fixes
+            fix = self._navigation.fix_error_enu_m
+            flight.fix_e7 = self._plane.geodetic_e7(motion.east_m + fix[0], motion.north_m + fix[1])
+            flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
+        flight.vn_mps, flight.ve_mps, flight.vd_mps = motion.vn_mps, motion.ve_mps, motion.vd_mps
+        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = motion.roll_rad, motion.pitch_rad, _half_turn(motion.yaw_rad)
+        flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
+        flight.airspeed_mps = motion.airspeed_mps
+        flight.on_ground = motion.up_m < _TOUCH_M
+        battery = self._battery
+        flight.battery_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
+        flight.battery_v, flight.battery_a = battery.voltage_v, battery.current_a
+
+    def _state(self, error: Vector) -> VehicleState:
+        motion: Motion = self._plant.motion
+        return VehicleState(
+            time=self.time,
+            position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
+            velocity_enu_mps=(motion.ve_mps, motion.vn_mps, -motion.vd_mps),
+            roll_rad=motion.roll_rad,
+            pitch_rad=motion.pitch_rad,
+            yaw_rad=_half_turn(motion.yaw_rad),
+            rates_body_radps=(motion.p_radps, motion.q_radps, motion.r_radps),
+        )
+
+
+def _half_turn(yaw_rad: float) -> float:
+    """JSBSim's heading, 0 to 2 pi, as autopilots state it: -pi to pi."""
+    return yaw_rad - 2.0 * math.pi if yaw_rad > math.pi else yaw_rad
+
+
+__all__ = ["X500", "LinkSpec", "SimSpec", "open_x500"]

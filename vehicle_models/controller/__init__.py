@@ -1,0 +1,16 @@
+"""The flight controller: small MAVLink services around one vehicle state, and the personalities that tell them how."""
+
+from __future__ import annotations
+
+from ._controller import Controller as Controller
+from ._flight import Airframe as Airframe
+from ._flight import Flight as Flight
+from ._flight import Home as Home
+from ._flight import Target as Target
+from ._links import Link as Link
+from ._links import open_links as open_links
+from ._personality import Personality as Personality
+from .ardupilot import ArduPilot as ArduPilot
+from .px4 import Px4 as Px4
+
+PERSONALITIES: dict[str, Personality] = {"px4": Px4(), "ardupilot": ArduPilot()}

@@ -1,0 +1,78 @@
+"""What the services share: the flight, the airframe, the radio, the personality; and how a service joins in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Protocol
+
+from ._flight import Airframe, Flight
+from ._radio import Channel, Radio
+
+if TYPE_CHECKING:
+    from ._parameters import ParameterStore
+    from ._personality import Personality
+    from ._texts import Texts
+
+
+class Result(IntEnum):
+    """Values of MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+    UNSUPPORTED_FRAME = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """Who sent a message, and over which channel an answer reaches it."""
+
+    system: int
+    component: int
+    channel: Channel
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """COMMAND_LONG and COMMAND_INT alike: `params` are seven floats, coordinates in degrees, NaN where nothing is said."""
+
+    number: int
+    params: tuple[float, ...]
+    frame: int | None  # None for COMMAND_LONG
+    sender: Sender
+
+
+Handler = Callable[[Any, Sender], None]
+CommandHandler = Callable[[Command], "Result | None"]
+"""Does what a command says and returns the result to acknowledge; None answers nothing."""
+
+
+@dataclass(slots=True)
+class Board:
+    """The things every service stands on."""
+
+    flight: Flight
+    airframe: Airframe
+    personality: Personality
+    radio: Radio
+    texts: Texts
+    parameters: ParameterStore
+
+
+class Service(Protocol):
+    """One MAVLink service of the flight controller."""
+
+    def handlers(self) -> Mapping[str, Handler]:
+        """Messages that it answers, by name."""
+
+    def commands(self) -> Mapping[int, CommandHandler]:
+        """Commands that it carries out, by number."""
+
+    def tick(self) -> None:
+        """Once a step, after the messages of the step."""

@@ -1,0 +1,62 @@
+"""Commands: COMMAND_LONG and COMMAND_INT to the service that carries them out, and the acknowledgement back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ._board import Board, Command, CommandHandler, Handler, Result, Sender
+from ._modes import DO_SET_MODE
+
+_NOWHERE = 2**31 - 1  # x or y of COMMAND_INT: not given
+
+
+class Commands:
+    """Looks up who carries a command out. What nobody knows is UNSUPPORTED; None as a result is not acknowledged."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._table: dict[int, CommandHandler] = {}
+
+    def add(self, commands: Mapping[int, CommandHandler]) -> None:
+        self._table.update(commands)
+
+    def handlers(self) -> Mapping[str, Handler]:
+        return {"COMMAND_LONG": self._long, "COMMAND_INT": self._int}
+
+    def commands(self) -> Mapping[int, CommandHandler]:
+        return {}
+
+    def tick(self) -> None:
+        pass
+
+    def _long(self, m: Any, sender: Sender) -> None:
+        params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
+        self._run(Command(m.command, params, None, sender))
+
+    def _int(self, m: Any, sender: Sender) -> None:
+        x = math.nan if m.x == _NOWHERE else m.x * 1e-7
+        y = math.nan if m.y == _NOWHERE else m.y * 1e-7
+        self._run(Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender))
+
+    def _run(self, command: Command) -> None:
+        personality = self._board.personality
+        if command.number == DO_SET_MODE and personality.mode_acks_twice:
+            self._acknowledge(command, Result.ACCEPTED)
+        handler = self._table.get(command.number)
+        if handler is not None:
+            result = handler(command)
+        else:
+            result = personality.fixed_results.get(command.number, Result.UNSUPPORTED)
+        if result is not None:
+            self._acknowledge(command, result)
+
+    def _acknowledge(self, command: Command, result: Result) -> None:
+        command.sender.channel.tell(
+            "COMMAND_ACK",
+            command=command.number,
+            result=result,
+            target_system=command.sender.system,
+            target_component=command.sender.component,
+        )

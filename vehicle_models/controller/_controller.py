@@ -1,0 +1,223 @@
+"""The flight controller: takes what came in, lets every service do its work, flies, and says what is due."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.contracts import LinkSpec, MavlinkTap
+
+from ._arming import Arming
+from ._board import Board, Handler, Sender, Service
+from ._clock import Clock
+from ._commands import Commands
+from ._failsafe import Failsafe
+from ._flight import Airframe, Behaviour, Flight, Landed, Target
+from ._frames import KINDS, Decoder, Packer, message_id, sender
+from ._guidance import Follow, Guidance, LandDetector, Takeoff
+from ._home import HomeKeeper
+from ._identity import Identity
+from ._links import Link
+from ._missions import Missions
+from ._modes import Modes
+from ._navigator import Navigator
+from ._parameters import Parameters, ParameterStore
+from ._personality import Event, Personality
+from ._radio import Channel, Radio
+from ._setpoints import Setpoints
+from ._streams import Streams
+from ._telemetry import Telemetry
+from ._texts import Texts
+
+MESSAGES_PER_STEP = 500  # of one link; the rest waits, so that a flood costs its own link only
+SYSTEM, COMPONENT = 1, 1
+
+
+class Controller:
+    """One flight controller on its links. `receive`, then `control`, then (after the physics) `report`, once a step."""
+
+    def __init__(
+        self,
+        personality: Personality,
+        flight: Flight,
+        airframe: Airframe,
+        links: Sequence[Link],
+        given: Mapping[str, float],
+        tap: MavlinkTap | None = None,
+    ) -> None:
+        packer = Packer(SYSTEM, COMPONENT)
+        self._flight = flight
+        self._tap = tap
+        self.channels = [Channel(link, packer) for link in links]
+        radio = Radio(self.channels, tap)
+        parameters = ParameterStore(personality.parameters, given)
+        texts = Texts(radio, personality.text_ending, personality.texts_need_hearing)
+        self._board = board = Board(flight, airframe, personality, radio, texts, parameters)
+        self._guidance = Guidance(flight, personality.limits(parameters))
+        parameters.on_change(self._limits_changed)
+        self._setpoints = Setpoints(board, self._guidance)
+        modes = Modes(board, self._guidance, self._setpoints.fresh)
+        home = HomeKeeper(board)
+        self._arming = Arming(board, modes, self._guidance, home, self._setpoints.fresh)
+        telemetry = Telemetry(board)
+        telemetry.has_setpoints = self._setpoints.fresh
+        self._streams = Streams(board, telemetry)
+        if personality.heartbeat_on_mode_change:
+            modes.on_change.append(self._streams.heartbeat_now)
+        identity = Identity(board)
+        self._streams.add_answers(identity.answers())
+        commands = Commands(board)
+        # The order of this list is the order in which services work; a failsafe has the last word.
+        self._services: list[Service] = [
+            commands,
+            Parameters(board),
+            Clock(board),
+            identity,
+            Missions(board),
+            home,
+            self._setpoints,
+            self._arming,
+            Navigator(board, modes, self._guidance),
+            modes,
+            self._streams,
+            Failsafe(board, modes, self._guidance, self._setpoints),
+        ]
+        self._handlers: dict[int, list[Handler]] = {}
+        for service in self._services:
+            commands.add(service.commands())
+            for name, handler in service.handlers().items():
+                self._handlers.setdefault(KINDS[name].id, []).append(handler)
+        self._boot = list(personality.boot_texts())
+        self._decoder = Decoder()
+        self._detector = LandDetector()
+        self.unheard = 0
+
+    @property
+    def board(self) -> Board:
+        return self._board
+
+    def receive(self) -> None:
+        """Move what waits in the sockets to the inboxes."""
+        for channel in self.channels:
+            channel.link.poll()
+
+    def control(self) -> Target | None:
+        """Messages, services and guidance of one step; the target flown, or None on the ground."""
+        self._board.radio.begin()
+        for channel in self.channels:
+            if channel.link.inbox:
+                self._hear(channel)
+        for service in self._services:
+            service.tick()
+        while self._boot and self._boot[0][0] <= self._flight.time_s:
+            _, severity, text = self._boot.pop(0)
+            self._board.texts.say(severity, text)
+        return self._fly()
+
+    def report(self) -> None:
+        """Everything that is due at the present moment, and everything said during the step, out to the links."""
+        self._streams.say_due()
+        self._board.radio.flush()
+
+    def crash(self) -> None:
+        """The vehicle has hit something: the rotors stop for good."""
+        flight = self._flight
+        if not flight.crashed:
+            flight.crashed = True
+            self._arming.disarm(Event.CRASHED)
+
+    def counters(self) -> dict[str, int]:
+        """What was dropped or had no sense, by name."""
+        links = [channel.link for channel in self.channels]
+        return {
+            "mavlink_garbage_bytes": sum(link.garbage_bytes for link in links),
+            "mavlink_dropped": sum(link.dropped for link in links),
+            "mavlink_malformed": self._decoder.malformed,
+            "mavlink_unheard": self.unheard,
+            "setpoints_ignored": self._setpoints.ignored,
+        }
+
+    def _limits_changed(self) -> None:
+        self._guidance.limits = self._board.personality.limits(self._board.parameters)
+
+    def _hear(self, channel: Channel) -> None:
+        inbox = channel.link.inbox
+        frames = [inbox.popleft() for _ in range(min(len(inbox), MESSAGES_PER_STEP))]
+        channel.heard = True
+        if self._tap:
+            self._tap(channel.name, "from_agent", b"".join(frames))
+        for frame in frames:
+            self._hear_frame(channel, frame)
+
+    def _hear_frame(self, channel: Channel, frame: bytes) -> None:
+        handlers = self._handlers.get(message_id(frame))
+        message = self._decoder.decode(frame) if handlers else None
+        for_us = message is None or _addressed(message)
+        if len(self.channels) > 1 and not (for_us and message is not None and getattr(message, "target_system", 0)):
+            for other in self.channels:
+                if other is not channel:
+                    other.forward(frame)
+        if message is None or not handlers:
+            self.unheard += 1
+            return
+        if for_us:
+            said_by = Sender(*sender(frame), channel)
+            for handler in handlers:
+                handler(message, said_by)
+
+    def _fly(self) -> Target | None:
+        flight, airframe = self._flight, self._board.airframe
+        if not flight.armed:
+            return None
+        target = self._guidance.target(flight)
+        if flight.landed is Landed.ON_GROUND:
+            if not self._detector.wants_off(flight, target):
+                airframe.rest()
+                return None
+            self._lift_off()
+        else:
+            self._watch_ground(target)
+            if flight.landed is Landed.ON_GROUND:
+                airframe.rest()
+                return None
+        flight.target = target
+        airframe.fly(target)
+        return target
+
+    def _lift_off(self) -> None:
+        flight, personality = self._flight, self._board.personality
+        flight.landed = Landed.TAKING_OFF
+        flight.airborne_since_ns = flight.time_ns
+        self._detector = LandDetector()
+        self._arming.lifted()
+        if Event.TAKEOFF_DETECTED in personality.texts:
+            self._board.texts.say(*personality.texts[Event.TAKEOFF_DETECTED])
+
+    def _watch_ground(self, target: Target) -> None:
+        """Follow the way from lifting off to having landed."""
+        flight, manoeuvre = self._flight, self._guidance.manoeuvre
+        if self._detector.landed(flight, target):
+            flight.landed = Landed.ON_GROUND
+            if Event.LANDING_DETECTED in self._board.personality.texts:
+                self._board.texts.say(*self._board.personality.texts[Event.LANDING_DETECTED])
+            self._arming.landed()
+        elif self._guidance.landing:
+            flight.landed = Landed.LANDING
+        elif flight.landed is Landed.TAKING_OFF:
+            rising = isinstance(manoeuvre, Takeoff)
+            if manoeuvre.done(flight) if rising else flight.height_m > 0.5:
+                flight.landed = Landed.IN_AIR
+                if rising and not self._board.personality.takeoff_mode:
+                    self._guidance.begin(Behaviour.FOLLOW, flight)
+        elif flight.landed is Landed.LANDING:
+            flight.landed = Landed.IN_AIR
+
+
+def _addressed(message: Any) -> bool:
+    """Whether a message is for this vehicle: its system, or every system; its autopilot, or every component."""
+    system = getattr(message, "target_system", 0)
+    component = getattr(message, "target_component", 0)
+    return system in (0, SYSTEM) and (system == 0 or component in (0, COMPONENT))
+
+
+__all__ = ["Controller", "Follow"]

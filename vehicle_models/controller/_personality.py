@@ -1,0 +1,228 @@
+"""The wall between what every autopilot does and how one of them does it: data and policy, no service of its own."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import ClassVar, Literal
+
+from ._board import Command, Result
+from ._flight import Behaviour, Flight, Mode
+from ._parameters import Parameter, ParameterStore, ParameterStyle
+
+Seconds = float
+
+
+class Event(Enum):
+    """Moments at which an autopilot may have something to say."""
+
+    ARMED = auto()
+    DISARMED = auto()
+    DISARMED_BY_LANDING = auto()
+    DISARMED_IDLE = auto()
+    TAKEOFF_DEFAULT = auto()
+    TAKEOFF_DETECTED = auto()
+    LANDING_DETECTED = auto()
+    LANDING = auto()
+    RETURNING = auto()
+    SETPOINTS_LOST = auto()
+    STATION_LOST = auto()
+    STATION_BACK = auto()
+    BATTERY_LOW = auto()
+    BATTERY_CRITICAL = auto()
+    BATTERY_EMERGENCY = auto()
+    FAILSAFE = auto()
+    FAILSAFE_HOLD = auto()
+    CRASHED = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why something is not done: the result for the acknowledgement (None: no answer at all), and texts to say."""
+
+    result: Result | None
+    texts: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryStep:
+    """At `below` of charge: say `event`; do `action`, after a hold when `holds_s` is not zero."""
+
+    below: float
+    event: Event
+    action: Behaviour | None = None
+    holds_s: Seconds = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Numbers by which the vehicle is flown, as the present parameters give them."""
+
+    cruise_mps: float  # positions flown on the autopilot's own account
+    speed_max_mps: float  # setpoints of a companion
+    climb_mps: float
+    descent_mps: float
+    takeoff_mps: float
+    takeoff_height_m: float  # when a takeoff command gives none
+    land_mps: float
+    land_slow_below_m: float  # full slowness below, full descent above `land_fast_above_m`, linear between
+    land_fast_above_m: float
+    return_height_m: float  # above home
+    return_near_m: float  # nearer to home than this no climb is made
+    return_climbs_by_m: float | None  # climb at least so much, where an autopilot does not climb to a fixed height
+    landed_disarm_s: Seconds | None
+    idle_disarm_s: Seconds | None
+    setpoint_timeout_s: Seconds
+    station_timeout_s: Seconds
+    station_action: Behaviour | None
+    station_holds_s: Seconds
+    battery: tuple[BatteryStep, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GpsFields:
+    """What GPS_RAW_INT says of the receiver's quality."""
+
+    fix_type: int
+    eph: int
+    epv: int
+    h_acc_mm: int
+    v_acc_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class SensorBits:
+    """present, enabled, health of SYS_STATUS."""
+
+    present: int
+    enabled: int
+    health: int
+
+
+class Personality(ABC):
+    """One autopilot's way. Class attributes are data; methods are policy and change nothing themselves."""
+
+    name: ClassVar[str]
+    autopilot: ClassVar[int]  # MAV_AUTOPILOT
+    modes: ClassVar[tuple[Mode, ...]]
+    first_mode: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    parameter_style: ClassVar[ParameterStyle]
+    stream_sets: ClassVar[Mapping[str, Mapping[str, float]]]  # set name -> message -> Hz
+    stream_groups: ClassVar[Mapping[int, tuple[str, ...]]]  # REQUEST_DATA_STREAM id -> messages
+    messages: ClassVar[frozenset[str]]  # everything that may be streamed or requested
+    unknown_interval: ClassVar[Result]
+    unknown_interval_text: ClassVar[tuple[int, str] | None]
+    unknown_get_interval: ClassVar[Result]
+    unknown_request: ClassVar[Result]
+    bad_interval_us: ClassVar[int]  # intervals below this are refused; 0 refuses none
+    text_ending: ClassVar[str]
+    texts_need_hearing: ClassVar[bool]
+    texts: ClassVar[Mapping[Event, tuple[int, str]]]
+    fixed_results: ClassVar[Mapping[int, Result | None]]  # commands that are answered and do nothing
+    capabilities: ClassVar[int]
+    flight_sw_version: ClassVar[int]
+    flight_custom_version: ClassVar[bytes]
+    uid: ClassVar[int]
+    board_version: ClassVar[int]
+    vtol_state: ClassVar[int]
+    no_mission_total: ClassVar[int]  # MISSION_CURRENT.total without a mission
+    gps_fields: ClassVar[GpsFields]
+    mode_after_landing: ClassVar[str | None]
+    mode_acks_twice: ClassVar[bool]  # DO_SET_MODE: accepted at once, then the verdict
+    set_mode_message_acks: ClassVar[bool]
+    answers_ping: ClassVar[bool]
+    takeoff_mode: ClassVar[str | None]  # None: taking off is part of the guided mode
+    returns_to_setpoints: ClassVar[bool]  # goes back by itself when lost setpoints come again
+    position_setpoints_lapse: ClassVar[bool]
+    hold_mode: ClassVar[str]
+    land_mode: ClassVar[str]
+    reposition_mode: ClassVar[str]  # what DO_REPOSITION flies in
+    return_mode: ClassVar[str]
+    follow_mode: ClassVar[str]
+    heartbeat_on_mode_change: ClassVar[bool]
+    setpoints_lost_behaviour: ClassVar[Behaviour]
+    local_frames: ClassVar[Mapping[int, Literal["local", "offset", "body"]]]
+    global_frames: ClassVar[Mapping[int, Literal["amsl", "home"]]]
+    bad_speed: ClassVar[Result]  # DO_CHANGE_SPEED without a speed
+    setpoint_complaints: ClassVar[bool]  # texts for setpoints that make no sense
+
+    @abstractmethod
+    def limits(self, parameters: ParameterStore) -> Limits:
+        """The numbers to fly by; called again whenever a parameter has changed."""
+
+    @abstractmethod
+    def ready(self, flight: Flight) -> bool:
+        """Whether the vehicle could be armed in its present mode."""
+
+    @abstractmethod
+    def knows_place(self, flight: Flight) -> bool:
+        """Whether navigation has found the position, so that home can be set."""
+
+    @abstractmethod
+    def heartbeat(self, flight: Flight, has_setpoints: bool) -> tuple[int, int]:
+        """base_mode and system_status."""
+
+    @abstractmethod
+    def sensors(self, flight: Flight) -> SensorBits:
+        """Health of SYS_STATUS."""
+
+    @abstractmethod
+    def refuse_arming(self, flight: Flight, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+        """Why the vehicle may not be armed now; None when it may."""
+
+    @abstractmethod
+    def refuse_disarming(self, flight: Flight, forced: bool) -> Refusal | None:
+        """Why the vehicle may not be disarmed now."""
+
+    @abstractmethod
+    def refuse_arm_value(self, value: float) -> Refusal | None:
+        """Why the first parameter of ARM_DISARM makes no sense."""
+
+    @abstractmethod
+    def refuse_mode(self, flight: Flight, wanted: Mode | None, number: int, has_setpoints: bool) -> Refusal | None:
+        """Why the mode may not be entered; `wanted` is None for a number that is no mode."""
+
+    @abstractmethod
+    def mode_number(self, command: Command) -> int | None:
+        """The custom mode that a DO_SET_MODE asks for, or None when it is not one."""
+
+    @abstractmethod
+    def refuse_takeoff(self, flight: Flight, command: Command) -> Refusal | None:
+        """Why the takeoff command is refused."""
+
+    @abstractmethod
+    def takeoff_altitude_m(self, flight: Flight, command: Command, limits: Limits) -> float | None:
+        """AMSL altitude that a takeoff command asks for; None for the default height."""
+
+    @abstractmethod
+    def refuse_reposition(self, flight: Flight, command: Command) -> Refusal | None:
+        """Why a DO_REPOSITION is refused."""
+
+    @abstractmethod
+    def altitude_amsl_m(self, flight: Flight, frame: int | None, altitude_m: float) -> float:
+        """AMSL altitude that a command's seventh parameter means."""
+
+    @abstractmethod
+    def is_station(self, system: int, parameters: ParameterStore) -> bool:
+        """Whether heartbeats of this system count as the ground station's."""
+
+    @abstractmethod
+    def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
+        """Why a DO_SET_HOME is refused."""
+
+    def mode(self, name: str) -> Mode:
+        """The mode of that name; KeyError when there is none."""
+        for mode in self.modes:
+            if mode.name == name:
+                return mode
+        raise KeyError(name)
+
+    def mode_of(self, custom: int) -> Mode | None:
+        return next((mode for mode in self.modes if mode.custom == custom), None)
+
+    def boot_texts(self) -> Sequence[tuple[Seconds, int, str]]:
+        """What is said while starting: seconds, severity, text; in order."""
+        return ()

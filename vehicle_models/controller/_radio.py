@@ -1,0 +1,85 @@
+"""Everything that is said: messages packed for each channel, in order, and sent together at the end of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from bench.contracts import MavlinkTap
+
+from ._frames import Packer, wire_values
+from ._links import Link
+
+
+class Channel:
+    """One link as the services see it: a name, a sequence number, what waits to be sent."""
+
+    def __init__(self, link: Link, packer: Packer, heartbeats_heard: bool = False) -> None:
+        self.link = link
+        self.name = link.spec.name
+        self.sent = 0
+        self.heard = heartbeats_heard  # whether anybody has spoken here
+        self._packer = packer
+        self._sequence = 0
+        self._waiting: list[bytes] = []
+        self._on = link.connected()
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody listens; settled once a step, so that all of a step goes out or nothing does."""
+        return self._on
+
+    def say(self, number: int, values: Iterable[Any]) -> None:
+        """Queue a message for everybody on this channel; values in wire order."""
+        if self._on:
+            self._waiting.append(self._packer.pack(number, self._sequence, values))
+            self._sequence = (self._sequence + 1) & 0xFF
+
+    def tell(self, name: str, **fields: Any) -> None:
+        """Queue a message given by field names."""
+        self.say(*wire_values(name, **fields))
+
+    def forward(self, frame: bytes) -> None:
+        """Queue somebody else's frame as it is."""
+        if self._on:
+            self._waiting.append(frame)
+
+    def begin(self) -> None:
+        """A step begins."""
+        self._on = self.link.connected()
+
+    def flush(self, tap: MavlinkTap | None) -> None:
+        """Send what waits."""
+        if self._waiting:
+            frames, self._waiting = self._waiting, []
+            self.sent += len(frames)
+            if tap:
+                tap(self.name, "to_agent", b"".join(frames))
+            self.link.send(frames)
+
+
+class Radio:
+    """All channels of a vehicle."""
+
+    def __init__(self, channels: list[Channel], tap: MavlinkTap | None) -> None:
+        self.channels = channels
+        self._tap = tap
+
+    def broadcast(self, name: str, **fields: Any) -> None:
+        number, values = wire_values(name, **fields)
+        for channel in self.channels:
+            channel.say(number, values)
+
+    def broadcast_where(self, wanted: Callable[[Channel], bool], name: str, **fields: Any) -> None:
+        number, values = wire_values(name, **fields)
+        for channel in self.channels:
+            if wanted(channel):
+                channel.say(number, values)
+
+    def begin(self) -> None:
+        for channel in self.channels:
+            channel.begin()
+
+    def flush(self) -> None:
+        for channel in self.channels:
+            channel.flush(self._tap)

@@ -1,0 +1,155 @@
+"""Streams: which message goes out how often on which channel, and asking for one message once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ._board import Board, Command, CommandHandler, Handler, Result, Sender
+from ._frames import KINDS
+from ._radio import Channel
+from ._telemetry import Telemetry
+
+SET_INTERVAL, GET_INTERVAL, REQUEST_MESSAGE = 511, 510, 512
+_NAMES = {kind.id: name for name, kind in KINDS.items()}
+_HEARTBEAT = KINDS["HEARTBEAT"].id
+
+
+@dataclass(slots=True)
+class _Stream:
+    number: int
+    interval_ns: int
+    due_ns: int
+
+
+class Streams:
+    """The schedule of every channel. No rate exceeds the controller's own: a message goes out once a step at most."""
+
+    def __init__(self, board: Board, telemetry: Telemetry) -> None:
+        self._board = board
+        self._telemetry = telemetry
+        self._supported = {KINDS[name].id for name in board.personality.messages}
+        self._order = {number: place for place, number in enumerate(telemetry.say)}
+        self._streams: dict[str, list[_Stream]] = {}
+        for channel in board.radio.channels:
+            self._streams[channel.name] = []
+            self._reset(channel)
+        self._extra: dict[int, Any] = {}
+        self._after: list[tuple[Channel, int]] = []
+
+    def handlers(self) -> Mapping[str, Handler]:
+        return {"REQUEST_DATA_STREAM": self._request_group, "MESSAGE_INTERVAL": lambda m, s: None}
+
+    def commands(self) -> Mapping[int, CommandHandler]:
+        return {SET_INTERVAL: self._set, GET_INTERVAL: self._get, REQUEST_MESSAGE: self._request}
+
+    def add_answers(self, answers: Mapping[str, Any]) -> None:
+        """Messages that are said only on request: name -> function of the command that gives the fields, or None."""
+        self._extra.update({KINDS[name].id: (name, fields) for name, fields in answers.items()})
+
+    def tick(self) -> None:
+        pass
+
+    def say_due(self) -> None:
+        """Queue everything that is due, channel by channel, in one fixed order of messages."""
+        now = self._board.flight.time_ns
+        say = self._telemetry.say
+        for channel in self._board.radio.channels:
+            if not channel.connected:
+                continue
+            for stream in self._streams[channel.name]:
+                if stream.due_ns <= now:
+                    stream.due_ns += stream.interval_ns
+                    if stream.due_ns <= now:  # asked for more than the controller's rate, or nobody was there
+                        stream.due_ns = now + 1
+                    values = say[stream.number]()
+                    if values is not None:
+                        channel.say(stream.number, values)
+        for channel, number in self._after:
+            values = say[number]()
+            if values is not None:
+                channel.say(number, values)
+        self._after.clear()
+
+    def heartbeat_now(self) -> None:
+        """Send a heartbeat with this step, behind what is being answered, beside those that are due."""
+        self._after += [(channel, _HEARTBEAT) for channel in self._board.radio.channels]
+
+    def _reset(self, channel: Channel) -> None:
+        rates = {"HEARTBEAT": 1.0, **self._board.personality.stream_sets.get(channel.link.spec.streams, {})}
+        for name, hz in rates.items():
+            self._put(channel, KINDS[name].id, round(1e9 / hz))
+
+    def _default_ns(self, channel: Channel, number: int) -> int | None:
+        hz = self._board.personality.stream_sets.get(channel.link.spec.streams, {}).get(_NAMES[number])
+        return round(1e9 / hz) if hz else 1_000_000_000 if number == _HEARTBEAT else None
+
+    def _put(self, channel: Channel, number: int, interval_ns: int | None) -> None:
+        """Change one rate; None stops it."""
+        streams = [one for one in self._streams[channel.name] if one.number != number]
+        if interval_ns is not None:
+            streams.append(_Stream(number, interval_ns, self._board.flight.time_ns + min(interval_ns, 1_000_000_000)))
+        streams.sort(key=lambda one: self._order[one.number])
+        self._streams[channel.name] = streams
+
+    def _set(self, command: Command) -> Result | None:
+        number, interval_us = _whole(command.params[0]), command.params[1]
+        personality = self._board.personality
+        if number not in self._supported or interval_us != interval_us:
+            return self._not_known(number)
+        if 0 < interval_us < personality.bad_interval_us:
+            return Result.DENIED
+        channel = command.sender.channel
+        if interval_us < 0:
+            self._put(channel, number, None)
+        elif interval_us == 0:
+            self._put(channel, number, self._default_ns(channel, number))
+        else:
+            self._put(channel, number, round(min(interval_us, 1e9) * 1000.0))
+        return Result.ACCEPTED
+
+    def _not_known(self, number: int) -> Result:
+        personality = self._board.personality
+        if personality.unknown_interval_text:
+            severity, text = personality.unknown_interval_text
+            self._board.texts.say(severity, text.format(number))
+        return personality.unknown_interval
+
+    def _get(self, command: Command) -> Result | None:
+        number = _whole(command.params[0])
+        found = [one for one in self._streams[command.sender.channel.name] if one.number == number]
+        known = number in self._supported
+        interval_us = found[0].interval_ns // 1000 if found else -1 if known else 0
+        command.sender.channel.tell("MESSAGE_INTERVAL", message_id=min(max(number, 0), 65535), interval_us=interval_us)
+        return Result.ACCEPTED if known else self._board.personality.unknown_get_interval
+
+    def _request(self, command: Command) -> Result | None:
+        number, channel = _whole(command.params[0]), command.sender.channel
+        if number in self._extra:
+            name, fields_of = self._extra[number]
+            fields = fields_of(command)
+            if fields is None:
+                return self._board.personality.unknown_request
+            channel.tell(name, **fields)
+            return Result.ACCEPTED
+        if number in self._supported:
+            self._after.append((channel, number))
+            return Result.ACCEPTED
+        return self._board.personality.unknown_request
+
+    def _request_group(self, message: Any, sender: Sender) -> None:
+        """REQUEST_DATA_STREAM: group 0 is all of them. Personalities without groups do not hear it."""
+        groups = self._board.personality.stream_groups
+        wanted = sorted({one for group in groups.values() for one in group}) if message.req_stream_id == 0 else None
+        names = wanted if wanted is not None else groups.get(message.req_stream_id, ())
+        for name in names:
+            if message.start_stop and message.req_message_rate:
+                self._put(sender.channel, KINDS[name].id, round(1e9 / message.req_message_rate))
+            else:
+                self._put(sender.channel, KINDS[name].id, None)
+
+
+def _whole(value: float) -> int:
+    """A message id out of a float; -1 for what is none."""
+    return int(value) if value == value and 0 <= value < 2**24 else -1

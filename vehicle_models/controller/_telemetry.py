@@ -1,0 +1,281 @@
+"""What each streamed message says of the flight: one function a message, values in wire order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from ._board import Board
+from ._flight import Flight
+from ._frames import KINDS
+
+Values = tuple[Any, ...]
+_NAN = math.nan
+_NAN4 = (_NAN,) * 4
+_NO_COVARIANCE = (_NAN,) + (0.0,) * 20
+_SEA_LEVEL_HPA = 1013.25
+# Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of the field.
+_FIELD_NED = (0.2146, 0.0133, 0.4329)
+
+
+def quaternion(flight: Flight) -> tuple[float, float, float, float]:
+    """w, x, y, z of the body (FRD) against north-east-down."""
+    cr, sr = math.cos(flight.roll_rad / 2), math.sin(flight.roll_rad / 2)
+    cp, sp = math.cos(flight.pitch_rad / 2), math.sin(flight.pitch_rad / 2)
+    cy, sy = math.cos(flight.yaw_rad / 2), math.sin(flight.yaw_rad / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def turned_to_body(flight: Flight, ned: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A north-east-down vector in the body's frame."""
+    w, x, y, z = quaternion(flight)
+    n, e, d = ned
+    return (
+        (1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d,
+        2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d,
+        2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d,
+    )
+
+
+class Telemetry:
+    """The functions by message id. A function returns None when there is nothing to say now."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._flight = board.flight
+        self._ping = 0
+        by_name: dict[str, Callable[[], Values | None]] = {
+            "ATTITUDE": self._attitude,
+            "ATTITUDE_QUATERNION": self._attitude_quaternion,
+            "LOCAL_POSITION_NED": self._local_position,
+            "GLOBAL_POSITION_INT": self._global_position,
+            "ODOMETRY": self._odometry,
+            "HIGHRES_IMU": self._highres_imu,
+            "RAW_IMU": self._raw_imu,
+            "SERVO_OUTPUT_RAW": self._servos,
+            "ATTITUDE_TARGET": self._attitude_target,
+            "POSITION_TARGET_LOCAL_NED": self._local_target,
+            "POSITION_TARGET_GLOBAL_INT": self._global_target,
+            "GPS_RAW_INT": self._gps,
+            "VFR_HUD": self._hud,
+            "ALTITUDE": self._altitude,
+            "DISTANCE_SENSOR": self._distance,
+            "TIMESYNC": lambda: (0, self._flight.time_ns),
+            "SYS_STATUS": self._sys_status,
+            "EXTENDED_SYS_STATE": lambda: (board.personality.vtol_state, int(self._flight.landed)),
+            "SYSTEM_TIME": lambda: (self._flight.unix_start_us + self._flight.time_us, self._flight.time_ms),
+            "PING": self._say_ping,
+            "SCALED_PRESSURE": self._pressure,
+            "MISSION_CURRENT": lambda: (0, board.personality.no_mission_total, 1, 2),
+            "ESTIMATOR_STATUS": self._estimator,
+            "BATTERY_STATUS": self._battery,
+            "HOME_POSITION": self._home,
+            "GPS_GLOBAL_ORIGIN": self._origin,
+            "VIBRATION": lambda: (self._flight.time_us, 0.0, 0.0, 0.0, 0, 0, 0),
+            "POWER_STATUS": lambda: (5000, 0, 0),
+            "MEMINFO": lambda: (0, 65535, 131072),
+            "NAV_CONTROLLER_OUTPUT": self._nav_output,
+            "RC_CHANNELS": self._sticks,
+            "AHRS": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            "AHRS2": self._ahrs2,
+            "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 831 if self._flight.home else 167, 0.0),
+            "HEARTBEAT": self._heartbeat,
+        }
+        self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
+        self.has_setpoints: Callable[[], bool] = lambda: False
+
+    def _heartbeat(self) -> Values:
+        flight, personality = self._flight, self._board.personality
+        base, status = personality.heartbeat(flight, self.has_setpoints())
+        return (flight.mode.custom, 2, personality.autopilot, base, status, 3)  # 2: quadrotor
+
+    def _attitude(self) -> Values:
+        f = self._flight
+        return (f.time_ms, f.roll_rad, f.pitch_rad, f.yaw_rad, f.p_radps, f.q_radps, f.r_radps)
+
+    def _attitude_quaternion(self) -> Values:
+        f = self._flight
+        return (f.time_ms, *quaternion(f), f.p_radps, f.q_radps, f.r_radps, 0.0, 0.0, 0.0, 0.0)
+
+    def _local_position(self) -> Values | None:
+        f = self._flight
+        if f.home is None:
+            return None
+        return (f.time_ms, f.north_m, f.east_m, f.down_m, f.vn_mps, f.ve_mps, f.vd_mps)
+
+    def _global_position(self) -> Values | None:
+        f = self._flight
+        if f.home is None:
+            return None
+        return (
+            f.time_ms,
+            f.latitude_e7,
+            f.longitude_e7,
+            round(f.altitude_m * 1000.0),
+            round(f.height_m * 1000.0),
+            _centi(f.vn_mps),
+            _centi(f.ve_mps),
+            _centi(f.vd_mps),
+            _heading_cdeg(f.yaw_rad),
+        )
+
+    def _odometry(self) -> Values | None:
+        f = self._flight
+        if f.home is None:
+            return None
+        speed = turned_to_body(f, (f.vn_mps, f.ve_mps, f.vd_mps))
+        rates = (f.p_radps, f.q_radps, f.r_radps)
+        covariances = (*_NO_COVARIANCE, *_NO_COVARIANCE)
+        # frame 1 LOCAL_NED, child 12 BODY_FRD, estimator 8 AUTOPILOT
+        return (f.time_us, f.north_m, f.east_m, f.down_m, *quaternion(f), *speed, *rates, *covariances, 1, 12, 0, 8, 100)
+
+    def _highres_imu(self) -> Values:
+        f = self._flight
+        force = self._board.airframe.specific_force_mps2()
+        field = turned_to_body(f, _FIELD_NED)
+        pressure = _pressure_hpa(f.altitude_m)
+        return (f.time_us, *force, f.p_radps, f.q_radps, f.r_radps, *field, pressure, 0.0, f.altitude_m, 15.0, 0x1FFF, 0)
+
+    def _raw_imu(self) -> Values:
+        f = self._flight
+        force = (_int16(one / 9.80665 * 1000.0) for one in self._board.airframe.specific_force_mps2())
+        rates = (_int16(one * 1000.0) for one in (f.p_radps, f.q_radps, f.r_radps))
+        field = (_int16(one * 1000.0) for one in turned_to_body(f, _FIELD_NED))
+        return (f.time_us, *force, *rates, *field, 0, 3500)
+
+    def _servos(self) -> Values:
+        outputs = [1000 + round(1000.0 * one) for one in self._board.airframe.outputs()]
+        return (self._flight.time_us & 0xFFFFFFFF, *outputs, 0, 0, 0, 0, 0, *(0,) * 8)
+
+    def _attitude_target(self) -> Values | None:
+        f = self._flight
+        if not f.armed:
+            return None
+        outputs = self._board.airframe.outputs()
+        return (f.time_ms, *quaternion(f), 0.0, 0.0, 0.0, sum(outputs) / len(outputs), 0)
+
+    def _local_target(self) -> Values | None:
+        """PX4's echo: NaN for what is not controlled, and a mask of 7 while velocity is flown."""
+        f, t = self._flight, self._flight.target
+        if not f.armed:
+            return None
+        place = t.north_east_m or (_NAN, _NAN)
+        down = t.down_m if t.down_m is not None else _NAN
+        mask = 7 if t.north_east_m is None else 0
+        yaw = t.yaw_rad if t.yaw_rad is not None else _NAN
+        return (f.time_ms, *place, down, *t.velocity_ned_mps, 0.0, 0.0, 0.0, yaw, t.yawrate_radps, mask, 1)
+
+    def _global_target(self) -> Values | None:
+        f, t = self._flight, self._flight.target
+        if not f.armed or t.north_east_m is None or t.down_m is None:
+            return None
+        lat, lon = self._board.airframe.to_geodetic_e7(*t.north_east_m)
+        altitude = f.origin.altitude_m - t.down_m
+        yaw = t.yaw_rad if t.yaw_rad is not None else _NAN
+        return (f.time_ms, lat, lon, altitude, *t.velocity_ned_mps, 0.0, 0.0, 0.0, yaw, t.yawrate_radps, 65016, 0)
+
+    def _gps(self) -> Values:
+        f = self._flight
+        speed = math.hypot(f.vn_mps, f.ve_mps)
+        course = _heading_cdeg(math.atan2(f.ve_mps, f.vn_mps)) if speed > 0.1 else 0
+        altitude = round(f.fix_altitude_m * 1000.0)
+        fix = self._board.personality.gps_fields
+        head = (0, *f.fix_e7, altitude, fix.eph, fix.epv, min(round(speed * 100.0), 65534), course, fix.fix_type, 10)
+        return (*head, altitude, fix.h_acc_mm, fix.v_acc_mm, 400, 0, 0)
+
+    def _hud(self) -> Values:
+        f = self._flight
+        outputs = self._board.airframe.outputs()
+        heading = round(math.degrees(f.yaw_rad)) % 360
+        throttle = round(100.0 * sum(outputs) / len(outputs))
+        return (f.airspeed_mps, math.hypot(f.vn_mps, f.ve_mps), f.altitude_m, -f.vd_mps, heading, throttle)
+
+    def _altitude(self) -> Values:
+        f = self._flight
+        above = -f.down_m
+        return (f.time_us, f.altitude_m, f.altitude_m, above, f.height_m, _NAN, above)
+
+    def _distance(self) -> Values:
+        down_cm = min(max(round(-self._flight.down_m * 100.0), 10), 4000)
+        return (self._flight.time_ms, 10, 4000, down_cm, 0, 0, 25, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)  # 25: downwards
+
+    def _sys_status(self) -> Values:
+        f = self._flight
+        bits = self._board.personality.sensors(f)
+        current = _centi(f.battery_a)
+        remaining = round(100.0 * f.battery_fraction)
+        battery = (max(round(f.battery_v * 1000.0), 0), current)
+        return (bits.present, bits.enabled, bits.health, 130, *battery, 0, 0, 0, 0, 0, 0, remaining, 0, 0, 0)
+
+    def _say_ping(self) -> Values:
+        self._ping = (self._ping + 1) & 0xFFFFFFFF
+        return (self._flight.time_us, self._ping, 0, 0)
+
+    def _pressure(self) -> Values:
+        f = self._flight
+        return (f.time_ms, _pressure_hpa(f.altitude_m), 0.0, 1500, 0)
+
+    def _estimator(self) -> Values:
+        f = self._flight
+        return (f.time_us, 0.01, 0.02, 0.02, _NAN, 0.0, _NAN, 0.3, 0.3, 1023 if f.home else 0)
+
+    def _battery(self) -> Values:
+        f = self._flight
+        cells = (max(round(f.battery_v * 1000.0), 0), *(65535,) * 9)
+        charge = 1 if f.battery_fraction > 0.15 else 2 if f.battery_fraction > 0.07 else 3
+        used_mah = round(f.battery_used_wh / 14.8 * 1000.0)
+        left = round(100.0 * f.battery_fraction)
+        return (used_mah, -1, 32767, *cells, _centi(f.battery_a), 0, 0, 3, left, 0, charge, 0, 0, 0, 0, 0, 0)
+
+    def _home(self) -> Values | None:
+        home = self._flight.home
+        if home is None:
+            return None
+        place = (home.latitude_e7, home.longitude_e7, round(home.altitude_m * 1000.0), home.north_m, home.east_m, home.down_m)
+        return (*place, *_NAN4, _NAN, _NAN, _NAN, self._flight.time_us)
+
+    def _origin(self) -> Values | None:
+        if self._flight.home is None:
+            return None
+        origin = self._flight.origin
+        return (origin.latitude_e7, origin.longitude_e7, round(origin.altitude_m * 1000.0), self._flight.time_us)
+
+    def _nav_output(self) -> Values:
+        f, t = self._flight, self._flight.target
+        place = t.north_east_m or (f.north_m, f.east_m)
+        north, east = place[0] - f.north_m, place[1] - f.east_m
+        bearing = round(math.degrees(math.atan2(east, north)))
+        rise = f.down_m - t.down_m if t.down_m is not None else 0.0
+        attitude = (math.degrees(f.roll_rad), math.degrees(f.pitch_rad), rise, 0.0, 0.0)
+        return (*attitude, bearing, bearing, min(round(math.hypot(north, east)), 65535))
+
+    def _sticks(self) -> Values:
+        channels = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
+        return (self._flight.time_ms, *channels, *(0,) * 10, 16, 255)
+
+    def _ahrs2(self) -> Values:
+        f = self._flight
+        return (f.roll_rad, f.pitch_rad, f.yaw_rad, f.altitude_m, f.latitude_e7, f.longitude_e7)
+
+
+def _heading_cdeg(yaw_rad: float) -> int:
+    return round(math.degrees(yaw_rad) * 100.0) % 36000
+
+
+def _int16(value: float) -> int:
+    return round(min(max(value, -32768.0), 32767.0))
+
+
+def _centi(value: float) -> int:
+    return _int16(value * 100.0)
+
+
+def _pressure_hpa(altitude_m: float) -> float:
+    """International standard atmosphere below 11 km."""
+    return _SEA_LEVEL_HPA * float((1.0 - 2.25577e-5 * altitude_m) ** 5.25588)

@@ -1,0 +1,24 @@
+"""ArduCopter's modes. `base` carries the GUIDED flag where the mode steers position."""
+
+from __future__ import annotations
+
+from .._flight import Behaviour, Mode
+
+_STEERS, _PLAIN = 89, 81
+
+MODES = (
+    Mode("STABILIZE", 0, _PLAIN, Behaviour.PILOT),
+    Mode("ACRO", 1, _PLAIN, Behaviour.PILOT),
+    Mode("ALT_HOLD", 2, _PLAIN, Behaviour.PILOT),
+    Mode("AUTO", 3, _STEERS, Behaviour.MISSION, armable=False),
+    Mode("GUIDED", 4, _STEERS, Behaviour.FOLLOW),
+    Mode("LOITER", 5, _STEERS, Behaviour.HOLD),
+    Mode("RTL", 6, _PLAIN, Behaviour.RETURN, armable=False),
+    Mode("CIRCLE", 7, _STEERS, Behaviour.HOLD),
+    Mode("LAND", 9, _STEERS, Behaviour.LAND, armable=False),
+    Mode("DRIFT", 11, _PLAIN, Behaviour.PILOT),
+    Mode("POSHOLD", 16, _STEERS, Behaviour.HOLD),
+    Mode("BRAKE", 17, _STEERS, Behaviour.HOLD, armable=False),
+    Mode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False),
+)
+REFUSING = {14: "FLIP", 15: "AUTOTUNE", 22: "FLOWHOLD", 23: "FOLLOW", 25: "SYSTEMID", 27: "AUTO RTL", 28: "TURTLE"}

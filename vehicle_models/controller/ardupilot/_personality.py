@@ -1,0 +1,226 @@
+"""ArduCopter: policy. Numbers and texts are those that its SITL was seen to give."""
+
+from __future__ import annotations
+
+import math
+
+from .._board import Command, Result
+from .._flight import Behaviour, Flight, Landed, Mode
+from .._parameters import ParameterStore, ParameterStyle
+from .._personality import Event, GpsFields, Limits, Personality, Refusal, SensorBits
+from .._texts import CRITICAL, INFO, WARNING
+from ._modes import MODES, REFUSING
+from ._parameters import PARAMETERS
+
+BOOT_S, PLACE_S, STABILIZE_READY_S, GUIDED_READY_S = 2.9, 20.0, 23.5, 42.5
+_ARMED = 128
+_BOOTING, _STANDBY, _ACTIVE, _CRITICAL = 1, 3, 4, 5
+_PREARM = 0x10000000
+
+_GROUPS: dict[int, tuple[str, ...]] = {
+    1: ("RAW_IMU", "SCALED_PRESSURE"),
+    2: ("SYS_STATUS", "POWER_STATUS", "MEMINFO", "NAV_CONTROLLER_OUTPUT", "MISSION_CURRENT", "GPS_RAW_INT"),
+    3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
+    6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
+    10: ("ATTITUDE", "AHRS2"),
+    11: ("VFR_HUD",),
+    12: ("AHRS", "SYSTEM_TIME", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION"),
+}
+_ON_REQUEST = (
+    "EXTENDED_SYS_STATE",
+    "ATTITUDE_QUATERNION",
+    "HOME_POSITION",
+    "GPS_GLOBAL_ORIGIN",
+    "POSITION_TARGET_LOCAL_NED",
+    "POSITION_TARGET_GLOBAL_INT",
+    "HEARTBEAT",
+)
+_ACCEPTED = (193, 195, 197, 201, 203, 206, 207, 183, 181, 208, 182)
+_FAILED = (204, 205, 211, 2000, 1000, 1001)
+
+
+class ArduPilot(Personality):
+    name = "ardupilot"
+    autopilot = 3
+    modes = MODES
+    first_mode = "STABILIZE"
+    hold_mode, land_mode, return_mode, follow_mode, reposition_mode = "LOITER", "LAND", "RTL", "GUIDED", "GUIDED"
+    takeoff_mode = None
+    mode_after_landing = None
+    parameters = PARAMETERS
+    parameter_style = ParameterStyle(
+        bytewise=False,
+        hash_first=False,
+        unknown="silence",
+        index_in_replies=False,
+        any_case=True,
+        changes_twice=False,
+        checks_type=False,
+    )
+    stream_sets = {"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}}
+    stream_groups = _GROUPS
+    messages = frozenset({*_ON_REQUEST, *(name for group in _GROUPS.values() for name in group)})
+    unknown_interval = Result.DENIED
+    unknown_interval_text = (INFO, "No ap_message for mavlink id ({})")
+    unknown_get_interval = Result.FAILED
+    unknown_request = Result.FAILED
+    bad_interval_us = 2500
+    text_ending = ""
+    texts_need_hearing = True
+    texts = {
+        Event.ARMED: (INFO, "Arming motors"),
+        Event.DISARMED: (INFO, "Disarming motors"),
+        Event.DISARMED_BY_LANDING: (INFO, "Disarming motors"),
+        Event.DISARMED_IDLE: (INFO, "Disarming motors"),
+        Event.STATION_LOST: (WARNING, "GCS Failsafe"),
+        Event.STATION_BACK: (WARNING, "GCS Failsafe Cleared"),
+        Event.CRASHED: (CRITICAL, "Crash: Disarming"),
+    }
+    fixed_results = {
+        **dict.fromkeys(_ACCEPTED, Result.ACCEPTED),
+        **dict.fromkeys(_FAILED, Result.FAILED),
+        300: Result.FAILED,
+    }
+    capabilities = 64495
+    flight_sw_version = 0x040603FF
+    flight_custom_version = b"92b0cd78"
+    uid = 0
+    board_version = 0
+    vtol_state = 3
+    no_mission_total = 0
+    gps_fields = GpsFields(fix_type=6, eph=121, epv=200, h_acc_mm=300, v_acc_mm=300)
+    mode_acks_twice = False
+    set_mode_message_acks = False
+    answers_ping = False
+    returns_to_setpoints = False
+    position_setpoints_lapse = False
+    heartbeat_on_mode_change = True
+    setpoints_lost_behaviour = Behaviour.HOLD
+    local_frames = {1: "local", 7: "offset", 8: "body", 9: "body"}
+    global_frames = {0: "amsl", 3: "home", 6: "home"}
+    bad_speed = Result.FAILED
+    setpoint_complaints = False
+
+    def limits(self, parameters: ParameterStore) -> Limits:
+        p = parameters
+        cruise = max(p["WPNAV_SPEED"], 20.0) / 100.0
+        return Limits(
+            cruise_mps=cruise,
+            speed_max_mps=max(cruise, 10.0),
+            climb_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,
+            descent_mps=max(p["WPNAV_SPEED_DN"], 10.0) / 100.0,
+            takeoff_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,
+            takeoff_height_m=2.5,
+            land_mps=max(p["LAND_SPEED"], 20.0) / 100.0,
+            land_slow_below_m=10.0,
+            land_fast_above_m=10.0,
+            return_height_m=p["RTL_ALT"] / 100.0,
+            return_near_m=0.0,
+            return_climbs_by_m=max(p["RTL_CLIMB_MIN"], 0.0) / 100.0,
+            landed_disarm_s=0.4,
+            idle_disarm_s=p["DISARM_DELAY"] if p["DISARM_DELAY"] > 0 else None,
+            setpoint_timeout_s=max(p["GUID_TIMEOUT"], 0.1),
+            station_timeout_s=max(p["FS_GCS_TIMEOUT"], 1.0),
+            station_action=Behaviour.RETURN if p["FS_GCS_ENABLE"] else None,
+            station_holds_s=0.0,
+            battery=(),
+        )
+
+    def ready(self, flight: Flight) -> bool:
+        steers = flight.mode.base == 89
+        return flight.time_s >= (GUIDED_READY_S if steers else STABILIZE_READY_S) and not flight.crashed
+
+    def knows_place(self, flight: Flight) -> bool:
+        return flight.time_s >= PLACE_S
+
+    def heartbeat(self, flight: Flight, has_setpoints: bool) -> tuple[int, int]:
+        base = flight.mode.base | (_ARMED if flight.armed else 0)
+        if flight.time_s < BOOT_S:
+            return 89, _BOOTING
+        if flight.failsafe and flight.armed:
+            return base, _CRITICAL
+        return base, _ACTIVE if flight.armed and flight.flying else _STANDBY
+
+    def sensors(self, flight: Flight) -> SensorBits:
+        ready = _PREARM if flight.armed or self.ready(flight) else 0
+        if flight.time_s < PLACE_S:
+            return SensorBits(0x5371FC0F, 0x52419C0F, 0x47519C0F)
+        enabled = 0x5361FC2F if flight.armed else 0x5261FC2F if flight.mode.base == 89 else 0x52619C2F
+        return SensorBits(0x5371FC2F, enabled, 0x47719C2F | (0x6000 if flight.mode.base == 89 else 0) | ready)
+
+    def refuse_arm_value(self, value: float) -> Refusal | None:
+        return None if value in (0.0, 1.0) else Refusal(Result.UNSUPPORTED)
+
+    def refuse_arming(self, flight: Flight, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+        if flight.mode.behaviour is Behaviour.MISSION:
+            return Refusal(Result.FAILED, ((CRITICAL, "Arm: Mode requires mission"),))
+        if not flight.mode.armable:
+            return Refusal(Result.FAILED, ((CRITICAL, f"Arm: {flight.mode.name} mode not armable"),))
+        if self.ready(flight):
+            return None
+        if flight.time_s < BOOT_S:
+            return Refusal(Result.FAILED, ((CRITICAL, "Arm: System not initialised"),))
+        return Refusal(Result.FAILED, ((CRITICAL, "Arm: Need Position Estimate"),))
+
+    def refuse_disarming(self, flight: Flight, forced: bool) -> Refusal | None:
+        return None if forced or not flight.flying else Refusal(Result.FAILED)
+
+    def refuse_mode(self, flight: Flight, wanted: Mode | None, number: int, has_setpoints: bool) -> Refusal | None:
+        if wanted is None:
+            known = REFUSING.get(number)
+            text = f"Mode change to {known} failed: init failed" if known else f"No such mode {number}"
+            return Refusal(Result.FAILED, ((WARNING, text),))
+        if wanted.behaviour is Behaviour.MISSION and flight.armed:
+            return Refusal(Result.FAILED, ((WARNING, "Mode change to AUTO failed: init failed"),))
+        return None
+
+    def mode_number(self, command: Command) -> int | None:
+        base, number = command.params[:2]
+        if not (base == base and 0 <= number < 2**24) or not int(base) & 1:
+            return None
+        return int(number)
+
+    def refuse_takeoff(self, flight: Flight, command: Command) -> Refusal | None:
+        altitude = command.params[6]
+        if command.frame not in (None, 3, 6):
+            return Refusal(Result.DENIED)
+        wrong = flight.mode.behaviour is not Behaviour.FOLLOW or not flight.armed or flight.landed is not Landed.ON_GROUND
+        return Refusal(Result.FAILED) if wrong or not math.isfinite(altitude) or altitude <= 0.0 else None
+
+    def takeoff_altitude_m(self, flight: Flight, command: Command, limits: Limits) -> float | None:
+        return self.altitude_amsl_m(flight, 3, command.params[6])
+
+    def refuse_reposition(self, flight: Flight, command: Command) -> Refusal | None:
+        if command.frame is None:
+            return Refusal(Result.UNSUPPORTED)
+        if command.frame not in (0, 3, 5, 6):
+            return Refusal(Result.DENIED, ((INFO, f"Unknown mavlink coordinate frame {command.frame}"),))
+        flags, (latitude, longitude, altitude) = command.params[1], command.params[4:7]
+        may_change = flags == flags and bool(int(flags) & 1)
+        if flight.mode.behaviour is not Behaviour.FOLLOW and not may_change:
+            return Refusal(Result.DENIED)
+        finite = math.isfinite(latitude) and math.isfinite(longitude) and math.isfinite(altitude)
+        return None if finite and (latitude or longitude) else Refusal(Result.DENIED)
+
+    def altitude_amsl_m(self, flight: Flight, frame: int | None, altitude_m: float) -> float:
+        home = flight.home or flight.origin
+        return altitude_m + home.altitude_m if frame in (3, 6) else altitude_m
+
+    def is_station(self, system: int, parameters: ParameterStore) -> bool:
+        return system == int(parameters["SYSID_MYGCS"])
+
+    def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
+        return None if self.knows_place(flight) else Refusal(Result.FAILED)
+
+    def boot_texts(self) -> tuple[tuple[float, int, str], ...]:
+        return (
+            (0.2, INFO, "Calibrating barometer"),
+            (1.8, INFO, "Barometer 1 calibration complete"),
+            (1.8, INFO, "Barometer 2 calibration complete"),
+            (2.35, INFO, "ArduPilot Ready"),
+            (2.35, INFO, "AHRS: DCM active"),
+            (4.4, INFO, "EKF3 IMU0 initialised"),
+            (4.4, INFO, "AHRS: EKF3 active"),
+            (20.0, INFO, "EKF3 IMU0 origin set"),
+            (41.5, INFO, "EKF3 IMU0 is using GPS"),
+        )

@@ -1,0 +1,47 @@
+"""The parameters of PX4 that exist here, with its defaults: those that do something, and a few that clients look for."""
+
+from __future__ import annotations
+
+from .._parameters import INT32, Parameter
+
+PARAMETERS = (
+    Parameter("BAT1_CAPACITY", -1.0),
+    Parameter("BAT1_N_CELLS", 4, INT32),
+    Parameter("BAT_CRIT_THR", 0.07),
+    Parameter("BAT_EMERGEN_THR", 0.05),
+    Parameter("BAT_LOW_THR", 0.15),
+    Parameter("COM_DISARM_LAND", 2.0),
+    Parameter("COM_DISARM_PRFLT", 10.0),
+    Parameter("COM_DL_LOSS_T", 10, INT32),
+    Parameter("COM_FAIL_ACT_T", 5.0),
+    Parameter("COM_LOW_BAT_ACT", 0, INT32),
+    Parameter("COM_OBL_RC_ACT", 0, INT32),
+    Parameter("COM_OF_LOSS_T", 1.0),
+    Parameter("COM_RC_IN_MODE", 1, INT32),
+    Parameter("COM_RC_LOSS_T", 1.0),
+    Parameter("GF_ACTION", 2, INT32),
+    Parameter("GF_MAX_HOR_DIST", 0.0),
+    Parameter("GF_MAX_VER_DIST", 0.0),
+    Parameter("MAV_COMP_ID", 1, INT32),
+    Parameter("MAV_SYS_ID", 1, INT32),
+    Parameter("MAV_TYPE", 2, INT32),
+    Parameter("MIS_TAKEOFF_ALT", 2.5),
+    Parameter("MPC_LAND_ALT1", 10.0),
+    Parameter("MPC_LAND_ALT2", 5.0),
+    Parameter("MPC_LAND_SPEED", 0.7),
+    Parameter("MPC_TKO_SPEED", 1.5),
+    Parameter("MPC_XY_CRUISE", 5.0),
+    Parameter("MPC_XY_VEL_MAX", 12.0),
+    Parameter("MPC_Z_VEL_MAX_DN", 1.5),
+    Parameter("MPC_Z_VEL_MAX_UP", 3.0),
+    Parameter("MPC_Z_V_AUTO_DN", 1.5),
+    Parameter("MPC_Z_V_AUTO_UP", 3.0),
+    Parameter("NAV_ACC_RAD", 10.0),
+    Parameter("NAV_DLL_ACT", 0, INT32),
+    Parameter("NAV_RCL_ACT", 2, INT32),
+    Parameter("RTL_DESCEND_ALT", 30.0),
+    Parameter("RTL_MIN_DIST", 10.0),
+    Parameter("RTL_RETURN_ALT", 30.0),
+    Parameter("RTL_TYPE", 0, INT32),
+    Parameter("SYS_AUTOSTART", 10040, INT32),
+)

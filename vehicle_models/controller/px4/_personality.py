@@ -1,0 +1,256 @@
+"""PX4: policy. Numbers and texts are those that its SITL was seen to give."""
+
+from __future__ import annotations
+
+import math
+
+from .._board import Command, Result
+from .._flight import Behaviour, Flight, Mode
+from .._parameters import ParameterStore, ParameterStyle
+from .._personality import BatteryStep, Event, GpsFields, Limits, Personality, Refusal, SensorBits
+from .._texts import CRITICAL, EMERGENCY, ERROR, INFO, WARNING
+from ._modes import MODES
+from ._parameters import PARAMETERS
+
+READY_S = 4.2  # "Resolve system health failures first" until then
+PLACE_S = 3.0  # home is set
+_NOT_READY = "Arming denied: Resolve system health failures first"
+_PREARM = 0x10000000
+# 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors, AHRS, battery.
+_SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
+_GPS_AND_POSITION = 0x20 | 0x4000
+_ARMED = 128
+_STANDBY, _ACTIVE, _CRITICAL, _UNABLE = 3, 4, 5, 0
+
+_COMMON_STREAMS = {
+    "ATTITUDE_QUATERNION": 50.0,
+    "GLOBAL_POSITION_INT": 50.0,
+    "SCALED_PRESSURE": 1.0,
+    "MISSION_CURRENT": 1.0,
+    "BATTERY_STATUS": 0.5,
+    "HOME_POSITION": 0.5,
+}
+_ONBOARD = {
+    **_COMMON_STREAMS,
+    "ATTITUDE": 100.0,
+    "LOCAL_POSITION_NED": 30.0,
+    "ODOMETRY": 30.0,
+    "HIGHRES_IMU": 50.0,
+    "SERVO_OUTPUT_RAW": 10.0,
+    "ATTITUDE_TARGET": 10.0,
+    "POSITION_TARGET_LOCAL_NED": 10.0,
+    "POSITION_TARGET_GLOBAL_INT": 10.0,
+    "GPS_RAW_INT": 8.0,
+    "VFR_HUD": 10.0,
+    "ALTITUDE": 10.0,
+    "DISTANCE_SENSOR": 10.0,
+    "TIMESYNC": 10.0,
+    "SYS_STATUS": 5.0,
+    "EXTENDED_SYS_STATE": 5.0,
+    "SYSTEM_TIME": 1.0,
+    "PING": 1.0,
+    "ESTIMATOR_STATUS": 1.0,
+    "VIBRATION": 0.5,
+}
+_GCS = {
+    **_COMMON_STREAMS,
+    "ATTITUDE": 50.0,
+    "LOCAL_POSITION_NED": 50.0,
+    "SERVO_OUTPUT_RAW": 50.0,
+    "ATTITUDE_TARGET": 50.0,
+    "POSITION_TARGET_LOCAL_NED": 50.0,
+    "POSITION_TARGET_GLOBAL_INT": 1.0,
+    "GPS_RAW_INT": 5.0,
+    "VFR_HUD": 4.0,
+    "ALTITUDE": 1.0,
+    "DISTANCE_SENSOR": 0.5,
+    "SYS_STATUS": 1.0,
+    "EXTENDED_SYS_STATE": 1.0,
+    "PING": 0.1,
+    "ESTIMATOR_STATUS": 0.5,
+    "VIBRATION": 0.1,
+}
+# Accepted and without effect here, as in section 3.3 of what was observed.
+_ACCEPTED = (195, 197, 201, 241, 401, 2500, 2501, 187)
+# No module owns these: no answer at all.
+_SILENT = (203, 204, 205, 206, 420, 500, 521, 530, 1000, 1001, 2003, 3000, 42600)
+
+
+class Px4(Personality):
+    name = "px4"
+    autopilot = 12
+    modes = MODES
+    first_mode = hold_mode = reposition_mode = mode_after_landing = "AUTO_LOITER"
+    takeoff_mode, land_mode, return_mode, follow_mode = "AUTO_TAKEOFF", "AUTO_LAND", "AUTO_RTL", "OFFBOARD"
+    parameters = PARAMETERS
+    parameter_style = ParameterStyle(
+        bytewise=True,
+        hash_first=True,
+        unknown="error",
+        index_in_replies=True,
+        any_case=False,
+        changes_twice=True,
+        checks_type=True,
+    )
+    stream_sets = {"onboard": _ONBOARD, "gcs": _GCS, "none": {}}
+    stream_groups = {}
+    messages = frozenset({*_ONBOARD, *_GCS, "HEARTBEAT", "GPS_GLOBAL_ORIGIN"})
+    unknown_interval = Result.FAILED
+    unknown_interval_text = None
+    unknown_get_interval = Result.ACCEPTED
+    unknown_request = Result.DENIED
+    bad_interval_us = 0
+    text_ending = "\t"
+    texts_need_hearing = False
+    texts = {
+        Event.ARMED: (INFO, "Armed by external command"),
+        Event.DISARMED: (INFO, "Disarmed by external command"),
+        Event.DISARMED_BY_LANDING: (INFO, "Disarmed by landing"),
+        Event.DISARMED_IDLE: (INFO, "Disarmed by auto preflight disarming"),
+        Event.TAKEOFF_DEFAULT: (INFO, "Using default takeoff altitude: {:.1f} m"),
+        Event.TAKEOFF_DETECTED: (INFO, "Takeoff detected"),
+        Event.LANDING_DETECTED: (INFO, "Landing detected"),
+        Event.LANDING: (INFO, "Landing at current position"),
+        Event.RETURNING: (INFO, "Returning to launch"),
+        Event.FAILSAFE: (ERROR, "Failsafe activated"),
+        Event.FAILSAFE_HOLD: (ERROR, "Failsafe activated: entering Hold for 5 seconds"),
+        Event.BATTERY_LOW: (WARNING, "Low battery"),
+        Event.BATTERY_CRITICAL: (CRITICAL, "Critical battery"),
+        Event.BATTERY_EMERGENCY: (EMERGENCY, "Emergency battery level"),
+        Event.CRASHED: (CRITICAL, "Disarmed by failure detector"),
+    }
+    fixed_results = {**dict.fromkeys(_ACCEPTED, Result.ACCEPTED), **dict.fromkeys(_SILENT), 300: Result.DENIED}
+    capabilities = 59647
+    flight_sw_version = 0x01110080
+    flight_custom_version = b"\0" * 8
+    uid = 0
+    board_version = 1
+    vtol_state = 0
+    no_mission_total = 65535
+    gps_fields = GpsFields(fix_type=3, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780)
+    mode_acks_twice = True
+    set_mode_message_acks = True
+    answers_ping = True
+    returns_to_setpoints = True
+    position_setpoints_lapse = True
+    heartbeat_on_mode_change = False
+    setpoints_lost_behaviour = Behaviour.RETURN
+    local_frames = {1: "local", 8: "body"}
+    global_frames = {0: "amsl", 5: "amsl", 3: "home", 6: "home"}
+    bad_speed = Result.ACCEPTED
+    setpoint_complaints = True
+
+    def limits(self, parameters: ParameterStore) -> Limits:
+        p = parameters
+        actions: dict[int, Behaviour | None] = {1: Behaviour.HOLD, 2: Behaviour.RETURN, 3: Behaviour.LAND}
+        station = actions.get(int(p["NAV_DLL_ACT"]))
+        return Limits(
+            cruise_mps=max(p["MPC_XY_CRUISE"], 0.5),
+            speed_max_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
+            climb_mps=max(p["MPC_Z_V_AUTO_UP"], 0.2),
+            descent_mps=max(p["MPC_Z_V_AUTO_DN"], 0.2),
+            takeoff_mps=max(p["MPC_TKO_SPEED"], 0.2),
+            takeoff_height_m=max(p["MIS_TAKEOFF_ALT"], 0.5),
+            land_mps=max(p["MPC_LAND_SPEED"], 0.2),
+            land_slow_below_m=p["MPC_LAND_ALT2"],
+            land_fast_above_m=p["MPC_LAND_ALT1"],
+            return_height_m=p["RTL_RETURN_ALT"],
+            return_near_m=p["RTL_MIN_DIST"],
+            return_climbs_by_m=None,
+            landed_disarm_s=p["COM_DISARM_LAND"] if p["COM_DISARM_LAND"] > 0 else None,
+            idle_disarm_s=p["COM_DISARM_PRFLT"] if p["COM_DISARM_PRFLT"] > 0 else None,
+            setpoint_timeout_s=max(p["COM_OF_LOSS_T"], 0.1),
+            station_timeout_s=max(p["COM_DL_LOSS_T"], 1.0),
+            station_action=station,
+            station_holds_s=p["COM_FAIL_ACT_T"] if station is not Behaviour.HOLD else 0.0,
+            battery=_battery_steps(p),
+        )
+
+    def ready(self, flight: Flight) -> bool:
+        return flight.time_s >= READY_S and flight.mode.armable and not flight.crashed
+
+    def knows_place(self, flight: Flight) -> bool:
+        return flight.time_s >= PLACE_S
+
+    def heartbeat(self, flight: Flight, has_setpoints: bool) -> tuple[int, int]:
+        base = flight.mode.base
+        if flight.mode.behaviour is Behaviour.FOLLOW and not has_setpoints and not flight.armed:
+            base = 1
+        if flight.armed:
+            return base | _ARMED, _CRITICAL if flight.failsafe else _ACTIVE
+        armable = self.ready(flight) and not (flight.mode.behaviour is Behaviour.FOLLOW and not has_setpoints)
+        return base, _STANDBY if armable else _UNABLE
+
+    def sensors(self, flight: Flight) -> SensorBits:
+        health = _SENSORS if self.knows_place(flight) else _SENSORS & ~_GPS_AND_POSITION
+        return SensorBits(_SENSORS, _SENSORS, health | (_PREARM if flight.armed or self.ready(flight) else 0))
+
+    def refuse_arm_value(self, value: float) -> Refusal | None:
+        if value in (0.0, 1.0) or 0.5 <= value < 1.5:
+            return None
+        return Refusal(None, ((CRITICAL, f"Unsupported ARM_DISARM param: {value:.3f}"),))
+
+    def refuse_arming(self, flight: Flight, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+        if forced and flight.time_s >= READY_S and not flight.crashed:
+            return None
+        lacks_setpoints = flight.mode.behaviour is Behaviour.FOLLOW and not has_setpoints
+        if self.ready(flight) and not lacks_setpoints and flight.battery_fraction > parameters["BAT_CRIT_THR"]:
+            return None
+        return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, _NOT_READY),))
+
+    def refuse_disarming(self, flight: Flight, forced: bool) -> Refusal | None:
+        if forced or not flight.flying:
+            return None
+        return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, "Disarming denied: not landed"),))
+
+    def refuse_mode(self, flight: Flight, wanted: Mode | None, number: int, has_setpoints: bool) -> Refusal | None:
+        if wanted is None:
+            return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
+        if not flight.armed:
+            return None
+        lacks = wanted.behaviour in (Behaviour.PILOT, Behaviour.MISSION)
+        if lacks or (wanted.behaviour is Behaviour.FOLLOW and not has_setpoints):
+            text = f"Switching to {wanted.label} is currently not available"
+            return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, text),))
+        return None
+
+    def mode_number(self, command: Command) -> int | None:
+        """param1 bit 0: a custom mode, given as main and sub mode."""
+        base, main, sub = command.params[:3]
+        if not (base == base and 0 <= main < 256 and 0 <= sub < 256) or not int(base) & 1:
+            return None
+        return int(sub) << 24 | int(main) << 16
+
+    def refuse_takeoff(self, flight: Flight, command: Command) -> Refusal | None:
+        return None
+
+    def takeoff_altitude_m(self, flight: Flight, command: Command, limits: Limits) -> float | None:
+        """All zero and all NaN alike mean the default; else the altitude above sea level."""
+        altitude = command.params[6]
+        return altitude if math.isfinite(altitude) and altitude != 0.0 else None
+
+    def refuse_reposition(self, flight: Flight, command: Command) -> Refusal | None:
+        flags = command.params[1]
+        return None if flags == flags and int(flags) & 1 else Refusal(Result.UNSUPPORTED)
+
+    def altitude_amsl_m(self, flight: Flight, frame: int | None, altitude_m: float) -> float:
+        """Above sea level whatever the frame says: so did every release that was seen, and MAVSDK relies on it."""
+        return altitude_m
+
+    def is_station(self, system: int, parameters: ParameterStore) -> bool:
+        return True
+
+    def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
+        return None
+
+
+def _battery_steps(p: ParameterStore) -> tuple[BatteryStep, ...]:
+    """COM_LOW_BAT_ACT: 0 warns; 2 lands at the critical level; 3 returns when critical, lands in the emergency."""
+    action, hold_s = int(p["COM_LOW_BAT_ACT"]), max(p["COM_FAIL_ACT_T"], 0.0)
+    critical = {2: Behaviour.LAND, 3: Behaviour.RETURN}.get(action)
+    emergency = Behaviour.LAND if action in (2, 3) else None
+    return (
+        BatteryStep(p["BAT_LOW_THR"], Event.BATTERY_LOW),
+        BatteryStep(p["BAT_CRIT_THR"], Event.BATTERY_CRITICAL, critical, hold_s),
+        BatteryStep(p["BAT_EMERGEN_THR"], Event.BATTERY_EMERGENCY, emergency),
+    )
