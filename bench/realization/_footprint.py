@@ -1,0 +1,116 @@
+"""Footprints: oriented rectangles on the ground, many at a time, and the gaps between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.simspec import Asset
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Footprints:
+    """n rectangles: centres (n, 2) east/north, headings (n,) clockwise from north, half sizes (n, 2) along and across the
+    heading, and the free gap (n,) that each wants around itself."""
+
+    centre_m: Array
+    heading_rad: Array
+    half_m: Array
+    gap_m: Array
+
+    def __len__(self) -> int:
+        return len(self.centre_m)
+
+    def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Footprints:
+        return Footprints(self.centre_m[which], self.heading_rad[which], self.half_m[which], self.gap_m[which])
+
+    @property
+    def radius_m(self) -> Array:
+        """(n,) radii of the circles around the rectangles."""
+        return np.hypot(self.half_m[:, 0], self.half_m[:, 1])
+
+    def axes(self) -> Array:
+        """(n, 2, 2) unit vectors along and across the heading, east/north."""
+        sine, cosine = np.sin(self.heading_rad), np.cos(self.heading_rad)
+        return np.stack([np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)], axis=-2)
+
+    def corners(self) -> Array:
+        """(n, 4, 2) corners in order around each rectangle."""
+        signs = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+        offsets: Array = (signs[None] * self.half_m[:, None, :]) @ self.axes()
+        return self.centre_m[:, None, :] + offsets
+
+
+def no_footprints() -> Footprints:
+    """None at all."""
+    return Footprints(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
+
+
+def footprints(asset: Asset, centre_m: Array, heading_deg: Array, gap_m: float) -> Footprints:
+    """Footprints of one asset at (n, 2) places with (n,) headings."""
+    half = np.array([asset.length_m / 2.0, asset.width_m / 2.0])
+    count = len(centre_m)
+    return Footprints(centre_m, np.radians(heading_deg), np.tile(half, (count, 1)), np.full(count, gap_m))
+
+
+def joined(parts: Sequence[Footprints]) -> Footprints:
+    """Several as one."""
+    if not parts:
+        return no_footprints()
+    return Footprints(
+        np.concatenate([part.centre_m for part in parts]),
+        np.concatenate([part.heading_rad for part in parts]),
+        np.concatenate([part.half_m for part in parts]),
+        np.concatenate([part.gap_m for part in parts]),
+    )
+
+
+def gaps(some: Footprints, others: Footprints) -> Array:
+    """(m,) free distance between the i-th of one and the i-th of the other, 0 where they touch or overlap.
+
+    Separating axes tell whether two rectangles are apart; if so the nearest points include a corner of one of them.
+    """
+    offset = others.centre_m - some.centre_m
+    some_axes, other_axes = some.axes(), others.axes()
+    apart = np.zeros(len(some), dtype=bool)
+    for axes in (some_axes, other_axes):
+        along = np.abs(np.einsum("nsk,nk->ns", axes, offset))
+        reach = _reach(axes, some_axes, some.half_m) + _reach(axes, other_axes, others.half_m)
+        apart |= (along > reach).any(axis=1)
+    nearest = np.minimum(_corner_distance(some, others), _corner_distance(others, some))
+    return np.where(apart, nearest, 0.0)
+
+
+def _reach(axes: Array, own: Array, half_m: Array) -> Array:
+    """(n, 2) half extents of rectangles with axes `own` along other `axes`."""
+    projected: Array = np.abs(np.einsum("nsk,nak->nsa", axes, own))
+    reach: Array = np.einsum("nsa,na->ns", projected, half_m)
+    return reach
+
+
+def _corner_distance(frame: Footprints, other: Footprints) -> Array:
+    """(n,) least distance of the corners of `other` to the rectangle `frame`."""
+    local = np.einsum("nsk,nck->ncs", frame.axes(), other.corners() - frame.centre_m[:, None, :])
+    outside = np.maximum(np.abs(local) - frame.half_m[:, None, :], 0.0)
+    distance: Array = np.hypot(outside[..., 0], outside[..., 1]).min(axis=1)
+    return distance
+
+
+def crowded(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
+    """(k,) whether a candidate comes closer to something placed than either of the two wants."""
+    hit = np.zeros(len(candidates), dtype=bool)
+    if len(placed) == 0 or len(candidates) == 0:
+        return hit
+    wanted = np.maximum(candidates.gap_m[:, None], placed.gap_m[None, :])
+    reach = candidates.radius_m[:, None] + placed.radius_m[None, :] + wanted
+    offset = candidates.centre_m[:, None, :] - placed.centre_m[None, :, :]
+    near = np.einsum("ijk,ijk->ij", offset, offset) < reach * reach
+    one, other = np.nonzero(near)
+    if len(one):
+        np.logical_or.at(hit, one, gaps(candidates[one], placed[other]) < wanted[one, other])
+    return hit

@@ -1,0 +1,107 @@
+"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment`; list members by their id or number."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from bench.simspec import SimSpec
+
+_PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_-]+)\])?")
+
+OWNED = ("format", "name", "realized", "agent", "seeds.root")
+"""What realization itself writes into every SimSpec; no factor may."""
+
+UNITS = {"m": "m", "mps": "m/s", "s": "s", "deg": "deg", "hz": "Hz", "px": "px", "wh": "Wh", "per_km2": "1/km2", "level": "level"}
+"""Unit that the end of a field's name states."""
+
+
+class PathFault(Exception):
+    """A path that leads nowhere: what is wrong, and what would be right."""
+
+    def __init__(self, what: str, mend: str) -> None:
+        super().__init__(what)
+        self.what = what
+        self.mend = mend
+
+
+@dataclass(frozen=True, slots=True)
+class SpecPath:
+    """A path that was found in a base SimSpec, as the keys and indices of its plain-value form."""
+
+    text: str
+    steps: tuple[str | int, ...]
+
+    @property
+    def unit(self) -> str | None:
+        """The unit that the field's name ends in, None when it states none."""
+        last = next(step for step in reversed(self.steps) if isinstance(step, str))
+        return next((unit for end, unit in UNITS.items() if last.endswith(f"_{end}")), None)
+
+    def set(self, document: Any, value: object) -> None:
+        """Write a value into plain values that have the base's shape."""
+        for step in self.steps[:-1]:
+            document = document[step]
+        document[self.steps[-1]] = value
+
+
+def find_path(base: SimSpec, text: str) -> SpecPath:
+    """The path in `base`. Raises PathFault when it leads nowhere or to what realization itself writes."""
+    owned = next((one for one in OWNED if text == one or text.startswith(f"{one}.")), None)
+    if owned:
+        raise PathFault(f"{owned} is written by realization itself", "agents, names and seeds come from the campaign")
+    here: Any = base
+    steps: list[str | int] = []
+    for part in text.split("."):
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise PathFault(f"{part!r} is not a step of a path", "write field.field or list[id].field")
+        here = _field(here, match["name"], steps)
+        steps.append(match["name"])
+        if match["member"] is not None:
+            here, index = _member(here, match["member"], steps)
+            steps.append(index)
+    return SpecPath(text, tuple(steps))
+
+
+def _field(here: Any, name: str, steps: list[str | int]) -> Any:
+    where = _dotted(steps) or "the SimSpec"
+    if isinstance(here, dict):
+        return here.get(name)  # an open table such as vehicle.parameters takes any key
+    if here is None:
+        raise PathFault(f"{where} is not given in the base SimSpec", "write it there, so that the factor has something to change")
+    if not isinstance(here, BaseModel):
+        raise PathFault(f"{where} is a plain value and has no field {name!r}", f"end the path at {where}")
+    fields = type(here).model_fields
+    if name not in fields:
+        raise PathFault(f"{where} has no field {name!r}", _nearest(name, fields))
+    return getattr(here, name)
+
+
+def _member(here: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
+    where = _dotted(steps)
+    if not isinstance(here, tuple):
+        raise PathFault(f"{where} is not a list", f"drop [{member}]")
+    ids = [getattr(one, "id", str(index)) for index, one in enumerate(here)]
+    if member in ids:
+        index = ids.index(member)
+    elif member.isdigit() and int(member) < len(here):
+        index = int(member)
+    else:
+        raise PathFault(f"{where} has no member {member!r}", _nearest(member, ids))
+    return here[index], index
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {close[0]}?" if close else f"there are: {', '.join(known) or 'none'}"
+
+
+def _dotted(steps: list[str | int]) -> str:
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).removeprefix(".")

@@ -1,0 +1,166 @@
+"""From a base SimSpec and a design to the SimSpecs that are flown."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.documents import validate_document
+from bench.errors import Fault, SetupError
+from bench.simspec import AgentSpec, Seeds, SimSpec
+
+from ._design import Design, DesignPoint, Level
+from ._paths import PathFault, SpecPath, find_path
+
+
+@dataclass(frozen=True, slots=True)
+class RealizationPlan:
+    """One SimSpec to fly: which design point, replicate and agent it stands for. Nothing is placed yet.
+
+    Plans of the same design point and replicate share every seed, hence the scene, whatever the agent.
+    """
+
+    id: str
+    design_point: str
+    replicate: int
+    levels: Mapping[str, Level]
+    simspec: SimSpec
+
+    @property
+    def agent(self) -> str:
+        """The agent's label."""
+        return self.simspec.agent.label
+
+
+def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec]) -> list[RealizationPlan]:
+    """Every realization of a design, agents of one scene next to each other.
+
+    Raises SetupError naming factor, path and mend where a factor's path leads nowhere or a level does not fit.
+    """
+    labels = _labels(agents)
+    patches = _Patches.of(base, design)
+    scenes = {point.id: patches.apply(point) for point in _drawn(design)}
+    return [
+        _plan(scenes[point.id], design, point, replicate, agent, label)
+        for point, replicate in design.pairs()
+        for agent, label in zip(agents, labels, strict=True)
+    ]
+
+
+def scene_seed(seed: int, design_point: str, replicate: int) -> int:
+    """The 63-bit root seed of one scene; depends on nothing else, so runs added later change none that exist."""
+    sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def _drawn(design: Design) -> list[DesignPoint]:
+    return list({point.id: point for point, _ in design.pairs()}.values())
+
+
+def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str) -> RealizationPlan:
+    name = f"{point.id}-r{replicate}-{label}"
+    seeds = Seeds(**scene.seeds.model_dump() | {"root": scene_seed(design.seed, point.id, replicate)})
+    simspec = scene.model_copy(update={"name": name, "agent": agent, "seeds": seeds, "realized": None})
+    return RealizationPlan(name, point.id, replicate, point.levels, simspec)
+
+
+def _labels(agents: Sequence[AgentSpec]) -> list[str]:
+    if not agents:
+        raise SetupError(Fault("agents", "no agent is named", "add at least one, for example manifest: reference-naive"))
+    labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
+    twice = [label for label, times in Counter(labels).items() if times > 1]
+    if twice:
+        raise SetupError(Fault("agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name"))
+    long = [label for label in labels if len(label) > 40]
+    if long:
+        raise SetupError(
+            Fault("agents", f"the agent's name {long[0]!r} has more than 40 characters", "shorten the manifest's name")
+        )
+    return labels
+
+
+@dataclass(frozen=True, slots=True)
+class _Patches:
+    """The factors of a design, bound to a base SimSpec whose paths were all found."""
+
+    design: Design
+    text: str
+    paths: Mapping[str, SpecPath]
+
+    @classmethod
+    def of(cls, base: SimSpec, design: Design) -> _Patches:
+        faults: list[Fault] = []
+        paths: dict[str, SpecPath] = {}
+        for factor in design.factors:
+            for text in dict.fromkeys([*factor.sets, *(path for patch in factor.patches.values() for path in patch)]):
+                where = f"design: factor {factor.name!r}: path {text}"
+                try:
+                    paths[text] = find_path(base, text)
+                except PathFault as fault:
+                    faults.append(Fault(where, fault.what, fault.mend))
+                    continue
+                stated = paths[text].unit
+                if text in factor.sets and factor.unit and stated and factor.unit != stated:
+                    faults.append(Fault(where, f"the factor's unit is {factor.unit!r}, the field's {stated!r}", f"give {stated}"))
+        faults += _set_twice(design, paths)
+        if faults:
+            raise SetupError(faults)
+        return cls(design, base.model_dump_json(), paths)
+
+    def apply(self, point: DesignPoint) -> SimSpec:
+        """The base with all levels of a point. Raises SetupError naming the factors at fault."""
+        try:
+            return self._with(point.levels)
+        except SetupError as error:
+            raise SetupError(self._alone(point) or self._together(point, error)) from None
+
+    def _with(self, levels: Mapping[str, Level]) -> SimSpec:
+        document: Any = json.loads(self.text)
+        for factor in self.design.factors:
+            if factor.name in levels:
+                for path, value in factor.changes(levels[factor.name]).items():
+                    self.paths[path].set(document, value)
+        return validate_document(document, SimSpec)
+
+    def _alone(self, point: DesignPoint) -> list[Fault]:
+        """Faults of the factors that are wrong by themselves."""
+        faults: list[Fault] = []
+        for factor in self.design.factors:
+            level = point.levels[factor.name]
+            try:
+                self._with({factor.name: level})
+            except SetupError as error:
+                sets = ", ".join(factor.changes(level))
+                faults += [
+                    Fault(f"design: factor {factor.name!r}: level {level!r} for {sets}", f"{one.where}: {one.what}", one.mend)
+                    for one in error.faults
+                ]
+        return faults
+
+    def _together(self, point: DesignPoint, error: SetupError) -> list[Fault]:
+        levels = ", ".join(f"{name}={level}" for name, level in point.levels.items())
+        return [
+            Fault(f"design point {point.id} ({levels})", f"{one.where}: {one.what}", one.mend or "change one of these levels")
+            for one in error.faults
+        ]
+
+
+def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
+    """Two factors on one field would silently undo each other, however the field is written."""
+    users: dict[tuple[str | int, ...], dict[str, str]] = {}
+    for factor in design.factors:
+        for text in [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]:
+            if text in paths:
+                users.setdefault(paths[text].steps, {})[factor.name] = text
+    return [
+        Fault(f"design: path {next(iter(names.values()))}", f"is set by the factors {', '.join(names)}", "let one factor set it")
+        for names in users.values()
+        if len(names) > 1
+    ]
