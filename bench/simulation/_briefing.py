@@ -58,6 +58,8 @@ class Briefing:
         self._base = f"{simspec.vehicle.name}/base_link"
         self._optical = f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
+        # A mount that keeps level does not sit on base_link but on a frame that shares only its place and yaw.
+        self._carrier = f"{simspec.vehicle.name}/base_level" if self._camera.stabilized else self._base
         self._order = mission_order(simspec)
         self._intelligence = deque(sorted(intelligence(simspec), key=lambda pair: (pair[0], pair[1].id)))
         self._exposures: deque[SimTime] = deque()
@@ -85,21 +87,18 @@ class Briefing:
 
     def _pose(self, now: SimTime, state: VehicleState) -> TFMessage:
         east, north, up = state.position_enu_m
-        transform = Transform(
-            translation=Vector3(x=east, y=north, z=up), rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad)
-        )
-        return TFMessage(
-            transforms=(
-                TransformStamped(
-                    header=Header(stamp=Time.of(now.ns), frame_id="map"), child_frame_id=self._base, transform=transform
-                ),
-            )
-        )
+        header, place = Header(stamp=Time.of(now.ns), frame_id="map"), Vector3(x=east, y=north, z=up)
+        turned = Transform(translation=place, rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad))
+        poses: tuple[TransformStamped, ...] = (TransformStamped(header=header, child_frame_id=self._base, transform=turned),)
+        if self._carrier != self._base:
+            level = Transform(translation=place, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
+            poses = (*poses, TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
+        return TFMessage(transforms=poses)
 
     def _mount(self, now: SimTime) -> TFMessage:
         x, y, z, w = self._camera.mount_quaternion()
         transform = Transform(translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w))
-        header = Header(stamp=Time.of(now.ns), frame_id=self._base)
+        header = Header(stamp=Time.of(now.ns), frame_id=self._carrier)
         return TFMessage(transforms=(TransformStamped(header=header, child_frame_id=self._optical, transform=transform),))
 
     def _camera_info(self, exposed: SimTime) -> CameraInfo:

@@ -135,7 +135,7 @@ def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
     assert counts["/truth/odometry"] == 31
     assert counts["/truth/actors"] == 7
     assert counts["/clock"] == 30
-    assert counts["/truth/view"] == 15
+    assert counts["/truth/view"] == 16  # at the first step, then every 0.2 s
 
 
 def test_two_sessions_say_the_same_bytes(tmp_path: Path) -> None:
