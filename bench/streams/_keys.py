@@ -16,7 +16,7 @@ from ._types import type_hash
 
 GRAPH = "@ros2_lv"
 _DEFAULT_DEPTH = 42  # what rmw_zenoh leaves out
-_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_-]*)+")
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 
@@ -47,7 +47,10 @@ TF_QOS = QoS(depth=100)
 
 
 def is_name(name: str) -> bool:
-    """Whether this is a fully qualified ROS 2 name (`/drone_1/detections`); no other text ever becomes part of a key."""
+    """Whether this is a fully qualified name (`/drone_1/detections`); no other text ever becomes part of a key.
+
+    Hyphens pass, as in the SimSpec's identifiers, though ROS 2 itself has none in names: its nodes cannot ask for such a topic.
+    """
     return _NAME.fullmatch(name) is not None
 
 

@@ -146,7 +146,7 @@ class Node:
     """A node of the graph; lives as long as its Zenoh session. Made by `Router.node` or `open_client`."""
 
     def __init__(self, session: zenoh.Session, domain: int, ids: Iterator[int], name: str, namespace: str) -> None:
-        if not is_name(f"/{name}") or (namespace != "/" and not is_name(namespace)):
+        if "/" in name or not is_name(f"/{name}") or (namespace != "/" and not is_name(namespace)):
             raise SetupError(Fault("node", f"{namespace!r} {name!r} is no ROS 2 node name", "give a /namespace and a name"))
         self._session = session
         self._domain = domain

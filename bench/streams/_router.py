@@ -19,7 +19,7 @@ from typing import Any
 
 import zenoh
 
-from bench.errors import Fault, RebarError, SetupError
+from bench.errors import Fault, SetupError
 
 from ._keys import GRAPH, data_key, dds_name, is_name, mangle
 from ._node import AirAccess, Node, session_settings
@@ -71,7 +71,8 @@ def open_router(plan: AirPlan) -> Iterator[Router]:
     """
     _check(plan)
     password = secrets.token_urlsafe(24)
-    with _open(plan, password) as (session, port), session:
+    session, port = _open(plan, password)
+    with session:
         yield Router(session, AirAccess(f"tcp/{plan.host}:{port}", _AGENT, password, plan.domain))
 
 
@@ -90,25 +91,21 @@ def _check(plan: AirPlan) -> None:
         raise SetupError(faults)
 
 
-@contextmanager
-def _open(plan: AirPlan, password: str) -> Iterator[tuple[zenoh.Session, int]]:
-    """A router session and its port. The file with the password is gone before anybody can connect who might look for it."""
-    for attempt in range(_ATTEMPTS):
+def _open(plan: AirPlan, password: str) -> tuple[zenoh.Session, int]:
+    """A router session and its port. Of free ports several are tried: between finding and taking one, others may be quicker."""
+    refusal: zenoh.ZError | None = None
+    for _ in range(1 if plan.port else _ATTEMPTS):
         port = plan.port or _free_port(plan.host)
         try:
-            session = _open_at(plan, port, password)
+            return _open_at(plan, port, password), port
         except zenoh.ZError as error:
-            if plan.port or attempt == _ATTEMPTS - 1:
-                raise SetupError(
-                    Fault("air network", f"cannot listen on {plan.host}:{port}: {error}", "choose a free port, or 0")
-                ) from error
-            continue  # somebody was quicker: take another
-        yield session, port
-        return
-    raise RebarError("unreachable")
+            refusal = error
+    fault = Fault("air network", f"cannot listen on {plan.host}:{port}: {refusal}", "choose a free port, or 0")
+    raise SetupError(fault) from refusal
 
 
 def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
+    """The file with the password is gone before anybody can connect who might look for it: Zenoh reads it once."""
     with tempfile.TemporaryDirectory(prefix="rebar-air-") as folder:  # mode 0700
         users = Path(folder) / "users"
         users.touch(mode=0o600)
