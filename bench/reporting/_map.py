@@ -72,7 +72,7 @@ class RunMap:
 
 
 def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
-    """The run's map from its truth and from what the agent said."""
+    """The run's map from its truth and from what the agent said; `simspec` is the realized one of its recording."""
     corners = tuple((corner.east_m, corner.north_m) for corner in simspec.world.area.corners)
     reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
     placed = simspec.realized.reports if simspec.realized else ()
@@ -97,7 +97,7 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     Each scene comes with all its agents, the scenes from different configurations first; with one agent, the runs
     with the lowest confidence come first. Runs without a recording are left out.
     """
-    recorded = [run for run in data.runs if run.recording is not None and run.realization in data.simspecs]
+    recorded = [run for run in data.runs if run.recording is not None]
     scenes: dict[tuple[str, int], dict[str, Run]] = {}
     for run in recorded:
         scenes.setdefault(run.scene, {})[run.agent] = run
@@ -180,12 +180,13 @@ def _rounded(way: NDArray[np.float64]) -> Track:
 def _report(said: At[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
     report = said.value
     there = tape.actors_at(said.time.s)[:, :2]
+    cast = tape.cast if len(tape.actor_time_s) else ()  # without positions nobody can be placed
     place = np.array([report.east_m, report.north_m])
-    adversaries = [i for i, one in enumerate(tape.cast) if (one.role, one.class_label) == (Role.ADVERSARY, report.class_label)]
+    adversaries = [i for i, one in enumerate(cast) if (one.role, one.class_label) == (Role.ADVERSARY, report.class_label)]
     meant = _nearest(there, adversaries, place)
     target = meant[0] if meant and meant[1] <= MEANT_WITHIN_M else None
     centre = there[target] if target is not None else place
-    bystanders = [i for i, one in enumerate(tape.cast) if one.role is Role.BYSTANDER]
+    bystanders = [i for i, one in enumerate(cast) if one.role is Role.BYSTANDER]
     nearest = _nearest(there, bystanders, centre)
     near = [i for i in bystanders if math.hypot(*(there[i] - centre)) < no_mark_within_m]
     return MapReport(
@@ -197,7 +198,7 @@ def _report(said: At[TargetReport], tape: Tape, no_mark_within_m: float) -> MapR
         confidence=report.confidence,
         bystanders_seen=report.bystanders_seen,
         reason=report.reason,
-        target=tape.cast[target].id if target is not None else None,
+        target=cast[target].id if target is not None else None,
         target_enu_m=(round(float(centre[0]), 1), round(float(centre[1]), 1)),
         bystanders_enu_m=_rounded(there[near]),
         nearest_bystander_m=round(nearest[1], 1) if nearest else None,

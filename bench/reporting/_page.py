@@ -20,7 +20,7 @@ from plotly.offline import get_plotlyjs
 
 from bench.contracts import Outcome
 from bench.errors import SetupError
-from test_ports import read_tape
+from test_ports import read_simspec, read_tape
 
 from . import _words as words
 from ._data import ALL, ReportData, Run, Tally, load_report_data
@@ -93,7 +93,7 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
     for run in choose_runs(data, count):
         assert run.recording is not None  # only recorded runs are chosen
         try:
-            charts.append(draw_map(run, data.simspecs[run.realization], read_tape(run.recording)))
+            charts.append(draw_map(run, read_simspec(run.recording), read_tape(run.recording)))
         except (SetupError, OSError):
             notes.append(f"The recording of {run.realization} cannot be read, so it is not drawn.")
     absent = [run.realization for run in data.runs if run.recording is None and run.outcome and run.outcome.counts]

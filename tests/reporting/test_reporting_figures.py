@@ -214,3 +214,14 @@ def _distance(way: np.ndarray, place: np.ndarray) -> float:
     start, along = way[:-1], np.diff(way, axis=0)
     share = np.clip(((place - start) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
     return float(np.hypot(*(start + share[:, None] * along - place).T).min())
+
+
+def test_without_truth_nobody_stands_at_the_origin(data: ReportData) -> None:
+    """A recording cut off before the first positions: reports are drawn where they are said to be, nothing is held against them."""
+    run = data.runs[0]
+    simspec = data.simspecs[run.realization]
+    tape = made_campaign.made_tape(simspec)
+    there = tape.reports[0].value.model_copy(update={"east_m": 1.0, "north_m": 1.0})
+    blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
+    report = draw_map(run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))).reports[0]
+    assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
