@@ -1,0 +1,24 @@
+"""docs/streams.md names the topics of the contracts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.contracts import CLOCK, TF, TF_STATIC, VehicleTopics
+from bench.streams import String, encode
+
+PAGE = (Path(__file__).parents[2] / "docs" / "streams.md").read_text()
+
+
+def test_the_page_lists_every_topic_of_the_air_network() -> None:
+    """A topic that is added to the contracts is added to the page."""
+    topics = VehicleTopics("{v}")
+    named = [CLOCK, TF, TF_STATIC, topics.mission, topics.intelligence, topics.detections, topics.camera_info("{c}")]
+    for topic in (*named, *topics.from_agent):
+        assert f"| `{topic}` |" in PAGE
+
+
+def test_the_page_has_the_right_bytes() -> None:
+    """The example for other languages is what the bench would send."""
+    assert "00010000 03000000 686900" in PAGE
+    assert encode(String("hi")).hex() == "00010000 03000000 686900".replace(" ", "")
