@@ -92,8 +92,8 @@ class Briefing:
         poses: tuple[TransformStamped, ...] = (TransformStamped(header=header, child_frame_id=self._base, transform=turned),)
         if self._carrier != self._base:
             level = Transform(translation=place, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
-            poses.append(TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
-        return TFMessage(transforms=tuple(poses))
+            poses = (*poses, TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
+        return TFMessage(transforms=poses)
 
     def _mount(self, now: SimTime) -> TFMessage:
         x, y, z, w = self._camera.mount_quaternion()
