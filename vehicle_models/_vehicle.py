@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 from bench.contracts import (
     START,
-    LinkSpec,
     MavlinkTap,
     SimTime,
     Vector,
@@ -16,7 +15,7 @@ from bench.contracts import (
     VehiclePlan,
     VehicleState,
 )
-from bench.simspec import SimSpec, generator
+from bench.simspec import generator
 
 from ._battery import Battery
 from ._geodesy import TangentPlane
@@ -185,9 +184,7 @@ class X500:
     def condition(self) -> VehicleCondition:
         flight = self._flight
         landed = not flight.flying and flight.on_ground
-        return VehicleCondition(
-            flight.armed, landed, flight.crashed, flight.mode.name, flight.battery_fraction, flight.failsafe
-        )
+        return VehicleCondition(flight.armed, landed, flight.crashed, flight.mode.name, flight.battery_fraction, flight.failsafe)
 
     def counters(self) -> Mapping[str, int]:
         return self._controller.counters()
@@ -253,6 +250,3 @@ class X500:
 def _half_turn(yaw_rad: float) -> float:
     """JSBSim's heading, 0 to 2 pi, as autopilots state it: -pi to pi."""
     return yaw_rad - 2.0 * math.pi if yaw_rad > math.pi else yaw_rad
-
-
-__all__ = ["X500", "LinkSpec", "SimSpec", "open_x500"]

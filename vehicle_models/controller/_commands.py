@@ -45,10 +45,8 @@ class Commands:
         if command.number == DO_SET_MODE and personality.mode_acks_twice:
             self._acknowledge(command, Result.ACCEPTED)
         handler = self._table.get(command.number)
-        if handler is not None:
-            result = handler(command)
-        else:
-            result = personality.fixed_results.get(command.number, Result.UNSUPPORTED)
+        fixed = personality.fixed_results.get(command.number, Result.UNSUPPORTED)
+        result = handler(command) if handler is not None else fixed
         if result is not None:
             self._acknowledge(command, result)
 

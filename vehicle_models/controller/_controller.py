@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.contracts import LinkSpec, MavlinkTap
+from bench.contracts import MavlinkTap
 
 from ._arming import Arming
 from ._board import Board, Handler, Sender, Service
@@ -14,7 +14,7 @@ from ._commands import Commands
 from ._failsafe import Failsafe
 from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
-from ._guidance import Follow, Guidance, LandDetector, Takeoff
+from ._guidance import Guidance, LandDetector, Takeoff
 from ._home import HomeKeeper
 from ._identity import Identity
 from ._links import Link
@@ -153,7 +153,8 @@ class Controller:
         handlers = self._handlers.get(message_id(frame))
         message = self._decoder.decode(frame) if handlers else None
         for_us = message is None or _addressed(message)
-        if len(self.channels) > 1 and not (for_us and message is not None and getattr(message, "target_system", 0)):
+        for_us_alone = message is not None and for_us and message_target(message) == SYSTEM
+        if not for_us_alone:
             for other in self.channels:
                 if other is not channel:
                     other.forward(frame)
@@ -170,19 +171,20 @@ class Controller:
         if not flight.armed:
             return None
         target = self._guidance.target(flight)
-        if flight.landed is Landed.ON_GROUND:
-            if not self._detector.wants_off(flight, target):
-                airframe.rest()
-                return None
-            self._lift_off()
-        else:
-            self._watch_ground(target)
-            if flight.landed is Landed.ON_GROUND:
-                airframe.rest()
-                return None
+        if not self._off_the_ground(target):
+            airframe.rest()
+            return None
         flight.target = target
         airframe.fly(target)
         return target
+
+    def _off_the_ground(self, target: Target) -> bool:
+        """Keep account of lifting off and coming down; whether the vehicle flies during the next step."""
+        if self._flight.flying:
+            self._watch_ground(target)
+        elif self._detector.wants_off(self._flight, target):
+            self._lift_off()
+        return self._flight.flying
 
     def _lift_off(self) -> None:
         flight, personality = self._flight, self._board.personality
@@ -213,11 +215,14 @@ class Controller:
             flight.landed = Landed.IN_AIR
 
 
+def message_target(message: Any) -> int:
+    """The system that a message is for; 0 for everybody, also where the message names nobody."""
+    system: int = getattr(message, "target_system", 0)
+    return system
+
+
 def _addressed(message: Any) -> bool:
     """Whether a message is for this vehicle: its system, or every system; its autopilot, or every component."""
-    system = getattr(message, "target_system", 0)
+    system = message_target(message)
     component = getattr(message, "target_component", 0)
     return system in (0, SYSTEM) and (system == 0 or component in (0, COMPONENT))
-
-
-__all__ = ["Controller", "Follow"]

@@ -118,9 +118,7 @@ class Packer:
     def pack(self, number: int, sequence: int, values: Iterable[Any]) -> bytes:
         pack, extra = self._kinds[number]
         payload = pack(*values).rstrip(b"\0") or b"\0"
-        body = (
-            _HEAD.pack(len(payload), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16) + payload
-        )
+        body = _HEAD.pack(len(payload), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16) + payload
         return b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
 
 

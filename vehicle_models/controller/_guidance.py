@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from ._flight import Behaviour, Flight, Home, Landed, Target
+from ._flight import Behaviour, Flight, Home, Target
 from ._personality import Limits
 
 _STOPPING_MPS2 = 2.0  # braking that the airframe manages with ease
@@ -246,6 +246,3 @@ def _stopping_place(flight: Flight) -> tuple[float, float]:
     speed = math.hypot(flight.vn_mps, flight.ve_mps)
     ahead_s = speed / (2.0 * _STOPPING_MPS2) + 0.2 * min(speed, 1.0)
     return flight.north_m + flight.vn_mps * ahead_s, flight.east_m + flight.ve_mps * ahead_s
-
-
-__all__ = ["Follow", "Guidance", "Hold", "Land", "LandDetector", "Landed", "Manoeuvre", "Return", "Takeoff"]

@@ -44,7 +44,7 @@ class Modes:
         board.flight.mode = mode
         self._guidance.begin(mode.behaviour, board.flight)
         event = {Behaviour.LAND: Event.LANDING, Behaviour.RETURN: Event.RETURNING}.get(mode.behaviour)
-        if changed and event in board.personality.texts:
+        if changed and event and event in board.personality.texts:
             board.texts.say(*board.personality.texts[event])
         if changed:
             for listener in self.on_change:

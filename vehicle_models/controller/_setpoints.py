@@ -52,9 +52,8 @@ class Setpoints:
 
     def fresh(self) -> bool:
         """Whether setpoints have come within the timeout."""
-        return (
-            self._last_ns is not None
-            and self._board.flight.time_ns - self._last_ns < round(self._guidance.limits.setpoint_timeout_s * 1e9)
+        return self._last_ns is not None and self._board.flight.time_ns - self._last_ns < round(
+            self._guidance.limits.setpoint_timeout_s * 1e9
         )
 
     def resume(self) -> None:

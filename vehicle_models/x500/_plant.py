@@ -84,7 +84,9 @@ class X500Plant:
     def __init__(self, place: Place, step_s: float, physics_hz: int = 200) -> None:
         self.runs = round(step_s * physics_hz)
         if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
-            raise SetupError(Fault("controller_hz", f"{1 / step_s:g} Hz does not divide {physics_hz} Hz", "use 25, 50, 100 or 200"))
+            raise SetupError(
+                Fault("controller_hz", f"{1 / step_s:g} Hz does not divide {physics_hz} Hz", "use 25, 50, 100 or 200")
+            )
         self._plane = TangentPlane(place.latitude_deg, place.longitude_deg)
         self._ground_m = place.altitude_m + _FEET_M
         self._fdm = _load(place, self._plane, physics_hz)
@@ -156,7 +158,9 @@ class X500Plant:
             raise VehicleFault("the state of the flight dynamics is no longer finite")
 
     def _node(self, name: str) -> jsbsim.FGPropertyNode:
-        return self._fdm.get_property_manager().get_node(name, True)
+        node = self._fdm.get_property_manager().get_node(name, True)
+        assert node is not None  # it is created when it is missing
+        return node
 
 
 _WRITTEN = (

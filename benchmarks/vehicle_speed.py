@@ -1,0 +1,115 @@
+"""Simulated seconds for each CPU second of one core: the vehicle alone, and with its flight controller and a client.
+
+Run: python benchmarks/vehicle_speed.py [simulated seconds]
+
+Process CPU time, not wall time, so that a loaded machine disturbs it little; the three figures come out of one run, and
+the last column sets them against the first. The client's own work (reading datagrams without decoding them) is done
+outside the clock.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+import sys
+import time
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from bench.contracts import LinkSpec, VehiclePlan
+from bench.simspec import SimSpec
+from vehicle_models import open_x500
+
+PORT = 0
+
+
+def simspec() -> SimSpec:
+    wind = {"speed_mps": 5.0, "from_deg": 240.0, "turbulence_mps": 5.0}
+    corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100))]
+    return SimSpec.model_validate({"name": "speed", "world": {"area": {"corners": corners}}, "environment": {"wind": wind}})
+
+
+def plant_alone(span_s: float) -> float:
+    """JSBSim with the cascade in its XML and our gusts, hovering at 20 m and flying squares; CPU seconds."""
+    from bench.simspec import generator
+    from vehicle_models._gusts import Gusts, mean_wind_ned_mps
+    from vehicle_models.x500 import Place, X500Plant
+
+    spec = simspec()
+    wind = spec.environment.wind
+    plant = X500Plant(Place(47.3977, 8.5456, 488.0), 0.02)
+    plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
+    gusts = Gusts(wind, 0.02, generator(spec.seeds, "gusts"))
+    for name, value in {"armed": 1, "flying": 1, "position-mode": 1, "height-mode": 1, "target-u-m": 20}.items():
+        plant.write(name, float(value))
+    begun = time.process_time()
+    for step in range(round(span_s * 50)):
+        plant.write("target-n-m", 40.0 * (step // 500 % 2))
+        plant.set_gust_ned_mps(gusts.step(plant.motion.up_m, plant.motion.airspeed_mps))
+        plant.advance()
+    return time.process_time() - begun
+
+
+def with_controller(span_s: float, streams: str) -> tuple[float, float]:
+    """The whole vehicle flying squares in offboard at 20 Hz of setpoints; CPU seconds, and messages a second."""
+    client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    client.bind(("127.0.0.1", 0))
+    client.setblocking(False)
+    pack = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    peer: tuple[str, int] | None = None
+    link = LinkSpec("onboard", "udp_out", port=client.getsockname()[1], streams=streams)
+    spent = 0.0
+    with open_x500(VehiclePlan(simspec(), (link,))) as vehicle:
+
+        def fly(seconds: float, say: Callable[[int], list[bytes]]) -> None:
+            nonlocal peer, spent
+            for step in range(round(seconds * 50)):
+                if peer:
+                    for data in say(step):
+                        client.sendto(data, peer)
+                begun = time.process_time()
+                vehicle.receive()
+                vehicle.step()
+                spent += time.process_time() - begun
+                while True:
+                    try:
+                        _, peer = client.recvfrom(65535)
+                    except BlockingIOError:
+                        break
+
+        def once(data: bytes) -> Callable[[int], list[bytes]]:
+            return lambda step: [data] if step == 0 else []
+
+        def command(number: int, *params: float) -> bytes:
+            padded = [*params, *[0.0] * (7 - len(params))]
+            return bytes(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded).pack(pack))
+
+        def setpoint(step: int) -> list[bytes]:
+            north = 40.0 * (step // 500 % 2)
+            m = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 2552, north, 0, -20, 0, 0, 0, 0, 0, 0, 0, 0)
+            return [bytes(m.pack(pack))] if step % 3 == 0 else []
+
+        fly(5.0, lambda step: [])
+        fly(1.0, once(command(400, 1)))
+        fly(8.0, once(command(22, *[math.nan] * 7)))
+        fly(0.2, setpoint)
+        fly(0.2, lambda step: [command(176, 1, 6), *setpoint(step)] if step == 0 else setpoint(step))
+        assert vehicle.condition().mode == "OFFBOARD"
+        spent, before = 0.0, vehicle.sent()["onboard"]
+        fly(span_s, setpoint)
+        return spent, (vehicle.sent()["onboard"] - before) / span_s
+
+
+def main(span_s: float = 120.0) -> None:
+    rows = [("plant alone (cascade, gusts)", plant_alone(span_s), 0.0)]
+    rows.append(("vehicle, client without streams", *with_controller(span_s, "none")))
+    rows.append(("vehicle, PX4's onboard streams", *with_controller(span_s, "onboard")))
+    print(f"{'':36}{'sim s / CPU s':>14}{'us a step':>12}{'messages/s':>12}{'of the first':>14}")
+    for name, cpu_s, rate in rows:
+        speed = span_s / cpu_s
+        print(f"{name:36}{speed:14.0f}{1e6 * cpu_s / span_s / 50:12.1f}{rate:12.0f}{rows[0][1] / cpu_s:14.2f}")
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else 120.0)

@@ -1,0 +1,102 @@
+"""A vehicle by itself in real time: a drop-in for an autopilot's SITL, where no session is wanted."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+
+from bench.contracts import LinkSpec, Vehicle, VehiclePlan
+from bench.documents import validate_document
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+from ._vehicle import open_x500
+
+DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
+    "px4": (
+        LinkSpec("gcs", "udp_out", port=14550, streams="gcs"),
+        LinkSpec("onboard", "udp_out", port=14540, streams="onboard"),
+    ),
+    "ardupilot": (LinkSpec("serial0", "tcp_in", port=5760, streams="onboard"),),
+}
+_LATE_S = 0.25  # behind by more than this, lost time is let go instead of being flown in a burst
+
+
+def run_standalone(
+    autopilot: str = "px4",
+    links: Sequence[LinkSpec] = (),
+    home: tuple[float, float, float, float] = (47.3977, 8.5456, 488.0, 0.0),
+    speed: float = 1.0,
+    parameters: Mapping[str, float] | None = None,
+    duration_s: float | None = None,
+    stop: threading.Event | None = None,
+    say: Callable[[str], None] | None = None,
+) -> None:
+    """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
+
+    `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees). Without
+    links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, a TCP server on 5760 for ardupilot. `say`
+    gets a line for each link. Raises SetupError for anything that cannot be opened or does not exist.
+    """
+    simspec = standalone_simspec(autopilot, home, parameters or {})
+    plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
+    with ExitStack() as stack:
+        vehicle = stack.enter_context(open_x500(plan))
+        for name, endpoint in vehicle.endpoints().items():
+            if say:
+                say(f"{autopilot} on {name}: connect to {endpoint}")
+        try:
+            fly(vehicle, speed, duration_s, stop or threading.Event())
+        except KeyboardInterrupt:
+            if say:
+                say(f"stopped after {vehicle.time.s:.1f} s")
+
+
+def standalone_simspec(autopilot: str, home: tuple[float, float, float, float], parameters: Mapping[str, float]) -> SimSpec:
+    """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its middle."""
+    if autopilot not in DEFAULT_LINKS:
+        raise SetupError(Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}"))
+    latitude, longitude, altitude, heading = home
+    corners = [{"east_m": east, "north_m": north} for east, north in ((-500, -500), (500, -500), (500, 500), (-500, 500))]
+    document = {
+        "name": "standalone",
+        "world": {
+            "origin": {"latitude_deg": latitude, "longitude_deg": longitude, "altitude_m": altitude},
+            "area": {"corners": corners},
+        },
+        "vehicle": {
+            "autopilot": autopilot,
+            "parameters": dict(parameters),
+            "home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": math.fmod(heading, 360.0) % 360.0},
+        },
+        "pace": {"mode": "realtime"},
+    }
+    return validate_document(document, SimSpec, source="home")
+
+
+def fly(
+    vehicle: Vehicle,
+    speed: float,
+    duration_s: float | None,
+    stop: threading.Event,
+    clock: Callable[[], float] = time.monotonic,
+    wait: Callable[[float], object] | None = None,
+) -> None:
+    """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start, not added up.
+
+    When the host cannot keep up for a quarter of a second, the lost time is let go. `clock` and `wait` are the host's.
+    """
+    pause = wait or stop.wait
+    begun, from_s = clock(), vehicle.time.s
+    while not stop.is_set() and (duration_s is None or vehicle.time.s - from_s < duration_s - 1e-9):
+        vehicle.receive()
+        vehicle.step()
+        due = begun + (vehicle.time.s - from_s) / speed
+        ahead = due - clock()
+        if ahead > 0.0:
+            pause(ahead)
+        elif ahead < -_LATE_S:
+            begun -= ahead
