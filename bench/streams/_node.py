@@ -238,7 +238,8 @@ def open_client(access: AirAccess, name: str, namespace: str = "/", timeout_s: f
             "start the session first, and take the credentials that it hands over"
         ) from error
     with session:
-        yield Node(session, access.domain, itertools.count(), name, namespace)
+        node = Node(session, access.domain, itertools.count(), name, namespace)
+        yield node
 
 
 def _client_settings(access: AirAccess, timeout_s: float) -> dict[str, Any]:

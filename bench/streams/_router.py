@@ -57,10 +57,13 @@ class Router:
         self.access = access
         self._session = session
         self._ids = itertools.count()
+        self._nodes: list[Node] = []  # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest
 
     def node(self, name: str, namespace: str = "/") -> Node:
-        """A node in this process, which may read and write everything."""
-        return Node(self._session, self.access.domain, self._ids, name, namespace)
+        """A node in this process, which may read and write everything; it lives as long as the router."""
+        node = Node(self._session, self.access.domain, self._ids, name, namespace)
+        self._nodes.append(node)
+        return node
 
 
 @contextmanager

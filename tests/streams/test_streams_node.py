@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 import threading
@@ -127,6 +128,16 @@ def test_a_latched_subscriber_meets_a_late_publisher(router: Router) -> None:
         router.node("bench").latched("/mission", String).put(String("go"))
         assert mission.wait(1, BUDGET_S)
         assert [sample.message() for sample in mission.take()] == [String("go")]
+
+
+def test_a_latched_topic_outlives_the_callers_interest() -> None:
+    """Nobody has to hold the node or the publisher: what was latched is there for as long as the router."""
+    with open_router(PLAN) as router:
+        router.node("bench").latched("/mission", String).put(String("go"))
+        gc.collect()
+        with open_client(router.access, "late") as node:
+            mission = node.subscribe("/mission", String, latched=True)
+            assert mission.wait(1, BUDGET_S)
 
 
 @pytest.mark.parametrize(("name", "namespace"), [("a/b", "/"), ("", "/"), ("a", "drone"), ("a", "/*"), ("**", "/")])
