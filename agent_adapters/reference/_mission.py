@@ -24,7 +24,10 @@ from ._vehicle import LAND, OFFBOARD, RTL, Setpoint, Vehicle
 FIRST_HEIGHT_M = 6.0  # reached by the takeoff command; the rest is climbed on the way
 READY_BY_S = 60.0  # an autopilot that cannot be armed by then stays on the ground
 ORDER_BY_S = 20.0
-LOOK_AHEAD_S = 2.0
+LEAD_S = 0.6  # how far ahead on its path it aims
+LOOK_M = 12.0  # and how much farther it looks
+WINDOW_M = 25.0
+ARRIVED_M = 3.0
 SEARCH_S = 15.0  # the least time for which a sub-area is worth flying to
 CANDIDATE_SHARE = 0.25  # of the votes: an object that may be the target is worth a closer look
 STILL_CLEAR_S = 4.0
@@ -332,13 +335,12 @@ class Mission:
     ) -> Steps[bool]:
         """Fly along a path at mission height; False when a more urgent task came up meanwhile. Raises TurnBack."""
         walk = Walk(path)
-        reach_m = max(LOOK_AHEAD_S * speed_mps, 6.0)
         while not until():
             yield from self._keep_control()
-            walk.go(self._place)
-            if walk.left_m < 3.0:
+            walk.go(self._place, WINDOW_M)
+            if walk.left_m < ARRIVED_M:
                 return True
-            self._aim(walk.aim(reach_m), facing)
+            self._aim_along(walk, speed_mps, facing)
             if task is not None and task.active and (urgent := self._planner.more_urgent_than(task)):
                 task.state = "waiting"
                 self._log.decide("divert", task.id, f"{urgent.id} is more urgent")
@@ -346,12 +348,20 @@ class Mission:
             yield
         return True
 
-    def _aim(self, at: Place, facing: Track | None, height_m: float | None = None) -> None:
-        pose = self._pose
-        here = (pose.east_m, pose.north_m)
-        look_at = at if facing is None else (facing.east_m, facing.north_m)
-        yaw_rad = bearing_rad(here, look_at) if math.dist(here, look_at) > 4.0 else pose.yaw_rad
-        self._vehicle.setpoint = Setpoint(*at, self._flight.height_m if height_m is None else height_m, yaw_rad)
+    def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
+        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to caution."""
+        speed_mps = walk.speed_mps(speed_mps)
+        ahead_m = walk.done_m + LEAD_S * speed_mps
+        at, (east, north) = walk.at(ahead_m), walk.direction(ahead_m)
+        far = walk.at(ahead_m + LOOK_M)
+        look_at = far if facing is None else (facing.east_m, facing.north_m)
+        self._vehicle.setpoint = Setpoint(
+            *at, self._flight.height_m, self._yaw_to(look_at), (east * speed_mps, north * speed_mps)
+        )
+
+    def _yaw_to(self, look_at: Place) -> float:
+        """Direction to a place; the present one when it is right below."""
+        return bearing_rad(self._place, look_at) if math.dist(self._place, look_at) > 4.0 else self._pose.yaw_rad
 
     def _keep_control(self, *, home_bound: bool = False) -> Steps[None]:
         """Look whether the flight can go on. Raises TurnBack with the reason when it cannot."""
@@ -399,7 +409,7 @@ class Mission:
         goal = self._home if order.return_home else self._place
         while math.dist(self._place, goal) > 1.5 or self._pose.height_m > safe_m + 2.0:
             yield from self._keep_control(home_bound=True)
-            self._aim(goal, None, safe_m)
+            vehicle.setpoint = Setpoint(*goal, safe_m, self._yaw_to(goal))
             yield
         vehicle.setpoint = None
         self._log.enter("returning", "landing")

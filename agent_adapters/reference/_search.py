@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
+
+CORNER_MPS = 4.0  # at which sharp corners are taken
+BRAKING_MPS2 = 2.5
+SHARP_RAD = math.radians(30.0)
 
 Place = tuple[float, float]  # east, north in metres
 
@@ -47,47 +51,63 @@ def length_m(path: Sequence[Place]) -> float:
 
 
 class Walk:
-    """Progress along a polyline, and the point to aim at some way ahead of it."""
+    """Progress along a polyline: where on it the vehicle is, where to aim, and how fast it may be there."""
 
     def __init__(self, path: Sequence[Place]) -> None:
-        self._path = list(path)
-        self._lengths = [math.dist(a, b) for a, b in pairwise(path)]
-        self.left_m = sum(self._lengths)
-        self._segment = 0
-        self._along_m = 0.0
+        self._path = [path[0], *(b for a, b in pairwise(path) if math.dist(a, b) > 1e-6)]
+        self._starts_m = list(accumulate((math.dist(a, b) for a, b in pairwise(self._path)), initial=0.0))
+        self._corners = [
+            (self._starts_m[index], _turn_rad(*self._path[index - 1 : index + 2])) for index in range(1, len(self._path) - 1)
+        ]
+        self.done_m = 0.0
 
-    def go(self, position: Place) -> None:
-        """Move on to the point of the present segment (or the next ones) that lies nearest; never back."""
-        while self._segment < len(self._lengths):
-            length = self._lengths[self._segment]
-            self._along_m = max(self._along_m, self._projection_m(position))
-            if self._along_m < length - 1e-9 and math.dist(position, self._path[self._segment + 1]) > 2.0:
-                break
-            if self._segment + 1 == len(self._lengths):
-                self._along_m = min(self._along_m, length)
-                break
-            self._segment += 1
-            self._along_m = 0.0
-        self.left_m = sum(self._lengths[self._segment :]) - self._along_m if self._lengths else 0.0
+    @property
+    def left_m(self) -> float:
+        """Length of path still ahead."""
+        return self._starts_m[-1] - self.done_m
 
-    def aim(self, ahead_m: float) -> Place:
-        """The point of the path `ahead_m` beyond the progress; its end when it is nearer."""
-        if not self._lengths:
-            return self._path[-1]
-        wanted_m = self._along_m + ahead_m
-        for index in range(self._segment, len(self._lengths)):
-            length = self._lengths[index]
-            if wanted_m <= length and length > 0.0:
-                return _between(self._path[index], self._path[index + 1], wanted_m / length)
-            wanted_m -= length
+    def go(self, position: Place, window_m: float) -> None:
+        """Move on to the nearest point of the path within a window ahead; never back, and never past what was not aimed at."""
+        best = (math.dist(position, self.at(self.done_m)), self.done_m)
+        for index, (a, b) in enumerate(pairwise(self._path)):
+            begin_m, end_m = self._starts_m[index], self._starts_m[index + 1]
+            if end_m < self.done_m or begin_m > self.done_m + window_m:
+                continue
+            along_m = begin_m + _projection_m(position, a, b)
+            along_m = min(max(along_m, begin_m, self.done_m), end_m, self.done_m + window_m)
+            best = min(best, (math.dist(position, self.at(along_m)), along_m))
+        self.done_m = best[1]
+
+    def at(self, along_m: float) -> Place:
+        """The point of the path at a length; its end beyond that."""
+        for index, (a, b) in enumerate(pairwise(self._path)):
+            if along_m <= self._starts_m[index + 1]:
+                length_m = self._starts_m[index + 1] - self._starts_m[index]
+                return _between(a, b, max(along_m - self._starts_m[index], 0.0) / length_m)
         return self._path[-1]
 
-    def _projection_m(self, position: Place) -> float:
-        a, b = self._path[self._segment], self._path[self._segment + 1]
-        length = self._lengths[self._segment]
-        if length <= 0.0:
-            return 0.0
-        return ((position[0] - a[0]) * (b[0] - a[0]) + (position[1] - a[1]) * (b[1] - a[1])) / length
+    def direction(self, along_m: float) -> Place:
+        """Unit vector of the path at a length; zero for a path that is only a point."""
+        for index, (a, b) in enumerate(pairwise(self._path)):
+            if along_m < self._starts_m[index + 1] or index + 2 == len(self._path):
+                length_m = self._starts_m[index + 1] - self._starts_m[index]
+                return (b[0] - a[0]) / length_m, (b[1] - a[1]) / length_m
+        return 0.0, 0.0
+
+    def speed_mps(self, limit_mps: float) -> float:
+        """How fast to be here, so that the next sharp corner and the end are reached at `CORNER_MPS`."""
+        slow_m = [corner_m for corner_m, turn_rad in self._corners if corner_m > self.done_m and abs(turn_rad) > SHARP_RAD]
+        ahead_m = min([*slow_m, self._starts_m[-1]]) - self.done_m
+        return min(limit_mps, math.sqrt(CORNER_MPS**2 + 2.0 * BRAKING_MPS2 * max(ahead_m, 0.0)))
+
+
+def _projection_m(position: Place, a: Place, b: Place) -> float:
+    """How far along the line from a to b the position lies."""
+    return ((position[0] - a[0]) * (b[0] - a[0]) + (position[1] - a[1]) * (b[1] - a[1])) / math.dist(a, b)
+
+
+def _turn_rad(a: Place, b: Place, c: Place) -> float:
+    return math.remainder(bearing_rad(b, c) - bearing_rad(a, b), 2.0 * math.pi)
 
 
 def _between(a: Place, b: Place, share: float) -> Place:

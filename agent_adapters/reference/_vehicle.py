@@ -45,7 +45,7 @@ READ = STREAMS_HZ.keys() | {
     mavlink.MAVLINK_MSG_ID_STATUSTEXT,
 }
 
-POSITION_AND_YAW = 2552  # type_mask that ignores velocity, acceleration and yaw rate
+FOLLOW = 2496  # type_mask of position with velocity fed forward, and yaw: acceleration and yaw rate are ignored
 READY = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK in SYS_STATUS.onboard_control_sensors_health
 HOLD, TAKEOFF, RTL, LAND, OFFBOARD = (4, 3), (4, 2), (4, 5), (4, 6), (6, 0)  # PX4 main and sub mode
 Mode = tuple[int, int]
@@ -53,12 +53,13 @@ Mode = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Where to be, in the map frame and metres above home, and where to look (clockwise from north)."""
+    """Where to be, in the map frame and metres above home, where to look (clockwise from north), and how fast to go on."""
 
     east_m: float
     north_m: float
     height_m: float
     yaw_rad: float
+    velocity_en_mps: tuple[float, float] = (0.0, 0.0)
 
 
 class Sender(Protocol):
@@ -202,11 +203,13 @@ class Vehicle:
                 round(self.now_s * 1000.0) & 0xFFFFFFFF,
                 *self._target,
                 mavlink.MAV_FRAME_LOCAL_NED,
-                POSITION_AND_YAW,
+                FOLLOW,
                 at.north_m - north_m,
                 at.east_m - east_m,
                 -at.height_m,
-                *(0.0,) * 6,
+                at.velocity_en_mps[1],
+                at.velocity_en_mps[0],
+                *(0.0,) * 4,
                 at.yaw_rad,
                 0.0,
             )

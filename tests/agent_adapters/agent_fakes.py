@@ -105,6 +105,7 @@ class Multicopter:
         self.sent: dict[int, int] = {}
         self._velocity = [0.0, 0.0]
         self._setpoint: tuple[float, float, float, float] | None = None
+        self._feed = (0.0, 0.0)
         self._setpoint_s = -9.0
         self._rates = dict(DEFAULT_HZ)
         self._due = dict.fromkeys(DEFAULT_HZ, 0.0)
@@ -124,8 +125,9 @@ class Multicopter:
             self.commands.append(message.command)
             self._command(message)
         elif kind == "SET_POSITION_TARGET_LOCAL_NED":
-            assert message.type_mask == 2552
+            assert message.type_mask == 2496
             self._setpoint = (message.y + self.home[0], message.x + self.home[1], -message.z, message.yaw)
+            self._feed = (message.vy, message.vx)
             self._setpoint_s = self.time_s
         elif kind == "PARAM_SET" and message.param_id == "MPC_XY_VEL_MAX":
             self._limit_mps = message.param_value
@@ -185,6 +187,10 @@ class Multicopter:
         distance = math.hypot(*away)
         speed = min(self._limit_mps, 0.95 * distance)
         wanted = [speed * one / distance if distance > 1e-6 else 0.0 for one in away]
+        if self.mode == (6, 0):
+            wanted = [w + f for w, f in zip(wanted, self._feed, strict=True)]
+            over = max(1.0, math.hypot(*wanted) / self._limit_mps)
+            wanted = [w / over for w in wanted]
         change = [w - v for w, v in zip(wanted, self._velocity, strict=True)]
         size = math.hypot(*change)
         scale = min(1.0, 4.0 * span_s / size) if size > 0 else 0.0

@@ -60,25 +60,56 @@ def test_bearings_are_clockwise_from_north() -> None:
     assert math.degrees(bearing_rad((0.0, 0.0), (-10.0, 10.0))) == pytest.approx(-45.0)
 
 
-def test_walk_aims_ahead_and_ends() -> None:
-    """The aim lies a stretch ahead along the path, round the corner too, and progress never goes back."""
+def test_walk_goes_on_and_never_back() -> None:
+    """Progress is the nearest point ahead, round a corner too; a step back is none."""
     walk = Walk([(0.0, 0.0), (0.0, 50.0), (50.0, 50.0)])
-    assert walk.aim(20.0) == (0.0, 20.0)
-    walk.go((3.0, 40.0))
+    walk.go((3.0, 20.0), 25.0)
+    walk.go((3.0, 40.0), 25.0)
     assert walk.left_m == pytest.approx(60.0)
-    assert walk.aim(20.0) == pytest.approx((10.0, 50.0))
-    walk.go((0.0, 30.0))
+    assert walk.at(walk.done_m + 20.0) == pytest.approx((10.0, 50.0))
+    walk.go((0.0, 30.0), 25.0)
     assert walk.left_m == pytest.approx(60.0)
-    walk.go((0.0, 51.0))
-    walk.go((49.0, 50.0))
-    assert walk.left_m == pytest.approx(1.0)
-    assert walk.aim(20.0) == (50.0, 50.0)
+    walk.go((9.0, 52.0), 25.0)
+    assert walk.left_m == pytest.approx(41.0)
+    assert walk.direction(walk.done_m) == (1.0, 0.0)
+
+
+def test_walk_does_not_stop_at_an_acute_corner() -> None:
+    """A vehicle that stands where it was told to aim, round a hairpin, has made progress."""
+    walk = Walk([(0.0, 0.0), (0.0, 50.0), (10.0, 0.0)])
+    walk.go((0.0, 25.0), 25.0)
+    walk.go((0.0, 44.0), 25.0)
+    for _ in range(10):
+        walk.go(walk.at(walk.done_m + 12.0), 25.0)
+    assert walk.left_m < 1.0
+
+
+def test_walk_looks_no_farther_than_its_window() -> None:
+    """A path that comes back past its beginning is still flown in full."""
+    walk = Walk([(0.0, 0.0), (0.0, 100.0), (5.0, 100.0), (5.0, 0.0)])
+    walk.go((5.0, 1.0), 25.0)
+    assert walk.done_m <= 25.0
 
 
 def test_walk_passes_over_a_stretch_of_no_length() -> None:
-    """Two equal points in a row, as when the way begins where the vehicle stands, stop nobody."""
+    """Two equal points in a row, as when the way begins where the vehicle stands, stop nobody; nor does a lone point."""
     walk = Walk([(0.0, 0.0), (0.0, 0.0), (0.0, 30.0)])
-    walk.go((0.0, 10.0))
-    walk.go((0.0, 12.0))
+    walk.go((0.0, 12.0), 25.0)
     assert walk.left_m == pytest.approx(18.0)
-    assert walk.aim(5.0) == pytest.approx((0.0, 17.0))
+    still = Walk([(3.0, 4.0), (3.0, 4.0)])
+    still.go((0.0, 0.0), 25.0)
+    assert still.left_m == 0.0
+    assert still.at(5.0) == (3.0, 4.0)
+    assert still.direction(0.0) == (0.0, 0.0)
+
+
+def test_corners_and_ends_are_taken_slowly() -> None:
+    """At 4 m/s, braking with 2.5 m/s2: 20 m before a corner sqrt(16 + 100) m/s; a bend of 15 degrees does not count."""
+    walk = Walk([(0.0, 0.0), (0.0, 100.0), (100.0, 100.0)])
+    walk.go((0.0, 80.0), 100.0)
+    assert walk.speed_mps(12.0) == pytest.approx(math.sqrt(116.0))
+    walk.go((0.0, 100.0), 100.0)
+    assert walk.speed_mps(12.0) == 12.0  # the corner is behind, the end far
+    walk.go((99.0, 100.0), 100.0)
+    assert walk.speed_mps(12.0) == pytest.approx(math.sqrt(16.0 + 5.0))
+    assert Walk(ring((0.0, 0.0), 35.0, 0.0)).speed_mps(8.0) == 8.0
