@@ -22,6 +22,7 @@ from bench.contracts import (
     AgentStatus,
     Detector,
     LinkSpec,
+    MavlinkNeed,
     OpenAgent,
     OpenScene,
     OpenVehicle,
@@ -43,6 +44,7 @@ from ._air import Air, open_air
 from ._briefing import Briefing
 from ._detector import open_detector
 from ._ending import SessionEnds
+from ._ports import reserved_udp_port
 from ._ticks import TickServer, open_tick_server
 from ._truth import Truth
 
@@ -281,8 +283,8 @@ def open_session(plan: SessionPlan, book: _Book | None = None) -> Generator[Sess
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
     truth = Truth(spec.vehicle.name, plan.tap)
-    links = tuple(LinkSpec(name=need.name, kind=need.kind, streams=need.streams) for need in manifest.mavlink)
     with ExitStack() as stack:
+        links = tuple(_link(need, stack) for need in manifest.mavlink)
         scene = open_scene(spec)
         detector = open_detector(spec, scene.cast)
         vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.mavlink))
@@ -314,3 +316,9 @@ def open_session(plan: SessionPlan, book: _Book | None = None) -> Generator[Sess
             stack.callback(ticks.end, "the session is over")
         session.attach(agent, ticks)
         yield session
+
+
+def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:
+    """The vehicle's side of a link: it listens where the system chooses, or sends to a port that is kept for the agent."""
+    port = stack.enter_context(reserved_udp_port()) if need.kind == "udp_out" else 0
+    return LinkSpec(name=need.name, kind=need.kind, port=port, streams=need.streams)
