@@ -1,1 +1,65 @@
-"""Not written yet."""
+"""A campaign: a folder in which every realization is flown once, however often it was interrupted.
+
+from bench.campaign import load_asked, load_campaign, run_campaign
+campaign = load_campaign("campaigns/demo.yaml")
+summary = run_campaign(campaign, Path("out/demo"), load_asked(campaign.decomposition), workers=2)
+
+What flies (`fly_realization`), measures (`load_asked`) and scores again (`rescore`) brings the simulator in and is
+imported when first asked for; the documents, the journal and the runner are light.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ._document import Campaign as Campaign
+from ._document import CampaignBudgets as CampaignBudgets
+from ._document import load_campaign as load_campaign
+from ._events import CampaignEvent as CampaignEvent
+from ._events import CampaignPlanned as CampaignPlanned
+from ._events import CampaignStopping as CampaignStopping
+from ._events import Observer as Observer
+from ._events import RealizationFinished as RealizationFinished
+from ._events import RealizationRetried as RealizationRetried
+from ._events import RealizationStarted as RealizationStarted
+from ._folder import CampaignFolder as CampaignFolder
+from ._folder import Manifest as Manifest
+from ._folder import digest_of as digest_of
+from ._folder import read_result as read_result
+from ._folder import verify_folder as verify_folder
+from ._folder import write_manifest as write_manifest
+from ._folder import write_result as write_result
+from ._folder import write_whole as write_whole
+from ._journal import Entry as Entry
+from ._journal import Journal as Journal
+from ._journal import State as State
+from ._journal import open_journal as open_journal
+from ._pool import Executor as Executor
+from ._pool import OpenExecutor as OpenExecutor
+from ._pool import open_local_pool as open_local_pool
+from ._runner import CampaignSummary as CampaignSummary
+from ._runner import Finish as Finish
+from ._runner import run_campaign as run_campaign
+from ._task import Ended as Ended
+from ._task import Job as Job
+from ._task import Task as Task
+from ._task import WorkerPlan as WorkerPlan
+from ._task import WorkersUnusable as WorkersUnusable
+from ._versions import versions as versions
+
+if TYPE_CHECKING:
+    from ._asked import load_asked as load_asked
+    from ._asked import measures_of as measures_of
+    from ._fly import fly_realization as fly_realization
+    from ._rescore import rescore as rescore
+
+_HEAVY = {"load_asked": "_asked", "measures_of": "_asked", "fly_realization": "_fly", "rescore": "_rescore"}
+
+
+def __getattr__(name: str) -> Any:
+    """What needs the simulator, imported when it is asked for."""
+    if name not in _HEAVY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_HEAVY[name]}", __name__), name)

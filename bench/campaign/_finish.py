@@ -1,0 +1,119 @@
+"""From results to what a person reads: score table, manifest, report."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import polars as pl
+
+from bench.contracts import SessionResult
+from bench.documents import load_document
+from bench.errors import Fault, SetupError
+from bench.reporting import write_report
+from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, studied, summary_frame
+from bench.simspec import SimSpec
+from decompositions import Decomposition
+
+from ._asked import load_asked
+from ._document import Campaign
+from ._folder import RECORDING, CampaignFolder, open_lock, read_result, write_manifest, write_result, write_whole
+from ._journal import Entry, open_journal
+from ._rescore import rescore
+from ._versions import versions
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What a finished campaign says: `summary` has the columns SUMMARY_COLUMNS of bench.scoring."""
+
+    summary: pl.DataFrame
+    study: tuple[str, ...]
+    outcomes: dict[str, int]
+    report: Path
+
+
+def finish_campaign(path: Path, decomposition: str | None = None) -> Finished:
+    """Write scores.parquet, manifest.json and report.html over the results that lie in a campaign folder.
+
+    May be called at any time; what has no result yet has no row. Raises SetupError when the folder is no campaign.
+    """
+    folder, campaign, asked = read_campaign_folder(path, decomposition)
+    with open_journal(folder.journal) as journal:
+        entries = journal.entries()
+    runs, outcomes = _scored_runs(folder, asked, entries)
+    scores = score_table(asked, runs, campaign.study)
+    buffer = io.BytesIO()
+    scores.write_parquet(buffer)
+    write_whole(folder.scores, buffer.getvalue())
+
+    def seal() -> None:
+        write_manifest(folder, campaign.name, asked.digest, outcomes, versions())
+
+    seal()  # the report shows the manifest ...
+    report = write_report(folder.path)
+    seal()  # ... and the manifest holds the report's digest, which the report leaves out
+    return Finished(summary_frame(scores, asked), studied(asked, campaign.study), outcomes, report)
+
+
+def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
+    """Measure every recording of a campaign anew, write the results, and finish it as at its end.
+
+    A run whose result.json is gone gets it back from its recording. Another decomposition replaces the campaign's own.
+    """
+    folder, _, asked = read_campaign_folder(path, decomposition)
+    with open_lock(path), open_journal(folder.journal) as journal:
+        for entry in journal.entries():
+            run = folder.run(entry.id)
+            if (run / RECORDING).is_file():
+                result = rescore(run, asked)
+                digest = write_result(run, result)
+                journal.forget(entry.id)
+                journal.finish(result, digest)
+    return finish_campaign(path, decomposition)
+
+
+def read_campaign_folder(path: Path, decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:
+    """The parts of a campaign folder that say what was asked."""
+    if not is_campaign(path):
+        raise SetupError(Fault(str(path), "is not a campaign's folder", "name one that `rebar run` wrote"))
+    folder = CampaignFolder(path)
+    campaign = load_document(folder.campaign, Campaign)
+    own = folder.decomposition if folder.decomposition.is_file() else campaign.decomposition
+    return folder, campaign, load_asked(decomposition or own)
+
+
+def is_campaign(path: Path) -> bool:
+    """Whether a folder is a campaign's."""
+    return (path / "campaign.yaml").is_file() and (path / "journal.sqlite").is_file()
+
+
+def _scored_runs(
+    folder: CampaignFolder, decomposition: Decomposition, entries: list[Entry]
+) -> tuple[list[ScoredRun], dict[str, int]]:
+    runs = []
+    outcomes: Counter[str] = Counter()
+    rated: dict[tuple[str, int], Difficulty] = {}
+    for entry in entries:
+        result = read_result(folder.run(entry.id), entry.id)
+        outcomes[str(result.outcome) if result else "not finished"] += 1
+        if result is not None:
+            scene = (entry.design_point, entry.replicate)
+            if scene not in rated:
+                rated[scene] = difficulty_of(decomposition, load_document(folder.simspec(entry.id), SimSpec))
+            runs.append(_scored_run(entry, result, rated[scene]))
+    return runs, dict(outcomes)
+
+
+def _scored_run(entry: Entry, result: SessionResult, difficulty: Difficulty) -> ScoredRun:
+    return ScoredRun(
+        realization=entry.id,
+        design_point=entry.design_point,
+        replicate=entry.replicate,
+        agent=entry.agent,
+        outcome=result.outcome,
+        difficulty=difficulty,
+        observations=result.observations,
+    )

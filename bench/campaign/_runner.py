@@ -1,0 +1,214 @@
+"""Running a campaign: every realization exactly once, whatever happens to sessions, workers or the runner itself."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.contracts import Outcome, SessionResult
+from bench.simspec import SimSpec
+from decompositions import Decomposition
+
+from ._document import Campaign
+from ._events import (
+    CampaignEvent,
+    CampaignPlanned,
+    CampaignStopping,
+    Observer,
+    RealizationFinished,
+    RealizationRetried,
+    RealizationStarted,
+)
+from ._folder import RESULT, CampaignFolder, digest_of, open_lock, read_result, write_manifest, write_result
+from ._journal import Journal, State, open_journal
+from ._planning import plan_campaign, unflyable
+from ._pool import Executor, OpenExecutor, open_local_pool
+from ._stop import Stop, open_stop
+from ._task import FLY, Ended, Task, WorkerPlan
+from ._versions import versions
+
+AGAIN = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR})
+"""Faults of the bench's own: flown once more, because the agent is not to answer for them."""
+
+TRIES = 2
+
+Finish = Callable[[CampaignFolder], None]
+"""Makes scores and report of a campaign that has all its results; `manifest.json` is written after it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignSummary:
+    """How a run of a campaign ended. `flown` counts the results of this run, `outcomes` all that the folder has."""
+
+    folder: Path
+    total: int
+    flown: int
+    outcomes: Mapping[Outcome, int]
+    stopped: str | None
+    observer_faults: int
+    wall_s: float
+
+    @property
+    def done(self) -> int:
+        """Realizations that have a result."""
+        return sum(self.outcomes.values())
+
+    @property
+    def complete(self) -> bool:
+        """Whether every realization has a result."""
+        return self.done == self.total
+
+
+def run_campaign(
+    campaign: Campaign,
+    folder: Path,
+    decomposition: Decomposition,
+    *,
+    workers: int | None = None,
+    on_event: Observer | None = None,
+    finish: Finish | None = None,
+    job: str = FLY,
+    open_executor: OpenExecutor = open_local_pool,
+) -> CampaignSummary:
+    """Fly whatever of the campaign has no result in `folder` yet, and return when all have one or somebody asked to stop.
+
+    Call it again on the same folder to go on. `workers` overrides the campaign's budget, which overrides the number of
+    cores. Raises SetupError for a campaign that cannot be realized and for a folder that is in use or of another campaign,
+    WorkersUnusable when no worker process comes up. Sessions that fail are results, never exceptions.
+    """
+    place = CampaignFolder(folder)
+    began = time.monotonic()
+    with open_lock(folder), open_journal(place.journal) as journal:
+        told = _Told(on_event)
+        journal.release()
+        plans = plan_campaign(campaign, place, journal, decomposition.digest)
+        _reconcile(place, journal)
+        run = _Run(place, journal, told, total=len(plans))
+        told(CampaignPlanned(run.total, run.done))
+        for result in unflyable(plans, place, journal):
+            run.tell_finished(result)
+        if run.waiting:
+            limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
+            shared = WorkerPlan(job, decomposition)
+            with open_stop() as stop, open_executor(shared, min(limit, len(run.waiting)), folder) as executor:
+                run.fly(executor, stop, _deadline(campaign, began))
+            journal.release()  # what was ended with the executor is planned again
+        if run.done == run.total:
+            if finish is not None:
+                finish(place)
+            write_manifest(place, campaign.name, decomposition.digest, _counted(journal), versions())
+        return CampaignSummary(
+            folder=folder,
+            total=run.total,
+            flown=run.flown,
+            outcomes=_outcomes(journal),
+            stopped=run.stopped,
+            observer_faults=told.faults,
+            wall_s=time.monotonic() - began,
+        )
+
+
+def _deadline(campaign: Campaign, began: float) -> float | None:
+    budget = campaign.budgets.total_wall_s
+    return None if budget is None else began + budget
+
+
+def _outcomes(journal: Journal) -> dict[Outcome, int]:
+    return dict(Counter(entry.outcome for entry in journal.entries() if entry.outcome is not None))
+
+
+def _counted(journal: Journal) -> dict[str, int]:
+    return {str(outcome): count for outcome, count in _outcomes(journal).items()}
+
+
+def _reconcile(folder: CampaignFolder, journal: Journal) -> None:
+    """Make journal and run folders say the same: a whole result counts even if the runner died before it could note it,
+    and a result that is no longer there, or is not the one that was noted, is flown again."""
+    for entry in journal.entries():
+        run = folder.run(entry.id)
+        result = read_result(run, entry.id)
+        if result is None and entry.state is State.DONE:
+            journal.forget(entry.id)
+        elif result is not None and entry.state is not State.DONE:
+            journal.finish(result, digest_of(run / RESULT))
+
+
+class _Told:
+    """The observer, whose failures are counted and kept from the run."""
+
+    def __init__(self, observer: Observer | None) -> None:
+        self._observer = observer
+        self.faults = 0
+
+    def __call__(self, event: CampaignEvent) -> None:
+        if self._observer is None:
+            return
+        try:
+            self._observer(event)
+        except Exception:
+            self.faults += 1
+
+
+class _Run:
+    """One run over the realizations that wait."""
+
+    def __init__(self, folder: CampaignFolder, journal: Journal, told: _Told, total: int) -> None:
+        self._folder, self._journal, self._told = folder, journal, told
+        self.total = total
+        self.flown = 0
+        self.stopped: str | None = None
+        entries = journal.entries()
+        self.done = sum(entry.state is State.DONE for entry in entries)
+        self._waiting = deque(entry.id for entry in entries if entry.state is not State.DONE)
+
+    @property
+    def waiting(self) -> deque[str]:
+        """Realizations to begin, in the order of the plan."""
+        return self._waiting
+
+    def fly(self, executor: Executor, stop: Stop, deadline: float | None) -> None:
+        """Hand out until all are done, somebody asks to stop, or the total budget is spent."""
+        while stop.reason is None:
+            over = deadline is not None and time.monotonic() >= deadline
+            while self._waiting and executor.free and not over:
+                self._begin(executor, self._waiting.popleft())
+            if not executor.busy:
+                break
+            left_s = None if deadline is None or over else deadline - time.monotonic()
+            for ended in executor.wait(left_s, stop.wake_fd):
+                self._settle(ended)
+        self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
+        if self.stopped is not None:
+            self._told(CampaignStopping(self.stopped))
+
+    def tell_finished(self, result: SessionResult) -> None:
+        """A result was written and noted."""
+        self.done += 1
+        self.flown += 1
+        if result.realization in self._waiting:
+            self._waiting.remove(result.realization)
+        finished = RealizationFinished(
+            result.realization, result.outcome, result.reason, result.wall_s, done=self.done, total=self.total
+        )
+        self._told(finished)
+
+    def _begin(self, executor: Executor, realization: str) -> None:
+        simspec = self._folder.simspec(realization)
+        wall_s = SimSpec.model_validate_json(simspec.read_bytes()).budgets.wall_s
+        worker = executor.submit(Task(realization, simspec, self._folder.fresh_run(realization), wall_s))
+        attempt = self._journal.start(realization, worker)
+        self._told(RealizationStarted(realization, worker, attempt))
+
+    def _settle(self, ended: Ended) -> None:
+        result = ended.result
+        if result.outcome in AGAIN and self._journal.faults(result.realization) + 1 < TRIES:
+            self._journal.again(result.realization, result.outcome, result.reason)
+            self._waiting.append(result.realization)
+            self._told(RealizationRetried(result.realization, result.outcome, result.reason))
+            return
+        self._journal.finish(result, write_result(self._folder.run(result.realization), result))
+        self.tell_finished(result)
