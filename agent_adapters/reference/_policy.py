@@ -13,7 +13,7 @@ from ._tracks import Track, Tracks
 
 BYSTANDER_SHARE = 0.3  # of the votes: an object that may well be a bystander is treated as one
 BYSTANDER_FRAMES = 2
-LONGEST_DRIFT_S = 20.0
+LONGEST_DRIFT_S = 15.0
 SAME_OBJECT_M = 3.0  # a second track this near to the target is the target under another label
 
 UnseenShare = Callable[[float, float, float, float], float]  # east, north, radius, since: see Perception.unseen_share
@@ -79,27 +79,32 @@ class BystanderAwarePolicy:
         self.surroundings_m = order.no_mark_within_m + settings.bystander_margin_m
 
     def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
-        settings = self._settings
         near = self._bystanders(target, tracks, now_s)
+        if near and near[0] <= self.surroundings_m:
+            count = sum(distance_m <= self.surroundings_m for distance_m in near)
+            reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {near[0]:.0f} m"
+            return Judgement(False, reason, bystanders_seen=count, nearest_bystander_m=round(near[0], 1))
         if near:
-            reason = f"{len(near)} bystanders within {self._within_m:g} m, the nearest at {near[0]:.0f} m"
-            return Judgement(False, reason, bystanders_seen=len(near), nearest_bystander_m=round(near[0], 1))
-        unseen = unseen_share(target.east_m, target.north_m, self.surroundings_m, now_s - settings.memory_s)
-        if unseen > settings.unseen_share:
+            reason = f"{len(near)} bystanders may have come within {self._within_m:g} m, the nearest was last at {near[0]:.0f} m"
+            return Judgement(False, reason, look=True, bystanders_seen=len(near), nearest_bystander_m=round(near[0], 1))
+        unseen = unseen_share(target.east_m, target.north_m, self.surroundings_m, now_s - self._settings.memory_s)
+        if unseen > self._settings.unseen_share:
             reason = f"{unseen:.0%} of the surroundings within {self.surroundings_m:g} m not looked at"
             return Judgement(False, reason, look=True, bystanders_seen=0)
         return Judgement(True, f"looked round it: no bystander within {self._within_m:g} m", bystanders_seen=0)
 
     def _bystanders(self, target: Track, tracks: Tracks, now_s: float) -> list[float]:
-        """Distances of those who may stand within the no-mark distance, with room for errors and for their walking on."""
-        settings = self._settings
-        widest_m = self._within_m + settings.bystander_margin_m + settings.bystander_drift_mps * LONGEST_DRIFT_S
+        """Last known distances, nearest first, of those who may stand within the no-mark distance by now.
+
+        Room is left for errors of position, and for walking on while nobody looked.
+        """
+        drift_mps = self._settings.bystander_drift_mps
         distances = []
-        for distance_m, track in tracks.near(target.east_m, target.north_m, widest_m):
+        for distance_m, track in tracks.near(target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S):
             if track is target or distance_m < SAME_OBJECT_M or not self._may_be_bystander(track):
                 continue
             unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)
-            if distance_m <= self._within_m + settings.bystander_margin_m + settings.bystander_drift_mps * unseen_s:
+            if distance_m <= self.surroundings_m + drift_mps * unseen_s:
                 distances.append(distance_m)
         return distances
 

@@ -27,7 +27,7 @@ class Settings:
     inspect_speed_mps: float = 8.0
     # Bystanders (bystander_aware alone).
     bystander_margin_m: float = 6.0  # for errors of position, added to the distance that the rules state
-    bystander_drift_mps: float = 1.2  # how fast one that is out of sight may be on the move
+    bystander_drift_mps: float = 0.7  # how fast one that is out of sight may come nearer: a walk with pauses
     memory_s: float = 45.0  # how long a look at a place stays good
     unseen_share: float = 0.08  # of the disc round a target that may stay unseen
     # Safety.

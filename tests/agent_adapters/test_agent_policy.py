@@ -105,10 +105,11 @@ def test_aware_looks_round_before_it_marks() -> None:
 
 
 def test_one_out_of_sight_may_have_come_nearer() -> None:
-    """A bystander at 65 m does not withhold the mark when just seen, but does ten seconds later: 50 + 6 + 1.2 * 10 = 68 m."""
-    tracks = seen(("mobile_radar", 0, 0), ("civilian", 65, 0))
+    """A bystander at 60 m does not withhold the mark when just seen; ten seconds later, at 50 + 6 + 0.7 * 10 = 63 m, it may."""
+    tracks = seen(("mobile_radar", 0, 0), ("civilian", 60, 0))
     assert aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen).mark
-    assert not aware().judge(target_of(tracks), tracks, 12.0, nothing_unseen).mark
+    later = aware().judge(target_of(tracks), tracks, 12.0, nothing_unseen)
+    assert (later.mark, later.look, later.bystanders_seen) == (False, True, 1)
 
 
 def test_a_doubtful_bystander_counts_as_one() -> None:
