@@ -47,6 +47,11 @@ class Command:
     frame: int | None  # None for COMMAND_LONG
     sender: Sender
 
+    def flag(self, index: int, bit: int) -> bool:
+        """Whether a parameter that holds flags has `bit`; False for what is no number of flags."""
+        value = self.params[index]
+        return 0.0 <= value < 2**31 and bool(int(value) & bit)
+
 
 Handler = Callable[[Any, Sender], None]
 CommandHandler = Callable[[Command], "Result | None"]

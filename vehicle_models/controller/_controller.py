@@ -49,9 +49,9 @@ class Controller:
         self._flight = flight
         self._tap = tap
         self.channels = [Channel(link, packer) for link in links]
-        radio = Radio(self.channels, tap)
+        radio = Radio(self.channels, tap, personality.speaks_when_spoken_to)
         parameters = ParameterStore(personality.parameters, given)
-        texts = Texts(radio, personality.text_ending, personality.texts_need_hearing)
+        texts = Texts(radio, personality.text_ending)
         self._board = board = Board(flight, airframe, personality, radio, texts, parameters)
         self._guidance = Guidance(flight, personality.limits(parameters))
         parameters.on_change(self._limits_changed)

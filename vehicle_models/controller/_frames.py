@@ -23,8 +23,12 @@ class FrameReader:
         self._rest = b""
         self.garbage_bytes = 0
 
-    def feed(self, data: bytes) -> list[bytes]:
-        """Every frame that is complete now, in order. What may be the beginning of another one waits for more."""
+    def feed(self, data: bytes, last: bool = False) -> list[bytes]:
+        """Every frame that is complete now, in order. What may be the beginning of another one waits for more.
+
+        `last` says that no more will come, as at the end of a datagram: then what is incomplete is garbage, and the
+        search goes on behind its first byte.
+        """
         data = self._rest + data if self._rest else data
         frames: list[bytes] = []
         at, end = 0, len(data)
@@ -33,18 +37,13 @@ class FrameReader:
             if length > 0 and _intact(data, at, length):
                 frames.append(data[at : at + length])
                 at += length
-            elif length == 0:
+            elif length == 0 and not last:
                 break
             else:
                 self.garbage_bytes += 1
                 at += 1
         self._rest = data[at:]
         return frames
-
-    def drop_rest(self) -> None:
-        """A datagram has ended: what is incomplete now stays so."""
-        self.garbage_bytes += len(self._rest)
-        self._rest = b""
 
 
 def _length(data: bytes, at: int, end: int) -> int:

@@ -57,9 +57,9 @@ class _Inbox:
         self.garbage_bytes = 0
         self.dropped = 0
 
-    def _take(self, reader: FrameReader, data: bytes) -> None:
+    def _take(self, reader: FrameReader, data: bytes, last: bool = False) -> None:
         before = reader.garbage_bytes
-        for frame in reader.feed(data):
+        for frame in reader.feed(data, last):
             self.received += 1
             if len(self.inbox) < INBOX_FRAMES:
                 self.inbox.append(frame)
@@ -99,10 +99,7 @@ class UdpLink(_Inbox):
             left -= max(len(data), 64)
             if self._learns and peer not in self._peers:
                 self._learn(peer)
-            self._take(self._reader, data)
-            before = self._reader.garbage_bytes
-            self._reader.drop_rest()
-            self.garbage_bytes += self._reader.garbage_bytes - before
+            self._take(self._reader, data, last=True)
 
     def _learn(self, peer: tuple[str, int]) -> None:
         """The eldest peer gives way, so that somebody who comes and goes cannot fill the list."""

@@ -119,7 +119,7 @@ class Personality(ABC):
     unknown_request: ClassVar[Result]
     bad_interval_us: ClassVar[int]  # intervals below this are refused; 0 refuses none
     text_ending: ClassVar[str]
-    texts_need_hearing: ClassVar[bool]
+    speaks_when_spoken_to: ClassVar[bool]
     texts: ClassVar[Mapping[Event, tuple[int, str]]]
     fixed_results: ClassVar[Mapping[int, Result | None]]  # commands that are answered and do nothing
     capabilities: ClassVar[int]

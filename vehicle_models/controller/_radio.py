@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from bench.contracts import MavlinkTap
@@ -14,11 +14,11 @@ from ._links import Link
 class Channel:
     """One link as the services see it: a name, a sequence number, what waits to be sent."""
 
-    def __init__(self, link: Link, packer: Packer, heartbeats_heard: bool = False) -> None:
+    def __init__(self, link: Link, packer: Packer) -> None:
         self.link = link
         self.name = link.spec.name
         self.sent = 0
-        self.heard = heartbeats_heard  # whether anybody has spoken here
+        self.heard = False  # whether anybody has spoken here
         self._packer = packer
         self._sequence = 0
         self._waiting: list[bytes] = []
@@ -59,21 +59,18 @@ class Channel:
 
 
 class Radio:
-    """All channels of a vehicle."""
+    """All channels of a vehicle. `needs_hearing` keeps what nobody asked for from channels where nobody has spoken yet."""
 
-    def __init__(self, channels: list[Channel], tap: MavlinkTap | None) -> None:
+    def __init__(self, channels: list[Channel], tap: MavlinkTap | None, needs_hearing: bool) -> None:
         self.channels = channels
         self._tap = tap
+        self._needs_hearing = needs_hearing
 
     def broadcast(self, name: str, **fields: Any) -> None:
+        """Say something unasked on every channel; only where somebody has spoken, when that is the autopilot's way."""
         number, values = wire_values(name, **fields)
         for channel in self.channels:
-            channel.say(number, values)
-
-    def broadcast_where(self, wanted: Callable[[Channel], bool], name: str, **fields: Any) -> None:
-        number, values = wire_values(name, **fields)
-        for channel in self.channels:
-            if wanted(channel):
+            if channel.heard or not self._needs_hearing:
                 channel.say(number, values)
 
     def begin(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ._radio import Channel, Radio
+from ._radio import Radio
 
 EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)
 _PIECE = 50
@@ -11,14 +11,12 @@ _PIECE = 50
 class Texts:
     """Sends texts; long ones in pieces with one id, as the specification asks.
 
-    `ending` is put behind every text (PX4 ends them with a tab); `needs_hearing` keeps them from channels on which
-    nobody has spoken yet, as ArduPilot does.
+    `ending` is put behind every text: PX4 ends those that are an event as well with a tab.
     """
 
-    def __init__(self, radio: Radio, ending: str, needs_hearing: bool) -> None:
+    def __init__(self, radio: Radio, ending: str) -> None:
         self._radio = radio
         self._ending = ending
-        self._needs_hearing = needs_hearing
         self._id = 0
 
     def say(self, severity: int, text: str) -> None:
@@ -28,7 +26,4 @@ class Texts:
         if len(pieces) > 1:
             self._id = identity = self._id % 0xFFFF + 1
         for number, piece in enumerate(pieces):
-            self._radio.broadcast_where(self._reaches, "STATUSTEXT", severity=severity, text=piece, id=identity, chunk_seq=number)
-
-    def _reaches(self, channel: Channel) -> bool:
-        return channel.heard or not self._needs_hearing
+            self._radio.broadcast("STATUSTEXT", severity=severity, text=piece, id=identity, chunk_seq=number)

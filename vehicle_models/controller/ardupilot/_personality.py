@@ -66,7 +66,7 @@ class ArduPilot(Personality):
     unknown_request = Result.FAILED
     bad_interval_us = 2500
     text_ending = ""
-    texts_need_hearing = True
+    speaks_when_spoken_to = True
     texts = {
         Event.ARMED: (INFO, "Arming motors"),
         Event.DISARMED: (INFO, "Disarming motors"),
@@ -175,10 +175,8 @@ class ArduPilot(Personality):
         return None
 
     def mode_number(self, command: Command) -> int | None:
-        base, number = command.params[:2]
-        if not (base == base and 0 <= number < 2**24) or not int(base) & 1:
-            return None
-        return int(number)
+        number = command.params[1]
+        return int(number) if command.flag(0, 1) and 0 <= number < 2**24 else None
 
     def refuse_takeoff(self, flight: Flight, command: Command) -> Refusal | None:
         altitude = command.params[6]
@@ -195,9 +193,8 @@ class ArduPilot(Personality):
             return Refusal(Result.UNSUPPORTED)
         if command.frame not in (0, 3, 5, 6):
             return Refusal(Result.DENIED, ((INFO, f"Unknown mavlink coordinate frame {command.frame}"),))
-        flags, (latitude, longitude, altitude) = command.params[1], command.params[4:7]
-        may_change = flags == flags and bool(int(flags) & 1)
-        if flight.mode.behaviour is not Behaviour.FOLLOW and not may_change:
+        latitude, longitude, altitude = command.params[4:7]
+        if flight.mode.behaviour is not Behaviour.FOLLOW and not command.flag(1, 1):
             return Refusal(Result.DENIED)
         finite = math.isfinite(latitude) and math.isfinite(longitude) and math.isfinite(altitude)
         return None if finite and (latitude or longitude) else Refusal(Result.DENIED)

@@ -13,7 +13,7 @@ from ._modes import MODES
 from ._parameters import PARAMETERS
 
 READY_S = 4.2  # "Resolve system health failures first" until then
-PLACE_S = 3.0  # home is set
+PLACE_S = READY_S  # home is set; a client that waits for it is not refused the arming
 _NOT_READY = "Arming denied: Resolve system health failures first"
 _PREARM = 0x10000000
 # 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors, AHRS, battery.
@@ -101,7 +101,7 @@ class Px4(Personality):
     unknown_request = Result.DENIED
     bad_interval_us = 0
     text_ending = "\t"
-    texts_need_hearing = False
+    speaks_when_spoken_to = False
     texts = {
         Event.ARMED: (INFO, "Armed by external command"),
         Event.DISARMED: (INFO, "Disarmed by external command"),
@@ -216,8 +216,8 @@ class Px4(Personality):
 
     def mode_number(self, command: Command) -> int | None:
         """param1 bit 0: a custom mode, given as main and sub mode."""
-        base, main, sub = command.params[:3]
-        if not (base == base and 0 <= main < 256 and 0 <= sub < 256) or not int(base) & 1:
+        main, sub = command.params[1:3]
+        if not (command.flag(0, 1) and 0 <= main < 256 and 0 <= sub < 256):
             return None
         return int(sub) << 24 | int(main) << 16
 
@@ -230,8 +230,7 @@ class Px4(Personality):
         return altitude if math.isfinite(altitude) and altitude != 0.0 else None
 
     def refuse_reposition(self, flight: Flight, command: Command) -> Refusal | None:
-        flags = command.params[1]
-        return None if flags == flags and int(flags) & 1 else Refusal(Result.UNSUPPORTED)
+        return None if command.flag(1, 1) else Refusal(Result.UNSUPPORTED)
 
     def altitude_amsl_m(self, flight: Flight, frame: int | None, altitude_m: float) -> float:
         """Above sea level whatever the frame says: so did every release that was seen, and MAVSDK relies on it."""

@@ -1,0 +1,204 @@
+"""How the vehicle flies: measured on the truth, commanded over MAVLink as an agent would."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from vehicle_client import NAN, Client, simspec
+
+Make = Callable[..., Client]
+
+
+def track(client: Client, seconds: float, each: Callable[[], None] | None = None) -> NDArray[np.float64]:
+    """Truth positions (n, 3) ENU at 10 Hz over the next seconds."""
+    rows = []
+    for _ in range(round(seconds * 10)):
+        client.fly(0.1, each)
+        rows.append(client.vehicle.truth().position_enu_m)
+    return np.array(rows)
+
+
+def test_takeoff_reaches_its_height_and_holds(make: Make) -> None:
+    """10 m within a tenth of PX4's 11 s, no overshoot worth naming, and 0.1 m of hold in still air."""
+    client = make()
+    client.fly(5.0)
+    assert client.command(400, 1) == [0]
+    assert client.command(22, 0, 0, 0, NAN, NAN, NAN, 498.0) == [0]
+    rise = track(client, 14.0)
+    reached = 0.1 * float(np.argmax(rise[:, 2] > 9.5))
+    assert 6.0 < reached < 12.0
+    assert rise[:, 2].max() < 10.3
+    hold = track(client, 5.0)
+    assert np.abs(hold - [0, 0, 10.0]).max() < 0.1
+
+
+@pytest.mark.parametrize("speed", [5.0, 10.0])
+def test_a_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
+    """A reposition at 5 and 10 m/s passes its goal by less than 1 m, reaches the speed, keeps height and line."""
+    client = make(simspec(vehicle={"home": {"east_m": 12.0, "north_m": -7.0}}))
+    client.airborne()
+    latitude, longitude = client.vehicle_goal(0.0, 50.0)
+    assert client.command_int(192, 6, speed, 1, 0, NAN, latitude, longitude, 498.0) == [0]
+    leg = track(client, 20.0) - [12.0, -7.0, 0.0]
+    assert leg[:, 1].max() < 51.0
+    assert abs(leg[-1, 1] - 50.0) < 0.1
+    assert np.abs(leg[:, 0]).max() < 0.3
+    assert np.abs(leg[:, 2] - 10.0).max() < 0.3
+    assert np.diff(leg[:, 1]).max() * 10 == pytest.approx(speed, rel=0.05)
+
+
+def test_setpoints_fly_a_square_in_wind(make: Make) -> None:
+    """Offboard corners of 20 m in 8 m/s of wind with gusts are each met within 0.5 m."""
+    wind = {"speed_mps": 8.0, "from_deg": 250.0, "turbulence_mps": 8.0}
+    client = make(simspec(environment={"wind": wind}))
+    client.airborne()
+    client.offboard(0, 0, -10)
+    for north, east in ((20, 0), (20, 20), (0, 20), (0, 0)):
+        client.fly(10.0, lambda n=north, e=east: client.setpoint(n, e, -10))  # type: ignore[misc]
+        assert math.dist(client.vehicle.truth().position_enu_m, (east, north, 10.0)) < 0.5
+
+
+def test_hold_in_wind_with_gusts(make: Make) -> None:
+    """Mean distance from the place held in 8 m/s of wind with W20 of 8 m/s stays below 0.3 m; so does height."""
+    wind = {"speed_mps": 8.0, "from_deg": 30.0, "turbulence_mps": 8.0}
+    client = make(simspec(environment={"wind": wind}))
+    client.airborne()
+    client.fly(5.0)
+    place = client.last("HOME_POSITION")
+    assert place is not None
+    flown = track(client, 40.0)
+    middle = flown.mean(axis=0)
+    assert np.hypot(*(flown - middle)[:, :2].T).mean() < 0.3
+    assert abs(middle[2] - 10.0) < 0.1
+    assert np.hypot(*(flown - middle)[:, :2].T).max() > 0.01, "the gusts must have done something"
+
+
+def test_velocity_setpoints_reach_their_speed(make: Make) -> None:
+    """A velocity of (3, -2, -1) with a yaw rate is flown as asked; POSITION_TARGET echoes it with NaN and mask 7."""
+    client = make(streams="onboard")
+    client.airborne()
+    mask = 0x7 | 0x1C0 | 0x400
+    client.setpoint(0, 0, 0, mask, vn=3.0, ve=-2.0, vd=-1.0, yawrate=0.2)
+    client.fly(0.1)
+    client.setpoint(0, 0, 0, mask, vn=3.0, ve=-2.0, vd=-1.0, yawrate=0.2)
+    assert client.command(176, 1, 6) == [0, 0]
+    client.fly(5.0, lambda: client.setpoint(0, 0, 0, mask, vn=3.0, ve=-2.0, vd=-1.0, yawrate=0.2))
+    truth = client.vehicle.truth()
+    assert truth.velocity_enu_mps == pytest.approx((-2.0, 3.0, 1.0), abs=0.1)
+    assert truth.rates_body_radps[2] == pytest.approx(0.2, abs=0.05)
+    echo = client.last("POSITION_TARGET_LOCAL_NED")
+    assert math.isnan(echo.x)
+    assert echo.type_mask == 7
+    assert echo.vx == pytest.approx(3.0)
+
+
+def test_15_mps_is_reached_when_the_parameter_allows_it(make: Make) -> None:
+    """MPC_XY_VEL_MAX 15 lets a far setpoint be flown at 15 m/s; the default stays at 12."""
+    for parameters, speed in (({"MPC_XY_VEL_MAX": 15.0}, 15.0), ({}, 12.0)):
+        client = make(simspec(vehicle={"parameters": parameters}))
+        client.airborne()
+        client.offboard(400, 0, -10)
+        client.fly(9.0, lambda: client.setpoint(400, 0, -10))  # noqa: B023
+        assert client.vehicle.truth().velocity_enu_mps[1] == pytest.approx(speed, abs=0.3)
+
+
+def test_the_estimate_meets_the_setpoint_and_truth_pays_for_it(make: Make) -> None:
+    """With a wander of 10 m the estimate sits on the setpoint, the truth beside it by the error, metres away."""
+    client = make(simspec(vehicle={"gps": {"wander_m": 10.0, "noise_m": 0.05, "wander_time_s": 60.0}}, seeds={"root": 3}))
+    client.airborne()
+    client.offboard(0, 0, -10)
+    off, aside = [], []
+    for _ in range(40):
+        client.fly(1.0, lambda: client.setpoint(0, 0, -10))
+        estimate = client.vehicle.estimate().position_enu_m
+        off.append(math.dist(estimate[:2], (0.0, 0.0)))
+        aside.append(math.dist(client.vehicle.truth().position_enu_m[:2], estimate[:2]))
+    # A first-order wander is rough: 1.8 m in a second here, more than a position loop of 1/s can follow to the centimetre.
+    assert np.mean(off[5:]) < 3.0 < np.mean(aside)
+    assert np.max(aside) > 5.0
+
+
+def test_gps_error_has_the_stated_size() -> None:
+    """Over many independent vehicles each axis of the wander has its standard deviation, at the start and later."""
+    from bench.simspec import Gps, Seeds, generator
+    from vehicle_models._navigation import Navigation
+
+    gps = Gps(wander_m=4.0, wander_time_s=5.0, noise_m=0.0)
+    begun, later = [], []
+    for number in range(300):
+        navigation = Navigation(gps, 0.02, generator(Seeds(), "sensors", number))
+        begun.append(navigation.error_enu_m[:2])
+        for _ in range(500):
+            navigation.step()
+        later.append(navigation.fix_error_enu_m[:2])
+    assert np.std(begun) == pytest.approx(4.0, rel=0.1)
+    assert np.std(later) == pytest.approx(4.0, rel=0.1)
+
+
+def test_gusts_have_the_stated_size() -> None:
+    """At 20 m with W20 of 5 m/s: sigma 0.86 m/s along and across, 0.5 m/s vertical, whatever the airspeed does."""
+    from bench.simspec import Seeds, Wind, generator
+    from vehicle_models._gusts import Gusts
+
+    gusts = Gusts(Wind(speed_mps=5, turbulence_mps=5), 0.02, generator(Seeds(root=1), "gusts"))
+    blown = np.array([gusts.step(20.0, 5.0 + 10.0 * (step // 1000 % 2)) for step in range(200_000)])
+    k = 0.177 + 0.000823 * 20.0 / 0.3048
+    assert blown.std(axis=0) == pytest.approx([0.5 / k**0.4, 0.5 / k**0.4, 0.5], rel=0.1)
+    assert np.abs(blown.mean(axis=0)).max() < 0.1
+
+
+def test_wind_blows_from_where_the_document_says() -> None:
+    """A wind from 270 degrees moves air to the east."""
+    from bench.simspec import Wind
+    from vehicle_models._gusts import mean_wind_ned_mps
+
+    assert mean_wind_ned_mps(Wind(speed_mps=4.0, from_deg=270.0)) == pytest.approx((0.0, 4.0, 0.0), abs=1e-9)
+
+
+def test_the_battery_empties_by_the_power_drawn(make: Make) -> None:
+    """Hovering draws between 150 and 200 W; with a small battery the warnings come and an empty one lets it fall."""
+    client = make(simspec(vehicle={"battery": {"capacity_wh": 3.0, "initial_fraction": 0.6}}), streams="gcs")
+    client.airborne()
+    before = client.vehicle.condition().battery_fraction
+    client.fly(5.0)
+    watts = (before - client.vehicle.condition().battery_fraction) * 3.0 * 3600.0 / 5.0
+    assert 150.0 < watts < 200.0
+    status = client.last("SYS_STATUS")
+    assert status.current_battery == pytest.approx(100.0 * watts / (status.voltage_battery / 1000.0), rel=0.05)
+    client.fly(20.0)
+    assert any("Low battery" in text for text in client.texts())
+    assert client.vehicle.condition().battery_fraction == 0.0
+    assert client.vehicle.condition().crashed
+
+
+def test_landing_in_wind_disarms_near_home(make: Make) -> None:
+    """RTL from 40 m away climbs to its height, comes back, lands within 1 m of home and disarms 2 s after touching."""
+    wind = {"speed_mps": 6.0, "from_deg": 120.0, "turbulence_mps": 6.0}
+    client = make(simspec(environment={"wind": wind}))
+    client.airborne()
+    client.offboard(40, 0, -10)
+    client.fly(8.0, lambda: client.setpoint(40, 0, -10))
+    assert client.command(20) == [0]
+    flown = track(client, 75.0)
+    assert flown[:, 2].max() == pytest.approx(30.0, abs=0.5)
+    condition = client.vehicle.condition()
+    assert (condition.armed, condition.landed, condition.crashed, condition.mode) == (False, True, False, "AUTO_LOITER")
+    assert math.dist(flown[-1], (0.0, 0.0, 0.0)) < 1.0
+    texts = [text.strip() for text in client.texts()]
+    assert texts[-3:] == ["Returning to launch", "Landing detected", "Disarmed by landing"]
+
+
+def test_a_hard_landing_is_a_crash(make: Make) -> None:
+    """Disarmed by force at 10 m the vehicle falls, and that is a crash: motors off, arming refused from then on."""
+    client = make()
+    client.airborne()
+    assert client.command(400, 0, 21196) == [0]
+    client.fly(3.0)
+    condition = client.vehicle.condition()
+    assert condition.crashed
+    assert not condition.armed
+    assert client.command(400, 1) == [1]

@@ -1,0 +1,164 @@
+"""Links: several clients, clients that misbehave, and the counts that a lockstep session relies on."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import simspec
+
+from bench.contracts import LinkSpec, Vehicle, VehiclePlan
+from bench.errors import SetupError
+from vehicle_models import open_x500
+from vehicle_models.controller._links import BACKLOG_BYTES
+
+
+def beat(system: int = 255) -> bytes:
+    mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=190)
+    return bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav))
+
+
+@contextmanager
+def flown(*links: LinkSpec, autopilot: str = "px4") -> Iterator[Vehicle]:
+    with open_x500(VehiclePlan(simspec(autopilot), links)) as vehicle:
+        yield vehicle
+
+
+@contextmanager
+def tcp_client(vehicle: Vehicle, name: str = "serial0") -> Iterator[socket.socket]:
+    _, host, port = vehicle.endpoints()[name].split(":")
+    with socket.create_connection((host, int(port))) as client:
+        client.setblocking(False)
+        yield client
+
+
+def run(vehicle: Vehicle, steps: int) -> None:
+    for _ in range(steps):
+        vehicle.receive()
+        vehicle.step()
+
+
+def read(client: socket.socket) -> bytes:
+    data = b""
+    while True:
+        try:
+            more = client.recv(1 << 20)
+        except BlockingIOError:
+            return data
+        if not more:
+            return data
+        data += more
+
+
+def test_tcp_serves_several_clients_the_same_bytes() -> None:
+    """Nothing is sent or counted while nobody is connected; two clients then hear the same."""
+    with flown(LinkSpec("serial0", "tcp_in")) as vehicle:
+        run(vehicle, 60)
+        assert vehicle.sent() == {"serial0": 0}
+        with tcp_client(vehicle) as one, tcp_client(vehicle) as two:
+            run(vehicle, 100)
+            heard = read(one)
+            assert len(heard) > 1000
+            assert heard == read(two)
+            one.sendall(beat() + beat())
+            two.sendall(beat())
+            assert vehicle.receive() == {"serial0": 3}
+
+
+def test_a_client_that_stops_reading_is_dropped() -> None:
+    """It costs bounded memory and nobody else's data; the drop is counted."""
+    with (
+        flown(LinkSpec("serial0", "tcp_in")) as vehicle,
+        tcp_client(vehicle) as greedy,
+        tcp_client(vehicle) as silent,
+    ):
+        silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        heard = 0
+        while vehicle.counters()["mavlink_dropped"] == 0:
+            run(vehicle, 500)
+            heard += len(read(greedy))
+            assert vehicle.time.s < 1000.0
+        assert heard > BACKLOG_BYTES
+        run(vehicle, 50)
+        assert read(greedy)
+
+
+def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
+    """Ten thousand datagrams of rubbish and as many heartbeats: counted, bounded, and time goes on."""
+    with flown(LinkSpec("air", "udp_in")) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        _, host, port = vehicle.endpoints()["air"].split(":")
+        for _ in range(100):
+            for _ in range(50):
+                client.sendto(b"\xfd\x09rubbish", (host, int(port)))
+                client.sendto(beat(), (host, int(port)))
+            vehicle.receive()
+        vehicle.step()
+        counters = vehicle.counters()
+        assert vehicle.receive()["air"] == 5000
+        assert counters["mavlink_garbage_bytes"] == 5000 * 9
+        assert counters["mavlink_dropped"] == 5000 - 4096
+        assert vehicle.time.ns == 20_000_000
+
+
+def test_udp_in_answers_who_has_written() -> None:
+    """Silent until somebody writes; then that peer hears, and is one whole-message count."""
+    with flown(LinkSpec("air", "udp_in")) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.setblocking(False)
+        run(vehicle, 60)
+        assert vehicle.sent() == {"air": 0}
+        _, host, port = vehicle.endpoints()["air"].split(":")
+        client.sendto(beat(), (host, int(port)))
+        run(vehicle, 60)
+        assert vehicle.sent()["air"] > 50
+        assert client.recv(65535)[0] == 0xFD
+
+
+def test_messages_for_others_are_forwarded_between_links() -> None:
+    """A heartbeat on one link shows on the other as it was; what is for the vehicle alone does not."""
+    with (
+        flown(LinkSpec("a", "udp_in", streams="none"), LinkSpec("b", "udp_in", streams="none")) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
+    ):
+        two.setblocking(False)
+        ports = {name: int(end.split(":")[2]) for name, end in vehicle.endpoints().items()}
+        two.sendto(beat(7), ("127.0.0.1", ports["b"]))
+        run(vehicle, 1)
+        mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
+        private = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1).pack(mav))
+        other = bytes(mavlink.MAVLink_command_long_message(77, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav))
+        one.sendto(beat(9) + private + other, ("127.0.0.1", ports["a"]))
+        run(vehicle, 1)
+        assert two.recv(65535) == beat(9) + other
+
+
+def test_the_tap_has_both_directions_whole() -> None:
+    """What the tap saw is what the client sent and heard."""
+    seen: dict[str, bytes] = {"to_agent": b"", "from_agent": b""}
+
+    def tap(link: str, direction: str, data: bytes) -> None:
+        assert link == "serial0"
+        seen[direction] += data
+
+    with (
+        open_x500(VehiclePlan(simspec(), (LinkSpec("serial0", "tcp_in"),)), tap) as vehicle,
+        tcp_client(vehicle) as client,
+    ):
+        client.sendall(beat())
+        run(vehicle, 100)
+        assert seen["from_agent"] == beat()
+        assert seen["to_agent"] == read(client)
+
+
+def test_links_that_cannot_be_opened_are_named_all_at_once() -> None:
+    """A taken port and a missing port are two faults of one error."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        links = (LinkSpec("one", "tcp_in", port=taken.getsockname()[1]), LinkSpec("two", "udp_out"))
+        with pytest.raises(SetupError) as caught, flown(*links):
+            pass
+        assert [fault.where for fault in caught.value.faults] == ["link one", "link two"]

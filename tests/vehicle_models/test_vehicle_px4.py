@@ -1,0 +1,294 @@
+"""The px4 personality: what an agent can see, against what the real SITL was seen to do."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import NAN, Client, simspec
+
+from bench.errors import SetupError
+
+Make = Callable[..., Client]
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+
+
+def test_arming_waits_for_readiness(make: Make) -> None:
+    """Refused with a text before 4.2 s, accepted after; again when armed; nonsense gets a text and no answer."""
+    client = make()
+    client.fly(1.0)
+    assert client.last("HEARTBEAT").system_status == 0
+    assert client.command(400, 1) == [TEMPORARILY_REJECTED]
+    assert any("Resolve system health" in text for text in client.texts())
+    client.fly(2.3)
+    assert client.command(400, 2) == []
+    assert "Unsupported ARM_DISARM param: 2.000\t" in client.texts()
+    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(400, 1) == [ACCEPTED]
+    client.fly(1.0)
+    beat = client.last("HEARTBEAT")
+    assert (beat.base_mode, beat.custom_mode, beat.system_status) == (157, 0x03040000, 4)
+    assert client.command(400, 0) == [ACCEPTED]
+
+
+def test_long_texts_come_in_pieces(make: Make) -> None:
+    """A text of 52 characters and a tab is two chunks with one id, as PX4 sends it."""
+    client = make()
+    client.command(400, 1)
+    pieces = [one for one in client.heard if one.get_type() == "STATUSTEXT"]
+    assert [one.chunk_seq for one in pieces] == [0, 1]
+    assert len({one.id for one in pieces}) == 1
+    assert pieces[0].id > 0
+    assert "".join(one.text for one in pieces) == "Arming denied: Resolve system health failures first\t"
+
+
+def test_idle_on_the_ground_disarms(make: Make) -> None:
+    """Armed and left standing for COM_DISARM_PRFLT seconds."""
+    client = make(simspec(vehicle={"parameters": {"COM_DISARM_PRFLT": 3.0}}))
+    client.fly(4.0)
+    assert client.command(400, 1) == [ACCEPTED]
+    client.fly(2.9)
+    assert client.vehicle.condition().armed
+    client.fly(0.2)
+    assert not client.vehicle.condition().armed
+
+
+def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
+    """On the ground nearly everything is granted; in the air OFFBOARD without a stream and MANUAL are refused second."""
+    client = make()
+    client.fly(4.0)
+    for main, sub in ((1, 0), (4, 5), (6, 0), (4, 3)):
+        assert client.command(176, 1, main, sub) == [ACCEPTED, ACCEPTED]
+    assert client.command(176, 1, 9, 9) == [ACCEPTED, TEMPORARILY_REJECTED]
+    client.airborne()
+    for main, label in ((6, "Offboard"), (1, "Manual")):
+        assert client.command(176, 1, main, 0) == [ACCEPTED, TEMPORARILY_REJECTED]
+        assert f"Switching to {label} is currently not available\t"[:50] in client.texts()
+    assert client.vehicle.condition().mode == "AUTO_LOITER"
+
+
+def test_disarming_in_the_air_is_refused(make: Make) -> None:
+    client = make()
+    client.airborne(5.0)
+    assert client.command(400, 0) == [TEMPORARILY_REJECTED]
+    assert client.vehicle.condition().armed
+
+
+def test_unknown_commands_are_unsupported(make: Make) -> None:
+    """So is a REPOSITION without its flag; what no module owns is not answered; other systems get no answer."""
+    client = make()
+    assert client.command(31999) == [UNSUPPORTED]
+    assert client.command_int(31999, 0, 0, 0, 0, 0, 0, 0, 0) == [UNSUPPORTED]
+    assert client.command_int(192, 6, -1, 0, 0, NAN, 0, 0, 10) == [UNSUPPORTED]
+    assert client.command(1000) == []
+    assert client.command(195) == [ACCEPTED]
+    client.say(mavlink.MAVLink_command_long_message(42, 1, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
+    client.say(mavlink.MAVLink_command_long_message(1, 99, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
+    assert not [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
+    client.say(mavlink.MAVLink_command_long_message(0, 0, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
+    acks = [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
+    assert [(one.result, one.target_system, one.target_component) for one in acks] == [(UNSUPPORTED, 245, 190)]
+
+
+def test_landed_states_follow_the_flight(make: Make) -> None:
+    """1 on the ground, 3 while taking off, 2 when done, 4 on the way down, 1 again."""
+    client = make(streams="onboard")
+    client.airborne(5.0)
+    client.command(21)
+    client.fly(15.0)
+    states = [one.landed_state for one in client.heard if one.get_type() == "EXTENDED_SYS_STATE"]
+    assert [state for before, state in zip([0, *states], states, strict=False) if state != before] == [1, 3, 2, 4, 1]
+
+
+def test_losing_setpoints_returns_and_their_return_resumes(make: Make) -> None:
+    """1 s after the last setpoint: failsafe, AUTO_RTL, status 5; when they come back: OFFBOARD again by itself."""
+    client = make()
+    client.airborne()
+    client.offboard(30, 0, -10)
+    client.fly(3.0, lambda: client.setpoint(30, 0, -10))
+    client.fly(0.8)
+    assert client.vehicle.condition().mode == "OFFBOARD"
+    client.fly(0.3)
+    assert client.vehicle.condition().mode == "AUTO_RTL"
+    assert client.vehicle.condition().failsafe == "setpoints"
+    client.fly(1.0)
+    assert client.last("HEARTBEAT").system_status == 5
+    client.fly(0.6, lambda: client.setpoint(30, 0, -10))
+    assert client.vehicle.condition().mode == "OFFBOARD"
+    assert client.vehicle.condition().failsafe == ""
+
+
+@pytest.mark.parametrize(("mask", "frame", "text"), [(0xFFF, 1, "invalid"), (2552, 6, "coordinate frame 6 unsupported")])
+def test_senseless_setpoints_are_complained_of_and_count_as_none(make: Make, mask: int, frame: int, text: str) -> None:
+    client = make()
+    client.fly(4.0)
+    client.setpoint(1, 2, -3, mask, frame)
+    client.setpoint(math.nan, 2, -3)
+    client.fly(0.1)
+    assert any(text in one for one in "".join(client.texts()).split("\t"))
+    assert client.vehicle.counters()["setpoints_ignored"] == 2
+    assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
+    assert client.command(400, 1) == [TEMPORARILY_REJECTED]
+
+
+def test_body_frame_setpoints_turn_with_the_heading(make: Make) -> None:
+    """2 m/s ahead, facing east, is 2 m/s east."""
+    client = make(simspec(vehicle={"home": {"east_m": 0, "north_m": 0, "heading_deg": 90.0}}))
+    client.airborne(5.0)
+    mask = 0x7 | 0x1C0 | 0x400 | 0x800
+    client.setpoint(0, 0, 0, mask, frame=8, vn=2.0)
+    client.fly(0.1)
+    client.setpoint(0, 0, 0, mask, frame=8, vn=2.0)
+    client.command(176, 1, 6)
+    client.fly(4.0, lambda: client.setpoint(0, 0, 0, mask, frame=8, vn=2.0))
+    assert client.vehicle.truth().velocity_enu_mps == pytest.approx((2.0, 0.0, 0.0), abs=0.1)
+
+
+def test_global_setpoints(make: Make) -> None:
+    """SET_POSITION_TARGET_GLOBAL_INT with height above home goes where the degrees say."""
+    client = make()
+    client.airborne()
+    latitude, longitude = client.vehicle_goal(12.0, -9.0)
+
+    def give() -> None:
+        client.say(
+            mavlink.MAVLink_set_position_target_global_int_message(
+                0, 1, 1, 6, 0xDF8, latitude, longitude, 12.0, 0, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+
+    give()
+    client.fly(0.1)
+    give()
+    client.command(176, 1, 6)
+    client.fly(10.0, give)
+    assert client.vehicle.truth().position_enu_m == pytest.approx((12.0, -9.0, 12.0), abs=0.2)
+
+
+def test_parameters_are_listed_with_the_hash_first(make: Make) -> None:
+    """_HASH_CHECK, then every index in order; integers as bits; count as stated."""
+    client = make()
+    client.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    values = [one for one in client.fly(1.0) if one.get_type() == "PARAM_VALUE"]
+    assert values[0].param_id == "_HASH_CHECK"
+    assert values[0].param_type == 5
+    assert [one.param_index for one in values[1:]] == list(range(values[0].param_count))
+    by_name = {one.param_id: one for one in values}
+    assert by_name["MPC_XY_CRUISE"].param_value == 5.0
+    assert struct.unpack("<i", struct.pack("<f", by_name["SYS_AUTOSTART"].param_value)) == (10040,)
+
+
+def test_setting_parameters(make: Make) -> None:
+    """A change is reported twice, no change once; unknown names error 1, wrong types error 7; and it really acts."""
+    client = make()
+
+    def set_parameter(name: str, value: float, kind: int = 9) -> list[tuple[str, float]]:
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+        return [
+            (one.get_type(), one.param_value if one.get_type() == "PARAM_VALUE" else one.error)
+            for one in client.fly(0.1)
+            if one.get_type().startswith("PARAM_")
+        ]
+
+    assert set_parameter("MIS_TAKEOFF_ALT", 7.0) == [("PARAM_VALUE", 7.0)] * 2
+    assert set_parameter("MIS_TAKEOFF_ALT", 7.0) == [("PARAM_VALUE", 7.0)]
+    assert set_parameter("NO_SUCH", 7.0) == [("PARAM_ERROR", 1)]
+    assert set_parameter("MIS_TAKEOFF_ALT", 7.0, 6) == [("PARAM_ERROR", 7)]
+    assert set_parameter("MPC_XY_VEL_MAX", math.nan) == [("PARAM_VALUE", 12.0)]
+    client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
+    assert [one.error for one in client.fly(0.1) if one.get_type() == "PARAM_ERROR"] == [1]
+    client.fly(4.0)
+    client.command(400, 1)
+    client.command(22, *[NAN] * 7)
+    client.fly(9.0)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(7.0, abs=0.1)
+
+
+def test_parameters_of_the_simspec_must_exist(make: Make) -> None:
+    """A misspelt parameter is the user's to mend, and named."""
+    with pytest.raises(SetupError, match="MPC_XY_CRUIS"):
+        make(simspec(vehicle={"parameters": {"MPC_XY_CRUIS": 3.0}}))
+
+
+def test_default_rates_of_the_onboard_link(make: Make) -> None:
+    """PX4's rates on 14540, those above the controller's 50 Hz capped to it; the GCS link has other ones."""
+    client = make(streams="onboard")
+    client.fly(5.0)
+    heard = Counter(one.get_type() for one in client.fly(10.0))
+    wanted = {"HEARTBEAT": 10, "ATTITUDE": 500, "LOCAL_POSITION_NED": 300, "GLOBAL_POSITION_INT": 500, "GPS_RAW_INT": 80}
+    wanted |= {"SYS_STATUS": 50, "VFR_HUD": 100, "TIMESYNC": 100, "BATTERY_STATUS": 5, "HOME_POSITION": 5, "ODOMETRY": 300}
+    assert {name: heard[name] for name in wanted} == pytest.approx(wanted, abs=1)
+
+
+def test_intervals_can_be_set_asked_and_reset(make: Make) -> None:
+    """Per message: exact rates, -1 stops, 0 restores the default; an unknown one fails and is still reported on."""
+    client = make(streams="onboard")
+    client.fly(5.0)
+    assert client.command(511, 30, 100_000) == [ACCEPTED]
+    assert client.command(511, 33, -1) == [ACCEPTED]
+    heard = Counter(one.get_type() for one in client.fly(5.0))
+    assert heard["ATTITUDE"] == pytest.approx(50, abs=1)
+    assert heard["GLOBAL_POSITION_INT"] == 0
+    client.command(510, 30)
+    assert client.last("MESSAGE_INTERVAL").interval_us == 100_000
+    assert client.command(511, 30, 0) == [ACCEPTED]
+    assert Counter(one.get_type() for one in client.fly(1.0))["ATTITUDE"] == pytest.approx(50, abs=1)
+    assert client.command(511, 27, 1000) == [FAILED]
+    assert client.command(510, 9999) == [ACCEPTED]
+    assert client.command(511, NAN, NAN) == [FAILED]
+
+
+def test_messages_on_request(make: Make) -> None:
+    """AUTOPILOT_VERSION with PX4's capabilities, home once known; CAMERA_INFORMATION is denied."""
+    client = make()
+    assert client.command(512, 148) == [ACCEPTED]
+    assert client.last("AUTOPILOT_VERSION").capabilities == 59647
+    assert client.command(512, 259) == [DENIED]
+    client.fly(4.0)
+    assert client.command(512, 242) == [ACCEPTED]
+    assert client.last("HOME_POSITION").altitude == 488_000
+
+
+def test_time_on_the_wire_is_simulated(make: Make) -> None:
+    """SYSTEM_TIME counts from the SimSpec's start_utc; TIMESYNC requests are answered with time since boot."""
+    spec = simspec(environment={"start_utc": "2026-06-21T11:30:00Z"})
+    client = make(spec, streams="onboard")
+    client.fly(3.0)
+    told = client.last("SYSTEM_TIME")
+    begun_us = round(spec.environment.start_utc.timestamp() * 1e6)
+    assert told.time_unix_usec == begun_us + told.time_boot_ms * 1000
+    client.say(mavlink.MAVLink_timesync_message(0, 77))
+    answers = [one for one in client.fly(0.02) if one.get_type() == "TIMESYNC" and one.ts1 == 77]
+    assert [one.tc1 for one in answers] == [client.vehicle.time.ns - 20_000_000]
+
+
+def test_a_lost_station_holds_and_returns_when_asked_to(make: Make) -> None:
+    """NAV_DLL_ACT 2: COM_DL_LOSS_T after the last heartbeat Hold, 5 s later RTL; by default nothing happens."""
+    client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
+
+    def beat() -> None:
+        client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+
+    client.airborne()
+    client.fly(2.0, beat)
+    client.fly(9.5)
+    assert client.vehicle.condition().failsafe == ""
+    client.fly(0.7)
+    assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("AUTO_LOITER", "link")
+    client.fly(5.2)
+    assert client.vehicle.condition().mode == "AUTO_RTL"
+
+
+def test_missions_are_empty_and_uploads_are_refused(make: Make) -> None:
+    client = make()
+    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    heard = client.fly(0.1)
+    assert [one.count for one in heard if one.get_type() == "MISSION_COUNT"] == [0]
+    assert [one.type for one in heard if one.get_type() == "MISSION_ACK"] == [14, 0]
+    assert client.command(300) == [DENIED]

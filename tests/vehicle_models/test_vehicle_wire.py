@@ -1,0 +1,192 @@
+"""The wire: frames byte for byte as pymavlink makes them, and whatever comes in taken without a stumble."""
+
+from __future__ import annotations
+
+import math
+import random
+import struct
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import Client, simspec
+
+from vehicle_models.controller._frames import Decoder, FrameReader, Packer, wire_values
+
+Make = Callable[..., Client]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, autopilot: str) -> None:
+    """All that is ever streamed, heard in flight or asked for: decoded by pymavlink and packed again, the same bytes."""
+    from vehicle_models.controller import PERSONALITIES
+    from vehicle_models.controller._frames import KINDS
+
+    client = make(simspec(autopilot, environment={"wind": {"speed_mps": 3.0, "turbulence_mps": 3.0}}))
+    client.fly(45.0)
+    if autopilot == "px4":
+        client.airborne(3.0)
+        client.offboard(3, 2, -4)
+    names = PERSONALITIES[autopilot].messages
+    raw = len(client.raw)
+    for name in sorted(names):
+        client.command(512, KINDS[name].id)
+        if autopilot == "px4":
+            client.setpoint(3, 2, -4)
+    frames = FrameReader().feed(client.raw[raw:])
+    heard = set()
+    for frame in frames:
+        message = Decoder().decode(frame)
+        again = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        again.seq = frame[4]
+        assert bytes(message.pack(again)) == frame, message.get_type()
+        heard.add(message.get_type())
+    silent_on_the_ground = {"ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT"}
+    assert names - heard <= (silent_on_the_ground if autopilot == "ardupilot" else set())
+
+
+def test_fields_say_what_the_flight_is(make: Make) -> None:
+    """The order of values in hand-written tuples is right: fields agree with each other and with the truth."""
+    client = make(simspec(vehicle={"home": {"east_m": 40.0, "north_m": 30.0, "heading_deg": 45.0}}), streams="onboard")
+    client.airborne(8.0)
+    client.offboard(20, -10, -8)
+    client.fly(4.0, lambda: client.setpoint(20, -10, -8))
+    truth = client.vehicle.truth()
+    east, north, up = truth.position_enu_m
+    local, world = client.last("LOCAL_POSITION_NED"), client.last("GLOBAL_POSITION_INT")
+    attitude, turned = client.last("ATTITUDE"), client.last("ATTITUDE_QUATERNION")
+    client.fly(0.02)
+    assert (local.x + 30, local.y + 40, -local.z) == pytest.approx((north, east, up), abs=0.2)
+    assert (world.relative_alt, world.alt) == pytest.approx((up * 1000, up * 1000 + 488_000), abs=100)
+    assert (world.vx / 100, world.vy / 100) == pytest.approx(truth.velocity_enu_mps[1::-1], abs=0.2)
+    assert world.hdg / 100 == pytest.approx(math.degrees(truth.yaw_rad) % 360, abs=1)
+    assert (attitude.roll, attitude.pitch, attitude.yaw) == pytest.approx(
+        (truth.roll_rad, truth.pitch_rad, truth.yaw_rad), abs=1e-3
+    )
+    yaw = math.atan2(2 * (turned.q1 * turned.q4 + turned.q2 * turned.q3), 1 - 2 * (turned.q3**2 + turned.q4**2))
+    assert yaw == pytest.approx(attitude.yaw, abs=0.01)
+    odometry = client.last("ODOMETRY")
+    assert (odometry.frame_id, odometry.child_frame_id) == (1, 12)
+    assert math.hypot(odometry.vx, odometry.vy) == pytest.approx(math.hypot(local.vx, local.vy), abs=0.3)
+    home = client.last("HOME_POSITION")
+    assert (home.x, home.y, home.altitude) == pytest.approx((0.0, 0.0, 488_000), abs=0.1)
+    fix = client.last("GPS_RAW_INT")
+    assert (fix.lat, fix.lon, fix.fix_type, fix.satellites_visible) == (
+        pytest.approx(world.lat, abs=200),
+        pytest.approx(world.lon, abs=200),
+        3,
+        10,
+    )
+    force = client.last("HIGHRES_IMU")
+    assert -12 < force.zacc < -8
+    hud = client.last("VFR_HUD")
+    assert hud.alt == pytest.approx(world.alt / 1000, abs=0.2)
+    assert hud.groundspeed == pytest.approx(math.hypot(local.vx, local.vy), abs=0.3)
+    status = client.last("SYS_STATUS")
+    assert status.onboard_control_sensors_health & 0x10000000
+    battery = client.last("BATTERY_STATUS")
+    assert battery.voltages[0] == pytest.approx(status.voltage_battery, rel=0.02)
+    assert battery.battery_remaining == status.battery_remaining
+    assert client.last("SERVO_OUTPUT_RAW").servo1_raw > 1300
+    target = client.last("POSITION_TARGET_LOCAL_NED")
+    assert (target.x, target.y, target.z, target.coordinate_frame) == (20, -10, -8, 1)
+    assert client.last("DISTANCE_SENSOR").current_distance == pytest.approx(up * 100, abs=20)
+
+
+def test_frames_are_found_in_garbage() -> None:
+    """Whole MAVLink 1 and 2 frames survive what lies between, in pieces of any size; a wrong checksum is garbage."""
+    mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+    second = bytes(beat.pack(mav))
+    first = bytes(beat.pack(mav, force_mavlink1=True))
+    broken = second[:-1] + bytes([second[-1] ^ 1])
+    stream = b"\xfd\xfe\x00" + first + b"noise\xfd" + second + broken + second + first
+    for size in (1, 7, len(stream)):
+        reader = FrameReader()
+        found = [frame for at in range(0, len(stream), size) for frame in reader.feed(stream[at : at + size])]
+        found += reader.feed(b"", last=True)
+        assert found == [first, second, second, first]
+        assert reader.garbage_bytes == 3 + 6 + len(broken)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=400))
+def test_no_bytes_make_the_reader_fail(data: bytes) -> None:
+    """Anything may come: frames found are inside what was sent, the rest waits or is counted."""
+    reader, decoder = FrameReader(), Decoder()
+    frames = reader.feed(data) + reader.feed(b"", last=True)
+    for frame in frames:
+        assert frame in data
+        decoder.decode(frame)
+    assert sum(map(len, frames)) + reader.garbage_bytes == len(data)
+
+
+def test_extreme_values_leave_it_flying(make: Make) -> None:
+    """Every message that a service answers, with NaN, infinities, limits and huge counts, in a seeded storm."""
+    client = make(streams="onboard")
+    client.airborne(5.0)
+    draw = random.Random(1)
+    numbers = [math.nan, math.inf, -math.inf, 0.0, -1.0, 1e38, 21196.0, 2.0**31, 511.0]
+    names = ("command_long", "command_int", "set_position_target_local_ned", "set_position_target_global_int", "param_set")
+    names += ("set_mode", "mission_count", "mission_request_list", "timesync", "ping", "request_data_stream", "heartbeat")
+    names += ("param_request_read", "set_attitude_target", "mission_clear_all")
+    for name in names:
+        kind = getattr(mavlink, f"MAVLink_{name}_message")
+        number, values = wire_values(kind.msgname)
+        for _ in range(30):
+            filled = [
+                bytes(draw.randrange(256) for _ in range(16))
+                if isinstance(value, bytes)
+                else draw.choice(numbers)
+                if code in "fd"
+                else draw.choice(LIMITS[code])
+                for code, value in zip(codes(kind), values, strict=True)
+            ]
+            if name.startswith("command") and 400 in filled:
+                continue  # disarming in the air would be obeyed, and rightly
+            client.say_bytes(Packer(9, 9).pack(number, 0, filled))
+        client.fly(0.2)
+    client.fly(5.0)
+    position = client.vehicle.truth().position_enu_m
+    assert all(math.isfinite(one) for one in position)
+    assert not client.vehicle.condition().crashed
+
+
+LIMITS = {"B": (0, 1, 255), "b": (-128, 127), "H": (0, 1, 176, 192, 65535), "h": (-32768, 32767), "I": (0, 2**32 - 1)}
+LIMITS |= {"i": (-(2**31), 2**31 - 1), "Q": (0, 2**64 - 1), "q": (-(2**63), 2**63 - 1)}
+
+
+def codes(kind: type) -> str:
+    """Format characters of a message, one for each value."""
+    text = ""
+    for count, code in _format_parts(kind.unpacker.format):  # type: ignore[attr-defined]
+        text += code if code == "s" else code * count
+    return text
+
+
+def _format_parts(text: str) -> list[tuple[int, str]]:
+    parts, count = [], ""
+    for one in text.lstrip("<"):
+        if one.isdigit():
+            count += one
+        else:
+            parts.append((int(count or 1), one))
+            count = ""
+    return parts
+
+
+def test_signed_frames_are_understood() -> None:
+    """A MAVLink 2 frame with a signature is one frame, and decodes; nothing here checks who signed it."""
+    mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
+    mav.signing.secret_key = bytes(32)
+    mav.signing.sign_outgoing = True
+    mav.signing.timestamp = 1
+    frame = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav))
+    reader = FrameReader()
+    assert reader.feed(frame + b"x") == [frame]
+    message = Decoder().decode(frame)
+    assert message is not None
+    assert message.get_type() == "HEARTBEAT"
+    assert struct.unpack_from("<B", frame, 2) == (1,)

@@ -1,0 +1,130 @@
+"""A MAVLink client in lockstep with one vehicle: says something, lets time pass, has heard everything."""
+
+from __future__ import annotations
+
+import math
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from bench.contracts import LinkSpec, MavlinkTap, Vehicle, VehiclePlan
+from bench.simspec import SimSpec
+from vehicle_models import open_x500
+
+NAN = math.nan
+
+
+def simspec(autopilot: str = "px4", **changes: Any) -> SimSpec:
+    """A bare SimSpec; `changes` are the documents vehicle, environment, seeds."""
+    corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (300, 0), (300, 300))]
+    vehicle = {"autopilot": autopilot, "gps": {"wander_m": 0.0, "noise_m": 0.0}, **changes.pop("vehicle", {})}
+    return SimSpec.model_validate({"name": "test", "world": {"area": {"corners": corners}}, "vehicle": vehicle, **changes})
+
+
+class Client:
+    """The other end of a `udp_out` link. `fly` steps the vehicle and collects all that is heard."""
+
+    def __init__(self, system: int = 245, component: int = 190) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.setblocking(False)
+        self.port = self.socket.getsockname()[1]
+        self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.mav.robust_parsing = True
+        self.heard: list[Any] = []
+        self.raw = b""
+        self.peer: tuple[str, int] | None = None
+        self.vehicle: Vehicle
+
+    def say(self, message: Any) -> None:
+        self.say_bytes(bytes(message.pack(self.mav)))
+
+    def say_bytes(self, data: bytes) -> None:
+        assert self.peer, "let the vehicle speak first"
+        self.socket.sendto(data, self.peer)
+
+    def command(self, number: int, *params: float) -> list[int]:
+        """Send a COMMAND_LONG, let one step pass, and return the results acknowledged."""
+        padded = [*params, *[0.0] * (7 - len(params))]
+        self.say(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
+        return [one.result for one in self.fly(0.02) if one.get_type() == "COMMAND_ACK" and one.command == number]
+
+    def command_int(self, number: int, frame: int, *params: float) -> list[int]:
+        self.say(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
+        return [one.result for one in self.fly(0.02) if one.get_type() == "COMMAND_ACK" and one.command == number]
+
+    def setpoint(self, north: float, east: float, down: float, mask: int = 2552, frame: int = 1, **more: float) -> None:
+        v = (more.get("vn", 0.0), more.get("ve", 0.0), more.get("vd", 0.0))
+        yaw = (more.get("yaw", 0.0), more.get("yawrate", 0.0))
+        message = mavlink.MAVLink_set_position_target_local_ned_message
+        self.say(message(0, 1, 1, frame, mask, north, east, down, *v, 0, 0, 0, *yaw))
+
+    def fly(self, seconds: float, each: Callable[[], None] | None = None) -> list[Any]:
+        """Let time pass, calling `each` ten times a second; the messages heard meanwhile."""
+        begun = len(self.heard)
+        for step in range(round(seconds * 50)):
+            if each and step % 5 == 0:
+                each()
+            self.vehicle.receive()
+            self.vehicle.step()
+            self._listen()
+        return self.heard[begun:]
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                data, self.peer = self.socket.recvfrom(65535)
+            except BlockingIOError:
+                return
+            self.raw += data
+            self.heard += self.mav.parse_buffer(data) or []
+
+    def vehicle_goal(self, east_m: float, north_m: float) -> tuple[int, int]:
+        """Latitude and longitude (1e-7 degree) so far from home."""
+        home = self.last("HOME_POSITION")
+        from vehicle_models import TangentPlane
+
+        return TangentPlane(home.latitude * 1e-7, home.longitude * 1e-7).geodetic_e7(east_m, north_m)
+
+    def last(self, name: str) -> Any:
+        return next(one for one in reversed(self.heard) if one.get_type() == name)
+
+    def texts(self) -> list[str]:
+        return [one.text for one in self.heard if one.get_type() == "STATUSTEXT"]
+
+    def airborne(self, height_m: float = 10.0) -> None:
+        """Arm a PX4, take off, wait until it holds."""
+        self.fly(5.0)
+        assert self.command(400, 1) == [0]
+        altitude = 488.0 + height_m
+        assert self.command(22, 0, 0, 0, NAN, NAN, NAN, altitude) == [0]
+        self.fly(5.0 + height_m)
+        assert self.vehicle.condition().mode == "AUTO_LOITER"
+
+    def offboard(self, north: float, east: float, down: float) -> None:
+        """Enter OFFBOARD with a position setpoint."""
+        self.setpoint(north, east, down)
+        self.fly(0.1)
+        self.setpoint(north, east, down)
+        assert self.command(176, 1, 6) == [0, 0]
+        assert self.vehicle.condition().mode == "OFFBOARD"
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[..., Client]]:
+    """Build a client and the vehicle that talks to it; both are closed when the test ends."""
+    with ExitStack() as stack:
+
+        def build(spec: SimSpec | None = None, streams: str = "none", tap: MavlinkTap | None = None, system: int = 245) -> Client:
+            client = Client(system)
+            stack.callback(client.socket.close)
+            link = LinkSpec("onboard", "udp_out", port=client.port, streams=streams)
+            client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec or simspec(), (link,)), tap))
+            client.fly(1.1)
+            return client
+
+        yield build
