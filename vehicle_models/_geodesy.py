@@ -1,7 +1,8 @@
 """Between geodetic degrees and metres east and north of an origin, fast enough for every step.
 
-The two radii of curvature of WGS84 at the origin, and the parallel's true length half way to the point; against
-pymap3d the distance is off by less than 1 mm at 1 km and 5 cm at 10 km. Height stays height: the ground of the bench
+The two radii of curvature of WGS84 at the origin, the parallel at the point's own latitude, and the parallel's bend
+away from the plane's east. Against the rigorous conversion of pymap3d a point 1 km away is off by less than 2 mm, 5 km
+away by less than 6 cm. Height stays height: the ground of the bench
 is flat and follows the ellipsoid, so `up` is height above the origin's ground wherever one is.
 """
 
@@ -23,20 +24,20 @@ class TangentPlane:
         w2 = 1.0 - _E2 * math.sin(self.latitude_rad) ** 2
         self._meridian_m = _A * (1.0 - _E2) / w2**1.5
         self._normal_m = _A / math.sqrt(w2)
+        self._bend_per_m = 0.5 * math.tan(self.latitude_rad) / self._normal_m
 
     def east_north_m(self, latitude_rad: float, longitude_rad: float) -> tuple[float, float]:
         """Metres east and north of the origin."""
         turn = longitude_rad - self.longitude_rad
         if not -math.pi <= turn <= math.pi:
             turn = math.remainder(turn, 2.0 * math.pi)
-        middle = 0.5 * (latitude_rad + self.latitude_rad)
-        return turn * self._normal_m * math.cos(middle), (latitude_rad - self.latitude_rad) * self._meridian_m
+        east = turn * self._normal_m * math.cos(latitude_rad)
+        return east, (latitude_rad - self.latitude_rad) * self._meridian_m + self._bend_per_m * east * east
 
     def geodetic_rad(self, east_m: float, north_m: float) -> tuple[float, float]:
         """Latitude and longitude in radians; the exact inverse of `east_north_m`."""
-        latitude = self.latitude_rad + north_m / self._meridian_m
-        middle = 0.5 * (latitude + self.latitude_rad)
-        longitude = self.longitude_rad + east_m / (self._normal_m * math.cos(middle))
+        latitude = self.latitude_rad + (north_m - self._bend_per_m * east_m * east_m) / self._meridian_m
+        longitude = self.longitude_rad + east_m / (self._normal_m * math.cos(latitude))
         if not -math.pi <= longitude <= math.pi:
             longitude = math.remainder(longitude, 2.0 * math.pi)
         return latitude, longitude

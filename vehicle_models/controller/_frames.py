@@ -65,10 +65,11 @@ def _length(data: bytes, at: int, end: int) -> int:
 
 
 def _intact(data: bytes, at: int, length: int) -> bool:
-    """Whether the checksum holds. A message that the dialect does not know cannot be checked and passes."""
+    """Whether the checksum holds. A message that the dialect does not know cannot be checked, and passes when nothing
+    or the beginning of another frame follows it."""
     extra = _CRC_EXTRA.get(message_id(data, at))
     if extra is None:
-        return True
+        return at + length == len(data) or data[at + length] in (_V1, _V2)
     tail = at + length - (15 if data[at] == _V2 and data[at + 2] & _SIGNED else 2)
     crc: int = mcrf4xx(data[at + 1 : tail] + extra)
     return crc == data[tail] | data[tail + 1] << 8

@@ -50,7 +50,8 @@ class Telemetry:
         self._board = board
         self._flight = board.flight
         self._ping = 0
-        by_name: dict[str, Callable[[], Values | None]] = {
+        by_name: dict[str, Callable[[], Values | None]] = {  # in the order in which a step says them
+            "HEARTBEAT": self._heartbeat,
             "ATTITUDE": self._attitude,
             "ATTITUDE_QUATERNION": self._attitude_quaternion,
             "LOCAL_POSITION_NED": self._local_position,
@@ -85,7 +86,6 @@ class Telemetry:
             "AHRS": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
             "AHRS2": self._ahrs2,
             "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 831 if self._flight.home else 167, 0.0),
-            "HEARTBEAT": self._heartbeat,
         }
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
         self.has_setpoints: Callable[[], bool] = lambda: False

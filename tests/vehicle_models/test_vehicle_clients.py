@@ -1,0 +1,41 @@
+"""Real clients from the package index, in real time."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from bench.contracts import LinkSpec
+from vehicle_models import run_standalone
+
+PATROL = Path(__file__).parents[2] / "examples" / "mavsdk_patrol.py"
+
+
+@pytest.mark.clients
+def test_mavsdk_flies_its_patrol() -> None:
+    """MAVSDK 4 connects by REBAR_MAVLINK, waits until healthy, arms, flies a square, returns and lands."""
+    pytest.importorskip("mavsdk")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    stop = threading.Event()
+    link = LinkSpec("onboard", "udp_out", port=port)
+    flying = threading.Thread(target=run_standalone, args=("px4", [link]), kwargs={"speed": 2.0, "stop": stop})
+    flying.start()
+    try:
+        environment = {**os.environ, "REBAR_MAVLINK": f"udpin:127.0.0.1:{port}"}
+        environment["REBAR_OPTIONS"] = '{"side_m": 8, "height_m": 3, "timeout_s": 30}'
+        done = subprocess.run(
+            [sys.executable, str(PATROL)], env=environment, capture_output=True, text=True, timeout=100, check=False
+        )
+    finally:
+        stop.set()
+        flying.join()
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "landed" in done.stdout
