@@ -23,11 +23,13 @@ from bench.simspec import seed_of
 
 from . import _launch
 
+LEAVE_S = 0.25  # host time for an agent that was told of the end over its tick socket to go by itself
 GRACE_S = 2.0  # host time between asking an agent to end and ending it
 FILE_BYTES = 256 * 1024 * 1024  # the largest file that an agent may write
 HEAD_BYTES = 256 * 1024  # kept of the beginning of its output
 TAIL_BYTES = 64 * 1024  # kept of the end of its output
 LAST_WORDS_BYTES = 4000
+LAST_READS = 64  # of 64 KiB: more than a pipe holds
 OUTPUT_FILE = "agent.log"
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -169,23 +171,24 @@ class _Output:
     def _pump(self) -> None:
         with selectors.DefaultSelector() as selector:
             selector.register(self._read_end, selectors.EVENT_READ)
-            while selector.select(timeout=0.2) or not self._ending.is_set():
-                if not self._read_once():
+            while not self._ending.is_set():
+                if selector.select(timeout=0.2) and self._read() == b"":
                     return
                 if len(self._head) >= HEAD_BYTES:
-                    if self._ending.is_set():
-                        return
                     self._ending.wait(0.02)
+        for _ in range(LAST_READS):  # what an agent wrote last still lies in the pipe
+            if not self._read():
+                return
 
-    def _read_once(self) -> bool:
-        """Whether there can be more."""
+    def _read(self) -> bytes | None:
+        """Take in what waits; empty at the end of the stream, None when nothing waits."""
         try:
             data = os.read(self._read_end, 65536)
         except BlockingIOError:
-            return True
+            return None
         if data:
             self._keep(data)
-        return bool(data)
+        return data
 
     def _keep(self, data: bytes) -> None:
         with self._lock:
@@ -238,17 +241,21 @@ class LocalProcess:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
 
     def end(self, home: str) -> None:
-        """Ask the group to end, then make it; then end what left the group but still carries the agent's HOME."""
+        """Let it go, ask its group to end, make it; then end what left the group but still carries the agent's HOME."""
+        self._wait(LEAVE_S)
         self._signal(signal.SIGTERM)
-        deadline = time.monotonic() + GRACE_S
-        while self.ended() is None and time.monotonic() < deadline:
-            time.sleep(0.005)
+        self._wait(GRACE_S)
         self._signal(signal.SIGKILL)
         for pid in _processes_with_home(home):
             with suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
         if self.ended() is None:
             self._reap(0)
+
+    def _wait(self, span_s: float) -> None:
+        deadline = time.monotonic() + span_s
+        while self.ended() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
 
     def _signal(self, number: signal.Signals) -> None:
         with suppress(ProcessLookupError, PermissionError):

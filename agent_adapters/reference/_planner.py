@@ -15,7 +15,7 @@ DESCENT_MPS = 1.2  # PX4 comes down at 1.5 m/s, and slower near the ground
 LANDING_S = 24.0  # from the safe height over home to disarmed
 TURN_S = 3.0  # what slowing down and turning costs at the end of a leg
 
-State = Literal["waiting", "active", "reported", "withheld", "not_found", "skipped"]
+State = Literal["waiting", "active", "reported", "not_found", "skipped"]
 
 
 @dataclass(slots=True)

@@ -32,13 +32,17 @@ class Sight:
 
 @dataclass(slots=True)
 class Track:
-    """One object: its place, the votes for its class, and from where it was seen. Times are of the exposures."""
+    """One object: its place, the votes for its class, and from where it was seen. Times are of the exposures.
+
+    `label` is the class with the most weight, the first by name where two are equal.
+    """
 
     number: int
     east_m: float
     north_m: float
     first_s: float
     last_s: float
+    label: str = ""
     frames: int = 0
     missed: int = 0  # frames since the last sighting in which its place was in view
     votes: dict[str, float] = field(default_factory=dict)
@@ -50,11 +54,6 @@ class Track:
     @property
     def id(self) -> str:
         return f"track-{self.number}"
-
-    @property
-    def label(self) -> str:
-        """The class with the most weight; the first by name where two are equal."""
-        return min(self.votes, key=lambda label: (-self.votes[label], label), default="")
 
     def share(self, label: str) -> float:
         """Share of all votes, weighted by score, that a class has."""
@@ -107,6 +106,7 @@ class Track:
         self.last_s = sight.time_s
         self.votes[sight.label] = self.votes.get(sight.label, 0.0) + sight.score
         self.counts[sight.label] += 1
+        self.label = min(self.votes, key=lambda label: (-self.votes[label], label))
         self.sectors.add(int(math.degrees(sight.bearing_rad) % 360.0 // SECTOR_DEG))
         self.recent.append(sight.label)
         self.exposures.append(sight.time_s)
