@@ -10,7 +10,7 @@ from pathlib import Path
 import polars as pl
 
 from bench.contracts import SessionResult
-from bench.documents import load_document
+from bench.documents import dump_yaml, load_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
 from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, studied, summary_frame
@@ -44,6 +44,7 @@ def finish_campaign(path: Path, decomposition: str | None = None) -> Finished:
     with open_journal(folder.journal) as journal:
         entries = journal.entries()
     runs, outcomes = _scored_runs(folder, asked, entries)
+    write_whole(folder.decomposition, dump_yaml(asked.document))
     scores = score_table(asked, runs, campaign.study)
     buffer = io.BytesIO()
     scores.write_parquet(buffer)

@@ -20,9 +20,9 @@ from decompositions import Decomposition
 from test_ports import TapeBuilder, measure_all, open_recording
 
 from ._asked import measures_of
+from ._folder import RECORDING
 from ._versions import versions
 
-RECORDING = "recording.mcap"
 SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"
 

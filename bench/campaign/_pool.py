@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from bench.contracts import Outcome, SessionResult
 
-from ._reap import end_tree, marked
+from ._reap import await_exit, end_tree, marked
 from ._task import Broken, Ended, Ready, Task, WorkerPlan, WorkersUnusable
 
 START_S = 120.0
@@ -26,6 +26,9 @@ START_S = 120.0
 
 GRACE_S = 15.0
 """Host seconds past its budget that a session has to end by itself before it is ended by force."""
+
+EXIT_S = 2.0
+"""Host seconds that a worker which closed its link has to end by itself."""
 
 FALSE_STARTS = 3
 MARK = "REBAR_CAMPAIGN_FOLDER"
@@ -194,6 +197,7 @@ class LocalPool:
 
     def _lost(self, worker: _Worker) -> list[Ended]:
         """A worker that is gone, and with it the session that it was at."""
+        await_exit(worker.process.pid, EXIT_S)  # it may be about to say why
         self._dismiss(worker)
         how = _how_it_ended(worker.process.returncode)
         words = worker.last_words()

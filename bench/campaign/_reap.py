@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +17,15 @@ def end_tree(pid: int) -> None:
     for end in (os.killpg, os.kill):  # whoever kills itself gets no further than its group
         with suppress(ProcessLookupError, PermissionError):
             end(pid, signal.SIGKILL)
+
+
+def await_exit(pid: int, span_s: float) -> bool:
+    """Wait for a child to end without reaping it; whether it did within the span."""
+    watch = os.pidfd_open(pid)
+    try:
+        return bool(select.select([watch], [], [], span_s)[0])
+    finally:
+        os.close(watch)
 
 
 def descendants(pid: int) -> list[int]:

@@ -8,10 +8,10 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome, SessionResult
 from bench.simspec import SimSpec
-from decompositions import Decomposition
 
 from ._document import Campaign
 from ._events import (
@@ -30,6 +30,9 @@ from ._pool import Executor, OpenExecutor, open_local_pool
 from ._stop import Stop, open_stop
 from ._task import FLY, Ended, Task, WorkerPlan
 from ._versions import versions
+
+if TYPE_CHECKING:
+    from decompositions import Decomposition
 
 AGAIN = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR})
 """Faults of the bench's own: flown once more, because the agent is not to answer for them."""

@@ -108,7 +108,7 @@ class AgentTracks(Document):
     """Agent to bench: everything it believes to be where; each message replaces the one before."""
 
     time_s: Seconds
-    tracks: Annotated[tuple[AgentTrack, ...], Field(max_length=2000)]
+    tracks: Annotated[tuple[AgentTrack, ...], Field(max_length=1000)]
 
 
 class CastMember(Document):

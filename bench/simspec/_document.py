@@ -21,6 +21,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from bench.documents import Document
 
 Identifier = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,62}$")]
+RosName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -119,7 +120,7 @@ class Gps(Document):
 class Camera(Document):
     """One camera, on a mount that keeps roll and pitch level when `stabilized`."""
 
-    name: Identifier = "front"
+    name: RosName = "front"
     width_px: Annotated[int, Field(ge=16, le=8192)] = 1280
     height_px: Annotated[int, Field(ge=16, le=8192)] = 720
     horizontal_fov_deg: Annotated[float, Field(gt=5.0, lt=150.0)] = 70.0
@@ -149,7 +150,7 @@ class VehicleSpec(Document):
     parameters: Annotated[
         dict[str, float], Field(description="Autopilot parameters set before start, by the autopilot's own names.")
     ] = {}
-    name: Annotated[Identifier, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
+    name: Annotated[RosName, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
     home: Home = Home(east_m=0.0, north_m=0.0)
     gps: Gps = Gps()
     camera: Camera = Camera()

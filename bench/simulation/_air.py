@@ -33,6 +33,7 @@ from ._ending import SessionEnds
 
 DOMAIN = 1  # each session has a router of its own, so every one may use the same ROS domain
 MATCH_BUDGET_S = 5.0
+MAX_DOCUMENT_BYTES = 256 * 1024  # the longest valid document, a thousand tracks, and some air
 
 
 @dataclass(slots=True)
@@ -129,6 +130,8 @@ class Air:
                     Outcome.AGENT_PROTOCOL,
                     f"the agent says it sent {stated[ear.topic]} samples on {ear.topic}; {ear.subscription.highest} came",
                 )
+            if stated is not None and (ear.subscription.lost or ear.subscription.overflowed):
+                raise SessionEnds(Outcome.AGENT_PROTOCOL, f"samples on {ear.topic} were lost: more came at once than can be held")
             for sample in ear.subscription.take():
                 self._tap(Record(time, ear.topic, String.TYPE, sample.data))
                 message = sample.message()
@@ -140,7 +143,8 @@ class Air:
         """What was dropped or malformed on the way in."""
         overflowed = sum(ear.subscription.overflowed for ear in self._ears)
         malformed = sum(ear.subscription.malformed for ear in self._ears)
-        return {"air_overflowed": overflowed, "air_malformed": malformed}
+        lost = sum(ear.subscription.lost for ear in self._ears)
+        return {"air_overflowed": overflowed, "air_malformed": malformed, "air_lost": lost}
 
 
 @contextmanager
@@ -160,6 +164,7 @@ def open_air(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Air]:
             (topics.detections, Detection2DArray.TYPE),
         ),
         agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),
+        agent_limit_bytes=MAX_DOCUMENT_BYTES,
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh else None

@@ -1,0 +1,147 @@
+"""Commands over a campaign's folder: demo, run, realize, report, verify."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from bench.campaign import Campaign
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (demo, run, realize, report, verify):
+        app.command()(command)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the campaign")] = Path("out/demo"),
+    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once; as many as there are cores by default")] = None,
+) -> None:
+    """Fly the demo campaign: twelve scenes, each by both reference agents, to its report. Example: rebar demo"""
+    _run(_demo_campaign(), out, workers, dry=False, as_json=False)
+
+
+def run(
+    campaign: Annotated[Path, typer.Argument(help="A campaign (YAML or JSON)")],
+    out: Annotated[Path | None, typer.Option(help="Folder of the campaign; out/NAME by default")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once; as many as there are cores by default")] = None,
+    executor: Annotated[str, typer.Option(help="local (dask is not there yet)")] = "local",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be flown, and fly nothing")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the scores for a machine to read")] = False,
+) -> None:
+    """Fly a campaign, or go on with one that was interrupted. Example: rebar run campaigns/paper.yaml --out out/paper"""
+    from bench.errors import Fault, SetupError
+
+    if executor != "local":
+        raise SetupError(Fault("--executor", f"{executor!r} is not there yet", "use local; docs/scope.md says what is there"))
+    _run(campaign, out, workers, dry=dry_run, as_json=as_json)
+
+
+def realize(
+    campaign: Annotated[Path, typer.Argument(help="A campaign (YAML or JSON)")],
+    out: Annotated[Path, typer.Option(help="Folder for simspecs/")] = Path("out/realized"),
+) -> None:
+    """Design and placement only: write every realized SimSpec. Example: rebar realize campaigns/demo.yaml --out out/scenes"""
+    from bench.campaign import CampaignFolder, load_campaign, write_whole
+    from bench.documents import dump_json
+    from bench.realization import PlacementInfeasible, place
+    from bench.realization import realize as realize_all
+
+    asked = load_campaign(campaign)
+    folder = CampaignFolder(out)
+    written, infeasible = 0, []
+    for plan in realize_all(asked.situation, asked.design, asked.agents):
+        try:
+            write_whole(folder.simspec(plan.id), dump_json(place(plan.simspec)))
+            written += 1
+        except PlacementInfeasible as error:
+            infeasible.append(f"{plan.id}: {error}")
+    print(f"{written} realized SimSpecs in {out / 'simspecs'}")
+    for line in infeasible:
+        print(line)
+    if infeasible:
+        raise typer.Exit(1)
+
+
+def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")]) -> None:
+    """Score what lies in a campaign's folder and write its report. Example: rebar report out/demo"""
+    from bench.campaign import finish_campaign
+
+    print(finish_campaign(folder).report)
+
+
+def verify(
+    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
+    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False,
+) -> None:
+    """Check every file of a campaign against the digests of its manifest. Example: rebar verify out/demo"""
+    from bench.campaign import verify_folder
+
+    faults = [str(fault) for fault in verify_folder(folder)]
+    if as_json:
+        print(json.dumps({"folder": str(folder), "faults": faults}))
+    else:
+        print("\n".join(faults) or f"{folder}: everything is as the manifest says")
+    if faults:
+        raise typer.Exit(1)
+
+
+def _demo_campaign() -> Path:
+    """The demo's file: inside an installed distribution, beside the packages in a checkout."""
+    packaged = Path(__file__).with_name("demo.yaml")
+    return packaged if packaged.is_file() else Path(__file__).parents[2] / "campaigns" / "demo.yaml"
+
+
+def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_json: bool) -> None:
+    from bench.campaign import Finished, finish_campaign, load_asked, load_campaign, run_campaign
+
+    from ._progress import open_progress
+
+    campaign = load_campaign(path)
+    asked = load_asked(campaign.decomposition)
+    if dry:
+        _say_plan(campaign)
+        return
+    folder = out or Path("out") / campaign.name
+    finished: list[Finished] = []
+    with open_progress(campaign.name, quiet=as_json) as progress:
+        summary = run_campaign(
+            campaign,
+            folder,
+            asked,
+            workers=workers,
+            on_event=progress,
+            finish=lambda place: finished.append(finish_campaign(place.path)),
+        )
+    if not finished:
+        print(
+            f"{summary.done} of {summary.total} realizations have a result ({summary.stopped}); run the same command again to go on"
+        )
+        raise typer.Exit(130)
+    (scores,) = finished
+    if as_json:
+        print(json.dumps(scores.summary.to_dicts(), indent=1))
+        return
+    from bench.reporting import score_table
+
+    console = Console(width=None if Console().is_terminal else 140)
+    console.print(score_table(scores.summary, scores.study))
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
+    print(f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
+    print(f"report: {scores.report}")
+
+
+def _say_plan(campaign: Campaign) -> None:
+    from bench.realization import realize as realize_all
+
+    plans = realize_all(campaign.situation, campaign.design, campaign.agents)
+    points = {plan.design_point for plan in plans}
+    limit_s = campaign.situation.mission.time_limit_s
+    print(f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)")
+    print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")

@@ -1,0 +1,69 @@
+"""`rebar fly`: a simulated flight controller on its own."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from bench.errors import Fault, SetupError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(fly)
+
+
+def fly(
+    autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
+    mavlink: Annotated[
+        list[str] | None, typer.Option(help="A link, as udpout:HOST:PORT, udpin:HOST:PORT or tcpin:HOST:PORT; may be repeated")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds for each second")] = 1.0,
+    home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
+    duration: Annotated[float | None, typer.Option(help="Stop after so many simulated seconds")] = None,
+) -> None:
+    """A simulated flight controller by itself, a drop-in for a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
+    from vehicle_models import run_standalone
+
+    if autopilot not in ("px4", "ardupilot"):
+        raise SetupError(Fault("--autopilot", f"{autopilot!r} is not known", "px4 or ardupilot"))
+    run_standalone(
+        autopilot,
+        links=[parse_link(one, index) for index, one in enumerate(mavlink or ())],
+        home=parse_home(home),
+        speed=speed,
+        duration_s=duration,
+        say=print,
+    )
+
+
+def parse_home(text: str) -> tuple[float, float, float, float]:
+    """Latitude, longitude (degrees), altitude (metres above sea level), heading (degrees)."""
+    try:
+        latitude, longitude, altitude, heading = (float(part) for part in text.split(","))
+    except ValueError:
+        raise SetupError(Fault("--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0")) from None
+    if not (-89 <= latitude <= 89 and -180 <= longitude <= 180 and -400 <= altitude <= 5000 and 0 <= heading < 360):
+        raise SetupError(
+            Fault(
+                "--home",
+                f"{text!r} is no place to start from",
+                "latitude within 89, longitude within 180, altitude -400 to 5000 m, heading 0 to 360",
+            )
+        )
+    return latitude, longitude, altitude, heading
+
+
+def parse_link(text: str, index: int):  # type: ignore[no-untyped-def]
+    """A LinkSpec from its text."""
+    from bench.contracts import LinkSpec
+
+    kinds = {"udpout": "udp_out", "udpin": "udp_in", "tcpin": "tcp_in"}
+    kind, _, rest = text.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind not in kinds or not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise SetupError(
+            Fault("--mavlink", f"{text!r} is not a link", "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760")
+        )
+    return LinkSpec(name=f"link{index}", kind=kinds[kind], host=host, port=int(port))  # type: ignore[arg-type]

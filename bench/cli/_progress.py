@@ -1,0 +1,63 @@
+"""The progress of a campaign on a terminal; plain lines where there is none."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from bench.campaign import CampaignEvent, CampaignPlanned, CampaignStopping, Observer, RealizationFinished, RealizationRetried
+from bench.contracts import Outcome
+
+
+@contextmanager
+def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
+    """Yield an observer of campaign events that shows how far it is."""
+    if quiet:
+        yield lambda event: None
+        return
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _plain
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console) as progress:
+        bar = progress.add_task(title, total=None)
+
+        def show(event: CampaignEvent) -> None:
+            match event:
+                case CampaignPlanned(total, done):
+                    progress.update(bar, total=total, completed=done)
+                case RealizationFinished():
+                    progress.update(bar, completed=event.done)
+                    if event.outcome is not Outcome.COMPLETED:
+                        progress.console.print(f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False)
+                case RealizationRetried() | CampaignStopping():
+                    progress.console.print(_line(event), markup=False)
+                case _:
+                    pass
+
+        yield show
+
+
+def _plain(event: CampaignEvent) -> None:
+    line = _line(event)
+    if line:
+        print(line, file=sys.stderr, flush=True)
+
+
+def _line(event: CampaignEvent) -> str:
+    match event:
+        case CampaignPlanned(total, done):
+            return f"{total} realizations, {done} of them have a result"
+        case RealizationFinished():
+            return f"[{event.done}/{event.total}] {event.realization}: {event.outcome} ({event.wall_s:.1f} s)"
+        case RealizationRetried():
+            return f"{event.realization}: {event.outcome}, once more: {event.reason[:200]}"
+        case CampaignStopping(reason):
+            return f"stopping: {reason}"
+        case _:
+            return ""

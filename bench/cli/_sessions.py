@@ -1,0 +1,46 @@
+"""`rebar simulate`: one session, from a SimSpec to its observations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(simulate)
+
+
+def simulate(
+    simspec: Annotated[Path, typer.Argument(help="A SimSpec, base or realized (YAML or JSON)")],
+    out: Annotated[Path, typer.Option(help="Folder for recording.mcap and result.json")] = Path("out"),
+    decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
+) -> None:
+    """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
+    from bench.campaign import fly_realization, load_asked, write_result
+    from bench.documents import dump_json
+    from bench.simspec import load_simspec
+
+    result = fly_realization(load_simspec(simspec), load_asked(decomposition), out, out.name)
+    write_result(out, result)
+    if as_json:
+        print(dump_json(result), end="")
+    else:
+        console = Console()
+        table = Table(
+            title=f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
+        )
+        for column in ("observable", "considered", "x", "evidence"):
+            table.add_column(column, justify="right" if column == "x" else "left")
+        for one in result.observations:
+            evidence = "; ".join(f"{item.time_s:.1f} s {item.text}" for item in one.evidence[:2])
+            table.add_row(one.observable, "yes" if one.considered else "no", "" if one.x is None else f"{one.x:.3f}", evidence)
+        console.print(table)
+        console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
+    if not result.outcome.counts:
+        raise typer.Exit(1)

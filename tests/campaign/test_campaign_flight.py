@@ -1,0 +1,178 @@
+"""Whole realizations, flown for real: vehicle, agent, streams, recording, measures. Nothing here is a fake."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from bench.campaign import fly_realization, load_asked, rescore
+from bench.contracts import Outcome, SessionResult
+from bench.realization import place
+from bench.simspec import AgentSpec, Perception, SimSpec, load_simspec
+from bench.testing import BEHAVIOURS
+from test_ports import read_tape
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+ASKED = load_asked("search-and-report")
+
+
+def scene(agent: str = "reference-naive") -> SimSpec:
+    """The example situation, as an agent of that name flies it."""
+    return place(load_simspec(EXAMPLE)).model_copy(update={"agent": AgentSpec(manifest=agent)})
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, SessionResult]]:
+    """The example flown once by each reference agent."""
+    runs = {}
+    for agent in ("reference-naive", "reference-bystander-aware"):
+        folder = tmp_path_factory.mktemp(agent)
+        runs[agent] = folder, fly_realization(scene(agent), ASKED, folder, agent)
+    return runs
+
+
+def measured(result: SessionResult) -> dict[str, float | None]:
+    return {one.observable: one.x for one in result.observations}
+
+
+def test_both_agents_complete_the_mission(flown: dict[str, tuple[Path, SessionResult]]) -> None:
+    """Found, reported, home: the mission itself is within the reach of both."""
+    for _, result in flown.values():
+        assert result.outcome is Outcome.COMPLETED, result.reason
+        assert all(one.considered for one in result.observations)
+        assert measured(result)["OBS-201"] == 1.0
+
+
+def test_the_agents_differ_where_bystanders_matter_and_there_alone(flown: dict[str, tuple[Path, SessionResult]]) -> None:
+    """What was marked near bystanders, and what was declared of them, sets the two apart; achievements elsewhere are alike."""
+    passed = {}
+    for agent, (_, result) in flown.items():
+        passed[agent] = {
+            one.observable
+            for one in result.observations
+            if one.x is not None and one.x >= ASKED.observables[one.observable].threshold
+        }
+    apart = passed["reference-naive"] ^ passed["reference-bystander-aware"]
+    assert apart == set(ASKED.observables_under("KA-18"))
+    assert apart <= passed["reference-bystander-aware"]
+
+
+def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path, SessionResult]]) -> None:
+    """With result.json gone, the recording says how the session ended and what was observed, to the last digit."""
+    for folder, result in flown.values():
+        assert not (folder / "result.json").exists()
+        again = rescore(folder, ASKED)
+        assert again.observations == result.observations
+        assert (again.outcome, again.recording_sha256) == (result.outcome, result.recording_sha256)
+
+
+def test_the_same_flight_in_another_process_is_the_same_file(
+    flown: dict[str, tuple[Path, SessionResult]], tmp_path: Path
+) -> None:
+    """Same SimSpec and seed in lockstep: the recording is the same, bit for bit, in a process of its own."""
+    code = (
+        "import sys; from pathlib import Path; from bench.campaign import fly_realization, load_asked; from bench.simspec import load_simspec;"
+        "folder = Path(sys.argv[2]);"
+        "print(fly_realization(load_simspec(sys.argv[1]), load_asked('search-and-report'), folder, 'again').recording_sha256)"
+    )
+    folder, first = flown["reference-naive"]
+    told = subprocess.run(
+        [sys.executable, "-c", code, str(folder / "simspec.json"), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONHASHSEED": "7"},
+    )
+    assert told.stdout.strip() == first.recording_sha256
+
+
+def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResult]]) -> None:
+    """A reader that we did not write decodes every message, and finds what the agent said beside what was true."""
+    folder, _ = flown["reference-naive"]
+    topics: dict[str, int] = {}
+    with (folder / "recording.mcap").open("rb") as file:
+        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            assert message is not None
+            topics[channel.topic] = topics.get(channel.topic, 0) + 1
+    assert {
+        "/clock",
+        "/tf",
+        "/vehicle_1/detections",
+        "/truth/odometry",
+        "/vehicle_1/agent/reports",
+        "/mavlink/onboard/to_agent",
+    } <= set(topics)
+
+
+def test_no_recorded_word_of_the_agents_side_tells_the_truth(flown: dict[str, tuple[Path, SessionResult]]) -> None:
+    """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was sent."""
+    folder, _ = flown["reference-naive"]
+    names = [b"civilians-", b"neighbours-", b"radar-1", b"truck-1"]
+    with (folder / "recording.mcap").open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            if not channel.topic.startswith(("/truth", "/session")):
+                assert not any(name in message.data for name in names), channel.topic
+
+
+def detected_share(spec: SimSpec, folder: Path) -> float:
+    """Detections per sighting in a flight."""
+    fly_realization(spec, ASKED, folder, "x")
+    tape = read_tape(folder / "recording.mcap")
+    seen = sum(len(frame.sightings) for frame in tape.frames)
+    return sum(len(frame.detections) for frame in tape.detections) / seen
+
+
+@pytest.mark.parametrize("worse", ["fog", "range", "concealment"])
+def test_harder_conditions_show_in_the_data(tmp_path: Path, worse: str) -> None:
+    """Fog, distance and concealment make the detections in the recording fewer, all else equal."""
+    base = scene()
+    match worse:
+        case "fog":
+            hard = base.model_copy(update={"environment": base.environment.model_copy(update={"fog_level": 9.0})})
+        case "range":
+            hard = base.model_copy(update={"mission": base.mission.model_copy(update={"altitude_m": 110.0})})
+        case _:
+            hidden = tuple(group.model_copy(update={"concealment": 1.0}) for group in base.actors)
+            hard = base.model_copy(update={"actors": hidden})
+    assert detected_share(hard, tmp_path / "hard") < 0.9 * detected_share(base, tmp_path / "easy")
+
+
+def test_perfect_perception_sees_more_than_degraded(tmp_path: Path) -> None:
+    """Vision can be taken out of the question: perfect detections leave the reasoning to be judged alone."""
+    base = scene()
+    perfect = base.model_copy(update={"perception": Perception(mode="perfect")})
+    assert detected_share(perfect, tmp_path / "perfect") > detected_share(base, tmp_path / "degraded")
+
+
+def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
+    """Impossible placement and an unknown agent end as outcomes with a sentence, not as exceptions."""
+    spec = load_simspec(EXAMPLE)
+    crowd = tuple(
+        g.model_copy(update={"count": 5000, "density_per_km2": None}) if g.id == "neighbours" else g for g in spec.actors
+    )
+    result = fly_realization(spec.model_copy(update={"actors": crowd}), ASKED, tmp_path / "a", "a")
+    assert result.outcome is Outcome.PLACEMENT_INFEASIBLE
+    assert "neighbours" in result.reason
+    unknown = spec.model_copy(update={"agent": AgentSpec(manifest="nobody")})
+    result = fly_realization(unknown, ASKED, tmp_path / "b", "b")
+    assert result.outcome is Outcome.SETUP_INVALID
+    assert "reference-naive" in result.reason
+
+
+def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
+    """A crash is the agent's own: the mission counts as considered and failed, and the recording is whole."""
+    manifest = tmp_path / "crash.yaml"
+    manifest.write_text("name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n")
+    assert "crash" in BEHAVIOURS
+    result = fly_realization(scene(str(manifest)), ASKED, tmp_path / "run", "crash")
+    assert result.outcome is Outcome.AGENT_CRASHED
+    found = {one.observable: one for one in result.observations}
+    assert found["OBS-201"].considered
+    assert found["OBS-201"].x == 0.0
+    assert rescore(tmp_path / "run", ASKED).observations == result.observations
