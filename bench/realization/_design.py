@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.stats import qmc
 
 from bench.documents import Document
 from bench.simspec import Identifier
@@ -137,6 +136,8 @@ class LatinHypercube(Document):
     points: Annotated[int, Field(ge=1, le=10_000)]
 
     def combinations(self, factors: Sequence[Factor], seed: int) -> list[Levels]:
+        from scipy.stats import qmc  # half a second to import, so only who samples pays for it
+
         # The optimiser's time grows with the square of the points; above this it would cost more than it brings.
         optimise: Literal["random-cd"] | None = "random-cd" if 2 <= self.points <= 500 and len(factors) > 1 else None
         engine = qmc.LatinHypercube(d=len(factors), rng=np.random.default_rng(seed), optimization=optimise)
@@ -150,6 +151,8 @@ class Halton(Document):
     points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
 
     def combinations(self, factors: Sequence[Factor], seed: int) -> list[Levels]:
+        from scipy.stats import qmc  # see LatinHypercube
+
         engine = qmc.Halton(d=len(factors), scramble=True, rng=np.random.default_rng(seed))
         return _spread(factors, engine.random(self.points))
 

@@ -1,0 +1,99 @@
+"""Fake sessions for campaign tests: a job that a real worker process runs, told by its script what to do with whom."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+from bench.campaign import Campaign, CampaignBudgets, CampaignSummary, Observer, RealizationFinished, run_campaign
+from bench.contracts import Outcome, SessionResult
+from bench.realization import Design, Factor
+from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
+
+JOB = "campaign_fakes:fake_flight"
+
+
+@dataclass(frozen=True)
+class Script:
+    """Stands for the decomposition, which the runner hands to every job: what each realization does, `ok` if not named."""
+
+    acts: dict[str, str] = field(default_factory=dict)
+    span_s: float = 0.0
+    digest: str = "0" * 64
+
+
+def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realization: str) -> SessionResult:
+    """Leaves a recording as a session would, or comes to grief as the script says."""
+    assert list(folder.iterdir()) == [], "a run folder is given empty"
+    act = decomposition.acts.get(realization, "ok")
+    marker = folder.parent.parent / f"{realization}.met"
+    if act.endswith("-once"):
+        act = "ok" if marker.exists() else act.removesuffix("-once")
+        marker.touch()
+    (folder / "recording.mcap").write_bytes(f"half of {realization}".encode())
+    match act:
+        case "raise":
+            raise ValueError("a fault of the bench's own")
+        case "exit":
+            os._exit(3)
+        case "segv":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        case "hang":
+            agent = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
+            (folder.parent.parent / "agent.pid").write_text(str(agent.pid))
+            time.sleep(600)
+        case "leave":
+            sys.exit(7)
+    time.sleep(decomposition.span_s)
+    (folder / "recording.mcap").write_bytes(f"all of {realization}, seed {simspec.seeds.root}".encode())
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0)
+
+
+def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Campaign:
+    """A campaign of points x replicates realizations over a yard with a few people in it."""
+    yard = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50, 0), (50, 50), (0, 50))))
+    base = SimSpec(
+        name="yard",
+        world=World(area=yard),
+        actors=(ActorGroup(id="people", asset="civilian", role=Role.BYSTANDER, count=4),),
+        budgets=Budgets(wall_s=60.0),
+    )
+    fog = Factor(name="fog", levels=tuple(float(one) for one in range(points)), sets=("environment.fog_level",))
+    return Campaign(
+        name="small",
+        base=base,
+        design=Design(factors=(fog,), replicates=replicates, seed=7),
+        agents=(AgentSpec(manifest="fake"),),
+        budgets=CampaignBudgets(**budgets),
+    )
+
+
+def fly(
+    folder: Path, campaign: Campaign | None = None, script: Script | None = None, workers: int = 2, **options: Any
+) -> CampaignSummary:
+    """Run a campaign of fakes."""
+    decomposition = cast(Any, script or Script())
+    return run_campaign(campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options)
+
+
+def telling() -> Observer:
+    """Prints a line for every result, so that a test knows how far a runner in another process is."""
+
+    def tell(event: object) -> None:
+        if isinstance(event, RealizationFinished):
+            print(event.realization, flush=True)
+
+    return tell
+
+
+def main(folder: str, span_s: str, *acts: str) -> None:
+    """A runner in a process of its own, to be interrupted."""
+    script = Script(dict(zip(acts[::2], acts[1::2], strict=True)), float(span_s))
+    ended = fly(Path(folder), small_campaign(points=6), script, on_event=telling())
+    print(f"stopped: {ended.stopped}", flush=True)

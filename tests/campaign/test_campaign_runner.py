@@ -1,0 +1,318 @@
+"""The runner with real worker processes and fake sessions: every realization once, whatever happens."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import campaign_fakes
+import pytest
+from campaign_fakes import Script, fly, small_campaign
+
+from bench.campaign import (
+    CampaignFolder,
+    Entry,
+    RealizationFinished,
+    RealizationRetried,
+    RealizationStarted,
+    WorkersUnusable,
+    digest_of,
+    open_journal,
+    open_local_pool,
+    read_result,
+    verify_folder,
+)
+from bench.contracts import Outcome
+from bench.errors import SetupError
+
+ALL = {f"p{point:03d}-r{replicate}-fake" for point in (1, 2, 3) for replicate in (1, 2)}
+
+
+def entries(folder: Path) -> dict[str, Entry]:
+    with open_journal(folder / "journal.sqlite") as journal:
+        return {entry.id: entry for entry in journal.entries()}
+
+
+def outcomes(folder: Path) -> dict[str, Outcome | None]:
+    return {name: entry.outcome for name, entry in entries(folder).items()}
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@contextmanager
+def runner(folder: Path, span_s: float, *acts: str) -> Iterator[subprocess.Popen[str]]:
+    """A runner in a process of its own."""
+    code = "import sys; sys.path[:0] = [sys.argv[1]]; import campaign_fakes; campaign_fakes.main(*sys.argv[2:])"
+    beside = str(Path(campaign_fakes.__file__).parent)
+    command = [sys.executable, "-c", code, beside, str(folder), str(span_s), *acts]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_flies_everything_once(tmp_path: Path) -> None:
+    """A campaign comes to one whole result for each realization, and its manifest holds."""
+    told: list[object] = []
+
+    summary = fly(tmp_path, on_event=told.append)
+
+    assert summary.complete
+    assert summary.flown == 6
+    assert summary.outcomes == {Outcome.COMPLETED: 6}
+    assert outcomes(tmp_path) == dict.fromkeys(ALL, Outcome.COMPLETED)
+    place = CampaignFolder(tmp_path)
+    assert all(read_result(place.run(name), name) for name in ALL)
+    assert sum(isinstance(event, RealizationStarted) for event in told) == 6
+    assert [event.done for event in told if isinstance(event, RealizationFinished)] == [1, 2, 3, 4, 5, 6]
+    assert verify_folder(tmp_path) == []
+    place.run("p001-r1-fake").joinpath("recording.mcap").write_bytes(b"tampered with")
+    assert [fault.where for fault in verify_folder(tmp_path)] == ["runs/p001-r1-fake/recording.mcap"]
+
+
+def test_runs_again_without_flying_again(tmp_path: Path) -> None:
+    """A finished folder is left as it is; a lost result is flown again, alone; more replicates join those that are there."""
+    fly(tmp_path)
+    before = {name: digest_of(CampaignFolder(tmp_path).simspec(name)) for name in ALL}
+
+    assert fly(tmp_path).flown == 0
+    CampaignFolder(tmp_path).run("p002-r1-fake").joinpath("result.json").unlink()
+    assert fly(tmp_path).flown == 1
+    grown = fly(tmp_path, small_campaign(replicates=3))
+
+    assert (grown.flown, grown.total) == (3, 9)
+    assert {name: digest_of(CampaignFolder(tmp_path).simspec(name)) for name in ALL} == before
+
+
+def test_another_campaign_is_refused(tmp_path: Path) -> None:
+    """A folder takes neither other realizations under the same names nor another decomposition."""
+    fly(tmp_path, small_campaign(points=1))
+
+    with pytest.raises(SetupError, match="does not ask for: p001-r1-fake"):
+        fly(tmp_path, small_campaign(points=1, wall_s=5.0))
+    with pytest.raises(SetupError, match="another decomposition"):
+        fly(tmp_path, small_campaign(points=1), Script(digest="1" * 64))
+
+
+def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
+    """Jobs that raise, exit, crash or leave end with a reason after one more try, and their neighbours complete."""
+    acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
+    told: list[object] = []
+
+    summary = fly(tmp_path, script=Script(acts), on_event=told.append)
+
+    assert summary.complete
+    found = entries(tmp_path)
+    assert found["p001-r1-fake"].outcome is Outcome.BENCH_ERROR
+    assert "a fault of the bench's own" in found["p001-r1-fake"].reason
+    assert found["p001-r2-fake"].outcome is Outcome.WORKER_LOST
+    assert "ended with code 3" in found["p001-r2-fake"].reason
+    assert found["p002-r1-fake"].outcome is Outcome.WORKER_LOST
+    assert "SIGSEGV" in found["p002-r1-fake"].reason
+    assert found["p002-r2-fake"].outcome is Outcome.BENCH_ERROR
+    assert [found[name].attempts for name in acts] == [2, 2, 2, 2]
+    assert [found[name].attempts for name in sorted(ALL - acts.keys())] == [1, 1]
+    assert sorted(event.realization for event in told if isinstance(event, RealizationRetried)) == sorted(acts)
+
+
+def test_a_second_try_may_do(tmp_path: Path) -> None:
+    """A fault of the bench's own that does not come back leaves a completed run and a remembered attempt."""
+    summary = fly(tmp_path, script=Script({"p001-r1-fake": "exit-once"}))
+
+    assert summary.outcomes == {Outcome.COMPLETED: 6}
+    assert entries(tmp_path)["p001-r1-fake"].attempts == 2
+
+
+def test_hung_session_is_ended_by_force(tmp_path: Path) -> None:
+    """A session past its wall budget ends as WALL_BUDGET, is not tried again, and takes its agent along."""
+    campaign = small_campaign(points=1, wall_s=0.3)
+
+    summary = fly(
+        tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=partial(open_local_pool, grace_s=0.2), workers=1
+    )
+
+    assert summary.outcomes == {Outcome.WALL_BUDGET: 1, Outcome.COMPLETED: 1}
+    assert entries(tmp_path)["p001-r1-fake"].attempts == 1
+    assert not is_alive(int((tmp_path / "agent.pid").read_text()))
+
+
+def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
+    """When no worker can work the campaign says so and decides nothing about any realization."""
+    with pytest.raises(WorkersUnusable, match="no_such_module"):
+        campaign_fakes.run_campaign(small_campaign(), tmp_path, Script(), job="no_such_module:fly")  # type: ignore[arg-type]
+
+    assert set(outcomes(tmp_path).values()) == {None}
+    assert fly(tmp_path).complete
+
+
+def test_observer_may_fail(tmp_path: Path) -> None:
+    """An observer that raises is counted and changes nothing."""
+
+    def clumsy(event: object) -> None:
+        raise RuntimeError(f"cannot show {event}")
+
+    summary = fly(tmp_path, small_campaign(points=1), on_event=clumsy)
+
+    assert summary.complete
+    assert summary.observer_faults == 1 + 2 * 2
+
+
+def test_no_room_is_a_result(tmp_path: Path) -> None:
+    """A scene that cannot be placed is a result with its reason, without a worker being asked."""
+    campaign = small_campaign(points=1, replicates=1)
+    assert campaign.base is not None
+    crowd = campaign.base.actors[0].model_copy(update={"count": 5000})
+    campaign = campaign.model_copy(update={"base": campaign.base.model_copy(update={"actors": (crowd,)})})
+
+    summary = fly(tmp_path, campaign)
+
+    assert summary.outcomes == {Outcome.PLACEMENT_INFEASIBLE: 1}
+    assert "5000 of 'people' need at least" in entries(tmp_path)["p001-r1-fake"].reason
+    assert not (tmp_path / "logs").exists()
+
+
+def test_total_budget_leaves_the_rest(tmp_path: Path) -> None:
+    """A spent total budget begins nothing more; the next run goes on."""
+    first = fly(tmp_path, small_campaign(total_wall_s=1e-6))
+
+    assert first.stopped == "the campaign's total wall budget is spent"
+    assert not first.complete
+    assert not (tmp_path / "manifest.json").exists()
+    assert fly(tmp_path, small_campaign()).complete
+
+
+def test_finish_comes_before_the_manifest(tmp_path: Path) -> None:
+    """What is made of a complete campaign is in its manifest."""
+    fly(tmp_path, finish=lambda folder: (folder.path / "scores.parquet").write_bytes(b"scores") and None)
+
+    assert "scores.parquet" in json.loads((tmp_path / "manifest.json").read_text())["files"]
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_asked_to_stop(tmp_path: Path, how: signal.Signals) -> None:
+    """Ctrl-C and SIGTERM end what runs, agents included, and leave a folder that goes on."""
+    with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
+        assert process.stdout is not None
+        for _ in range(11):  # all but the one that hangs
+            assert process.stdout.readline().endswith("-fake\n")
+        process.send_signal(how)
+        assert process.stdout.readline() == f"stopped: ended by {how.name}\n"
+        assert process.wait() == 0
+
+    assert not is_alive(int((tmp_path / "agent.pid").read_text()))
+    assert fly(tmp_path, small_campaign(points=6)).flown == 1
+
+
+def test_two_runners_on_one_folder(tmp_path: Path) -> None:
+    """The second runner is told who is there, and harms nothing; the lock goes with its holder, however that ends."""
+    with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        with pytest.raises(SetupError, match=f"in use by another run \\(process {process.pid}\\)"):
+            fly(tmp_path, small_campaign(points=6))
+        process.kill()
+
+    assert fly(tmp_path, small_campaign(points=6)).complete
+
+
+def test_killed_runner_resumes(tmp_path: Path) -> None:
+    """Killed with -9 again and again at random moments, the campaign still comes to one result for each realization."""
+    chance = random.Random(5)
+    for _ in range(4):
+        with runner(tmp_path, 0.02) as process:
+            assert process.stdout is not None
+            for _ in range(chance.randint(0, 3)):
+                process.stdout.readline()
+            try:
+                process.wait(chance.uniform(0.0, 0.1))
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+    summary = fly(tmp_path, small_campaign(points=6))
+
+    assert summary.outcomes == {Outcome.COMPLETED: 12}
+    place = CampaignFolder(tmp_path)
+    for name, entry in entries(tmp_path).items():
+        result = read_result(place.run(name), name)
+        assert result is not None
+        assert entry.result_sha256 == digest_of(place.run(name) / "result.json")
+    with open_journal(place.journal) as journal:
+        completed = journal._database.execute("SELECT realization FROM attempts WHERE outcome = 'completed'").fetchall()
+    assert len(completed) == len(set(completed)) <= 12  # fewer where a result was taken up that nobody had noted yet
+    assert verify_folder(tmp_path) == []
+
+
+def test_killed_runner_takes_its_workers_along(tmp_path: Path) -> None:
+    """Workers notice that their runner is gone and end, with the agents that they had started."""
+    with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
+        assert process.stdout is not None
+        for _ in range(11):
+            process.stdout.readline()
+        agent = int((tmp_path / "agent.pid").read_text())
+        watch = os.pidfd_open(agent)
+        process.kill()
+
+    try:
+        assert select.select([watch], [], [], 20.0)[0], "the agent is still there"
+    finally:
+        os.close(watch)
+
+
+def test_result_that_nobody_noted_is_taken_up(tmp_path: Path) -> None:
+    """A runner that died between writing a result and noting it loses nothing; a damaged recording is not believed."""
+    fly(tmp_path)
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        for name in ("p001-r1-fake", "p002-r1-fake"):
+            journal.forget(name)
+    CampaignFolder(tmp_path).run("p002-r1-fake").joinpath("recording.mcap").write_bytes(b"cut off")
+
+    summary = fly(tmp_path)
+
+    assert summary.flown == 1
+    assert entries(tmp_path)["p001-r1-fake"].attempts == 1
+    assert entries(tmp_path)["p002-r1-fake"].attempts == 2
+
+
+def test_same_campaign_same_bytes(tmp_path: Path) -> None:
+    """The same campaign leaves the same SimSpecs and recordings, byte for byte, in any folder."""
+    for name in ("one", "other"):
+        fly(tmp_path / name, small_campaign(points=2))
+
+    one, other = (json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("one", "other"))
+    assert one == other
+
+
+def test_lost_simspec_is_made_again(tmp_path: Path) -> None:
+    """A SimSpec that was deleted or damaged comes back from its seeds with the same bytes."""
+    fly(tmp_path)
+    place = CampaignFolder(tmp_path)
+    before = digest_of(place.simspec("p001-r1-fake"))
+    place.simspec("p001-r1-fake").unlink()
+
+    fly(tmp_path)
+
+    assert digest_of(place.simspec("p001-r1-fake")) == before
+
+
+def test_importing_is_light() -> None:
+    """Documents, journal and runner come without the simulator, the streams or the scorer."""
+    code = (
+        "import sys, bench.campaign; print([m for m in ('jsbsim', 'zenoh', 'pymavlink', 'polars', 'plotly') if m in sys.modules])"
+    )
+
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
