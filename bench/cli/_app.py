@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-import click
 import typer
 
 from bench.errors import RebarError, SetupError
 
-from . import _campaigns, _fly, _look, _machine, _scores, _sessions
+from . import _campaigns as _campaigns
+from . import _fly, _look, _machine, _scores, _sessions
 
 app = typer.Typer(
     name="rebar",
@@ -27,14 +27,9 @@ for commands in (_campaigns, _sessions, _scores, _look, _fly, _machine):
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
     try:
-        code = app(args=list(arguments), standalone_mode=False)
-    except click.exceptions.Exit as wish:
-        return wish.exit_code
-    except click.ClickException as error:
-        error.show()
-        return 2
-    except click.Abort:
-        return 130
+        app(args=list(arguments))
+    except SystemExit as end:  # how the command-line library reports usage errors, --help and Exit
+        return end.code if isinstance(end.code, int) else 0
     except SetupError as error:
         for fault in error.faults:
             print(f"rebar: {fault}", file=sys.stderr)
@@ -45,7 +40,4 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print("rebar: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
-    return code if isinstance(code, int) else 0
+    return 0

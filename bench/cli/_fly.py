@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
+from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
+
+KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {"udpout": "udp_out", "udpin": "udp_in", "tcpin": "tcp_in"}
 
 
 def register(app: typer.Typer) -> None:
@@ -55,15 +58,12 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
     return latitude, longitude, altitude, heading
 
 
-def parse_link(text: str, index: int):  # type: ignore[no-untyped-def]
+def parse_link(text: str, index: int) -> LinkSpec:
     """A LinkSpec from its text."""
-    from bench.contracts import LinkSpec
-
-    kinds = {"udpout": "udp_out", "udpin": "udp_in", "tcpin": "tcp_in"}
     kind, _, rest = text.partition(":")
     host, _, port = rest.rpartition(":")
-    if kind not in kinds or not host or not port.isdigit() or not 0 < int(port) < 65536:
+    if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise SetupError(
             Fault("--mavlink", f"{text!r} is not a link", "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760")
         )
-    return LinkSpec(name=f"link{index}", kind=kinds[kind], host=host, port=int(port))  # type: ignore[arg-type]
+    return LinkSpec(name=f"link{index}", kind=KINDS[kind], host=host, port=int(port))

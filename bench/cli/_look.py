@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import BaseModel
 from rich.console import Console
 from rich.table import Table
 
@@ -37,7 +39,7 @@ def schema(
     from bench.simspec import SimSpec
     from decompositions import decomposition_schema
 
-    kinds = {
+    kinds: dict[str, type[BaseModel]] = {
         "simspec": SimSpec,
         "campaign": Campaign,
         "agent": contracts.AgentManifest,
@@ -81,7 +83,7 @@ def difficulty(
     Console().print(table)
 
 
-def _not_yet(name: str):  # type: ignore[no-untyped-def]
+def _not_yet(name: str) -> Callable[[], None]:
     def command() -> None:
         print(f"rebar {name} is not there yet; docs/scope.md says what is.")
         raise typer.Exit(NOT_YET)

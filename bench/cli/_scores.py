@@ -60,7 +60,7 @@ def _show_run(result: SessionResult, asked: Decomposition, folder: Path, as_json
     if as_json:
         nodes = {
             node: {
-                "difficulty": one.difficulty,
+                "difficulty": difficulty.of(node),
                 "score": one.score,
                 "confidence": one.confidence,
                 "achieved": one.achieved,
@@ -79,7 +79,7 @@ def _show_run(result: SessionResult, asked: Decomposition, folder: Path, as_json
         table.add_row(
             node.id,
             node.title,
-            f"{one.difficulty:.1f}",
+            f"{difficulty.of(node.id):.1f}",
             "not scored" if one.score is None else f"{one.score:.1f}",
             str(one.achieved),
             str(one.considered),

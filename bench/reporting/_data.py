@@ -178,9 +178,10 @@ def _mapping(value: object) -> dict[str, Any]:
 
 
 def _decomposition(folder: Path, named: str, notes: list[str]) -> Decomposition | None:
-    """By name, or by a path that may be relative to the campaign's folder."""
+    """The copy that scoring left in the folder, else by name, or by a path that may be relative to the campaign's folder."""
+    kept = folder / "decomposition.yaml"
     try:
-        return load_decomposition(str(folder / named) if (folder / named).is_file() else named)
+        return load_decomposition(str(next((one for one in (kept, folder / named) if one.is_file()), named)))
     except SetupError as error:
         what = "; ".join(fault.what for fault in error.faults)
         notes.append(f"The decomposition {named!r} could not be read, so nodes stand here without titles: {what}.")

@@ -8,8 +8,22 @@ import pytest
 
 from agent_adapters import open_agent
 from bench.contracts import AgentManifest, Outcome, Record, SimTime
-from bench.simspec import Budgets, Home, Mission, Pace, Placement, PlacedActor, Point, Polygon, Realized, Role, SimSpec, VehicleSpec, World
-from bench.simspec import ActorGroup, AgentSpec
+from bench.simspec import (
+    ActorGroup,
+    AgentSpec,
+    Budgets,
+    Home,
+    Mission,
+    Pace,
+    PlacedActor,
+    Point,
+    Polygon,
+    Realized,
+    Role,
+    SimSpec,
+    VehicleSpec,
+    World,
+)
 from bench.simulation import SessionEnd, SessionPlan, run_session
 from bench.testing import agent_manifest
 
@@ -120,7 +134,7 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
     spec = situation(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=1.0))
     end, records = fly(tmp_path, manifest, spec)
     assert end.outcome is Outcome.TIME_LIMIT
-    assert 0.95 <= end.wall_s
+    assert end.wall_s >= 0.95
     assert sum(record.topic == "/clock" for record in records) == 50
 
 
