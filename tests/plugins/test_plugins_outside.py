@@ -1,0 +1,75 @@
+"""A package that is installed from outside joins every family of plug-ins."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+OUTSIDE = Path(__file__).parent / "outside"
+
+FLY = """
+import json, sys
+from pathlib import Path
+from bench.campaign import fly_realization
+from bench.contracts import plugins
+from bench.simspec import *
+from decompositions import read_decomposition
+
+square = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (90, 0), (90, 90), (0, 90))))
+spec = SimSpec(name="outside", world=World(area=square, scene="outside_empty"), vehicle=VehicleSpec(model="outside_still"),
+               agent=AgentSpec(manifest="outside_agent"))
+asked = read_decomposition(Path(sys.argv[1]).read_text())
+result = fly_realization(spec, asked, Path(sys.argv[2]), "outside")
+print(json.dumps({"outcome": result.outcome, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
+"""
+
+DECOMPOSITION = """
+format: rebar.decomposition/1
+name: outside
+title: One measure from outside
+principles: [{id: reliable, title: Reliable, asks: It works., children: [KA-1]}]
+key_attributes: [{id: KA-1, title: Climbs, asks: It climbs., children: [VAB-1]}]
+vabs: [{id: VAB-1, title: Climbs, asks: It climbs., children: [OBS-1]}]
+observables:
+  - id: OBS-1
+    title: Height
+    asks: How high did it come?
+    measure: outside_height
+    threshold: 0.5
+    threshold_reason: Half of the way is a climb.
+    partial_credit: false
+    considered: Always.
+    always_considered: true
+    key_factors:
+      - {factor: uav_altitude_m, unit: m, ratings: [10, 100], values: [10, 100], reason: Higher is harder.}
+"""
+
+
+def test_an_outside_package_joins_all_four_families(tmp_path: Path) -> None:
+    """Installed by pip into a folder of its own, its vehicle, scene, agent and measure are found and used in a session."""
+    site = tmp_path / "site"
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--no-build-isolation",
+        "--no-deps",
+        "--no-index",
+    ]
+    subprocess.run([*install, "--target", str(site), str(OUTSIDE)], check=True, capture_output=True)
+    asked = tmp_path / "asked.yaml"
+    asked.write_text(DECOMPOSITION)
+    script = tmp_path / "fly.py"
+    script.write_text(f"import site; site.addsitedir({str(site)!r})\n" + FLY)
+    told = subprocess.run(
+        [sys.executable, str(script), str(asked), str(tmp_path / "run")], capture_output=True, text=True, check=False
+    )
+    assert told.returncode == 0, told.stderr
+    result = json.loads(told.stdout)
+    assert result["outcome"] == "completed", result["reason"]
+    assert result["observations"] == [{"observable": "OBS-1", "considered": True, "x": 0.0, "evidence": []}]
