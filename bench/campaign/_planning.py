@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_json, dump_yaml
@@ -28,7 +29,7 @@ def plan_campaign(
     _check_same(folder, journal, intents, decomposition_sha256)
     known = {entry.id: entry for entry in journal.entries()}
     folder.path.mkdir(parents=True, exist_ok=True)
-    write_whole(folder.campaign, dump_yaml(campaign))
+    write_whole(folder.campaign, dump_yaml(_at_home(campaign, folder)))
     placer = _Placer()
     new = [plan for plan in plans if plan.id not in known]
     planned = [Planned(plan, intents[plan.id], placer.write(plan, folder)) for plan in new]
@@ -39,6 +40,16 @@ def plan_campaign(
         if entry and not (folder.simspec(plan.id).is_file() and digest_of(folder.simspec(plan.id)) == entry.simspec_sha256):
             _restore(plan, folder, placer, entry.simspec_sha256)
     return plans
+
+
+def _at_home(campaign: Campaign, folder: CampaignFolder) -> Campaign:
+    """The campaign as its folder holds it: a decomposition that was a file of the author's comes along."""
+    file = Path(campaign.decomposition)
+    if not file.is_file():
+        return campaign
+    if file.resolve() != folder.decomposition.resolve():
+        write_whole(folder.decomposition, file.read_bytes())
+    return campaign.model_copy(update={"decomposition": folder.decomposition.name})
 
 
 def unflyable(plans: Sequence[RealizationPlan], folder: CampaignFolder, journal: Journal) -> Iterator[SessionResult]:

@@ -112,5 +112,6 @@ def crowded(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
     near = np.einsum("ijk,ijk->ij", offset, offset) < reach * reach
     one, other = np.nonzero(near)
     if len(one):
-        np.logical_or.at(hit, one, gaps(candidates[one], placed[other]) < wanted[one, other])
+        gap = gaps(candidates[one], placed[other])
+        np.logical_or.at(hit, one, (gap == 0.0) | (gap < wanted[one, other]))  # who wants no gap still must not overlap
     return hit

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -140,7 +140,7 @@ def _check_room(simspec: SimSpec) -> None:
     for region, groups in needs.items():
         gap = min(group.placement.separation_m for group in groups)
         need = sum(_members(simspec, group) * _grown_area_m2(group, gap) for group in groups)
-        room = _ground(region).buffer(gap / 2.0).area
+        room = max(region.area_m2, _ground(region).buffer(gap / 2.0).area)  # buffers of almost nothing come out empty
         if need > room:
             names = ", ".join(f"{_members(simspec, group)} of {group.id!r}" for group in groups)
             raise PlacementInfeasible(
@@ -194,9 +194,10 @@ def _fixed(group: ActorGroup, at: Home, placed: Placed) -> Footprints:
     centre = np.array([[at.east_m, at.north_m]])
     one = footprints(ASSETS[group.asset], centre, np.array([at.heading_deg]), 0.0)
     for other, footprint in placed.items():
-        if crowded(one, footprint).any():
+        # Two fixed actors stand where their author put them; they only must not overlap.
+        if crowded(one, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
             raise PlacementInfeasible(f"groups {other!r} and {group.id!r} are fixed at places where their footprints overlap")
-    return Footprints(one.centre_m, one.heading_rad, one.half_m, np.full(1, group.placement.separation_m))
+    return replace(one, gap_m=np.full(1, group.placement.separation_m))
 
 
 @dataclass(frozen=True, slots=True)

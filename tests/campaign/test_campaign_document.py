@@ -1,0 +1,135 @@
+"""The campaign as a document, and the campaigns that ship."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+import yaml
+from campaign_fakes import fly, small_campaign
+
+from bench.campaign import CampaignFolder, load_campaign, open_journal, read_result, write_result, write_whole
+from bench.contracts import Outcome, SessionResult
+from bench.documents import dump_yaml
+from bench.errors import SetupError
+from bench.realization import check_placement, place, realize
+from bench.simspec import factor_values
+
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+
+
+def test_demo_is_twelve_scenes_for_two_agents() -> None:
+    """The demo flies at least twelve different scenes, each by both reference agents."""
+    campaign = load_campaign(CAMPAIGNS / "demo.yaml")
+
+    plans = realize(campaign.situation, campaign.design, campaign.agents)
+
+    assert len(plans) == 24
+    assert len({(plan.design_point, plan.replicate) for plan in plans}) == 12
+    assert {plan.agent for plan in plans} == {"reference-naive", "reference-bystander-aware"}
+
+
+@pytest.mark.parametrize("name", ["demo", "paper"])
+def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
+    """Every corner of a shipped design has a place for everybody, targets close enough to search both in the time limit."""
+    campaign = load_campaign(CAMPAIGNS / f"{name}.yaml")
+    plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
+
+    for plan in plans[:: max(len(plans) // 12, 1)]:
+        placed = place(plan.simspec)
+        assert check_placement(placed) == []
+        assert placed.realized is not None
+        first, second = placed.realized.reports
+        home = placed.vehicle.home
+        out_m = ((first.east_m - home.east_m) ** 2 + (first.north_m - home.north_m) ** 2) ** 0.5
+        over_m = ((first.east_m - second.east_m) ** 2 + (first.north_m - second.north_m) ** 2) ** 0.5
+        assert out_m < 180.0
+        assert over_m < 270.0
+        assert factor_values(placed)["bystander_proximity_m"] == plan.levels["proximity"]
+        assert factor_values(placed)["bystander_density_per_km2"] == plan.levels["density"]
+        assert factor_values(placed)["nearest_bystander_m"] == 10.0
+
+
+def test_files_beside_the_campaign(tmp_path: Path) -> None:
+    """base_file, decomposition and manifests are found beside the campaign, and the folder holds what was read."""
+    campaign = small_campaign(points=1)
+    assert campaign.base is not None
+    (tmp_path / "yard.yaml").write_text(dump_yaml(campaign.base))
+    (tmp_path / "mine.yaml").write_text("anything: a fake does not read it\n")
+    document = yaml.safe_load(dump_yaml(campaign)) | {"base": None, "base_file": "yard.yaml", "decomposition": "mine.yaml"}
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(document))
+
+    loaded = load_campaign(tmp_path / "campaign.yaml")
+    fly(tmp_path / "out", loaded)
+    again = load_campaign(tmp_path / "out" / "campaign.yaml")
+
+    assert loaded.base == campaign.base
+    assert (tmp_path / "out" / "decomposition.yaml").read_text() == (tmp_path / "mine.yaml").read_text()
+    assert str(tmp_path) not in (tmp_path / "out" / "campaign.yaml").read_text()
+    assert fly(tmp_path / "out", again).flown == 0
+
+
+def test_faults_of_a_campaign(tmp_path: Path) -> None:
+    """Ten faults would be reported as ten: each with file, line and mend, those of the inner documents too."""
+    (tmp_path / "bad.yaml").write_text(
+        "name: bad\nagents: []\nbudgets: {worker: 2}\ndesign:\n  factors:\n    - {name: fog, levels: [1]}\n  replicates: 0\n"
+    )
+
+    with pytest.raises(SetupError) as refusal:
+        load_campaign(tmp_path / "bad.yaml")
+
+    said = str(refusal.value)
+    assert "bad.yaml:2: agents" in said
+    assert "bad.yaml:3: budgets.worker: unknown field 'worker' (did you mean workers?)" in said
+    assert "bad.yaml:7: design.replicates" in said
+    assert "changes nothing; give sets" in said
+
+
+def test_base_stands_once(tmp_path: Path) -> None:
+    """Neither two bases nor none; a base_file that is missing is named."""
+    (tmp_path / "none.yaml").write_text("name: none\nagents: [{manifest: a}]\n")
+    (tmp_path / "lost.yaml").write_text("name: lost\nagents: [{manifest: a}]\nbase_file: nowhere.yaml\n")
+
+    with pytest.raises(SetupError, match="give either base"):
+        load_campaign(tmp_path / "none.yaml")
+    with pytest.raises(SetupError, match="there is no such file"):
+        load_campaign(tmp_path / "lost.yaml")
+
+
+def test_result_must_be_its_own(tmp_path: Path) -> None:
+    """A result is read back whole; that of another realization, a torn one, or one without its recording is not."""
+    result = SessionResult(realization="p001-r1-a", outcome=Outcome.COMPLETED, recording_sha256="0" * 64)
+    write_result(tmp_path, result)
+
+    assert read_result(tmp_path, "p001-r1-b") is None
+    assert read_result(tmp_path, "p001-r1-a") is None  # no recording
+    write_result(tmp_path, result.model_copy(update={"recording_sha256": None}))
+    assert read_result(tmp_path, "p001-r1-a") is not None
+    (tmp_path / "result.json").write_text('{"realization": "p001-r1-a", "outc')
+    assert read_result(tmp_path, "p001-r1-a") is None
+
+
+def test_files_appear_whole(tmp_path: Path) -> None:
+    """A reader sees the old file or the new one, never a part, and no part is left behind."""
+    path = tmp_path / "file"
+    texts = [str(number) * 200_000 for number in range(8)]
+    write_whole(path, texts[0])
+    writer = threading.Thread(target=lambda: [write_whole(path, text) for text in texts])
+
+    writer.start()
+    seen = {path.read_text() for _ in range(30)}
+    writer.join()
+
+    assert seen <= set(texts)
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_journal_that_is_none(tmp_path: Path) -> None:
+    """A file that is no journal is named, with what to do."""
+    folder = CampaignFolder(tmp_path)
+    folder.journal.write_bytes(b"not a database, but long enough to be asked" * 100)
+
+    with pytest.raises(SetupError, match="is no journal of a campaign"), open_journal(folder.journal):
+        pass
