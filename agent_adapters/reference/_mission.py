@@ -28,6 +28,7 @@ LEAD_S = 0.6  # how far ahead on its path it aims
 LOOK_M = 12.0  # and how much farther it looks
 WINDOW_M = 25.0
 ARRIVED_M = 3.0
+TAKEOFF_S = 10.0  # from arming to being on the way
 SEARCH_S = 15.0  # the least time for which a sub-area is worth flying to
 CANDIDATE_SHARE = 0.25  # of the votes: an object that may be the target is worth a closer look
 STILL_CLEAR_S = 4.0
@@ -114,10 +115,14 @@ class Mission:
                 raise MissionOrderMissing(f"no mission order within {ORDER_BY_S:g} s of simulated time")
             yield
         self._log.enter("starting", "waiting for intelligence")
-        while not self._planner.tasks:
-            if vehicle.now_s + self._planner.home_s(self._home) + 2 * SEARCH_S > self._order.time_limit_s:
-                raise TurnBack("no intelligence came while there was time to act on it")
+        while not self._worth_flying():
+            if vehicle.now_s + TAKEOFF_S + SEARCH_S + self._planner.home_s(self._home) > self._order.time_limit_s:
+                raise TurnBack("no intelligence came that could be acted on in time")
             yield
+
+    def _worth_flying(self) -> bool:
+        start_s = self._vehicle.now_s + TAKEOFF_S
+        return any(self._planner.fits(self._home, start_s, task, SEARCH_S) for task in self._planner.tasks.values())
 
     def _take_off(self) -> Steps[None]:
         vehicle = self._vehicle

@@ -193,6 +193,16 @@ def test_no_intelligence_keeps_it_on_the_ground() -> None:
     assert flown.vehicle.peak_m == 0.0
 
 
+def test_what_cannot_be_done_in_time_is_not_begun() -> None:
+    """When no task fits between takeoff and landing, the vehicle stays where it is."""
+    hurried = world(RADAR, TRUCK)
+    assert hurried.mission is not None
+    hurried.mission = hurried.mission.model_copy(update={"time_limit_s": 80.0})
+    hurried.fly("naive")
+    assert hurried.phase == "aborted"
+    assert hurried.vehicle.peak_m == 0.0
+
+
 def test_garbage_from_the_bench_is_passed_over() -> None:
     """Documents that are none, and classes of any length, change nothing and raise nothing."""
     odd = world(RADAR, TRUCK, Actor("x" * 300, 120.0, 70.0)).fly("naive")
