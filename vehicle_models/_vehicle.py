@@ -25,6 +25,7 @@ from .controller import PERSONALITIES, Controller, Flight, Home, Link, Target, o
 from .x500 import Motion, Place, X500Plant
 
 _YAW_MAX_RADPS = 1.0
+_FASTEST_MPS, _CLIMB_MPS, _DESCENT_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says
 _CRASH_MPS = 3.0
 _CRASH_TILT_RAD = math.radians(70.0)
 _NEAR_GROUND_M = 0.5
@@ -81,9 +82,9 @@ class X500Airframe:
         write("target-vn-mps", north)
         write("target-ve-mps", east)
         write("target-vu-mps", -down)
-        write("speed-max-mps", target.speed_max_mps)
-        write("climb-max-mps", target.climb_max_mps)
-        write("descent-max-mps", target.descent_max_mps)
+        write("speed-max-mps", min(target.speed_max_mps, _FASTEST_MPS))
+        write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MPS))
+        write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MPS))
         self._turn(target)
         write("flying", 1.0)
 

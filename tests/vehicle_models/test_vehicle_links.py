@@ -162,3 +162,8 @@ def test_links_that_cannot_be_opened_are_named_all_at_once() -> None:
         with pytest.raises(SetupError) as caught, flown(*links):
             pass
         assert [fault.where for fault in caught.value.faults] == ["link one", "link two"]
+
+
+def test_an_unknown_stream_set_is_named() -> None:
+    with pytest.raises(SetupError, match="no stream set 'al'"), flown(LinkSpec("one", "tcp_in", streams="al")):
+        pass

@@ -135,6 +135,29 @@ def test_senseless_setpoints_are_complained_of_and_count_as_none(make: Make, mas
     assert client.command(400, 1) == [TEMPORARILY_REJECTED]
 
 
+def test_offboard_from_the_ground_and_back(make: Make) -> None:
+    """Armed in OFFBOARD with a setpoint above it lifts off by itself; a velocity downwards lands and disarms it."""
+    client = make(streams="onboard")
+    client.fly(4.0)
+    client.offboard(0, 0, -4)
+    client.setpoint(0, 0, -4)
+    assert client.command(400, 1) == [ACCEPTED]
+    client.fly(8.0, lambda: client.setpoint(0, 0, -4))
+    assert client.vehicle.truth().position_enu_m == pytest.approx((0, 0, 4), abs=0.1)
+    client.fly(9.0, lambda: client.setpoint(0, 0, 0, 0x7 | 0x1C0 | 0xC00, vd=1.0))
+    condition = client.vehicle.condition()
+    assert (condition.armed, condition.landed, condition.crashed) == (False, True, False)
+
+
+def test_nonsense_in_parameters_does_not_break_the_flight(make: Make) -> None:
+    """A speed limit of 9999 m/s is taken, as PX4 takes it; the airframe goes as fast as it can and still stops."""
+    client = make(simspec(vehicle={"parameters": {"MPC_XY_VEL_MAX": 9999.0, "MPC_LAND_SPEED": -5.0}}))
+    client.airborne(5.0)
+    client.offboard(150, 0, -5)
+    client.fly(22.0, lambda: client.setpoint(150, 0, -5))
+    assert client.vehicle.truth().position_enu_m == pytest.approx((0, 150, 5), abs=0.3)
+
+
 def test_body_frame_setpoints_turn_with_the_heading(make: Make) -> None:
     """2 m/s ahead, facing east, is 2 m/s east."""
     client = make(simspec(vehicle={"home": {"east_m": 0, "north_m": 0, "heading_deg": 90.0}}))

@@ -169,6 +169,8 @@ class Controller:
     def _fly(self) -> Target | None:
         flight, airframe = self._flight, self._board.airframe
         if not flight.armed:
+            if flight.on_ground:
+                flight.landed = Landed.ON_GROUND  # disarmed by force just above it, say
             return None
         target = self._guidance.target(flight)
         if not self._off_the_ground(target):
@@ -189,7 +191,6 @@ class Controller:
     def _lift_off(self) -> None:
         flight, personality = self._flight, self._board.personality
         flight.landed = Landed.TAKING_OFF
-        flight.airborne_since_ns = flight.time_ns
         self._detector = LandDetector()
         self._arming.lifted()
         if Event.TAKEOFF_DETECTED in personality.texts:

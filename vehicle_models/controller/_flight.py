@@ -141,7 +141,6 @@ class Flight:
     battery_a: float = 0.0
     battery_used_wh: float = 0.0
     armed_since_ns: int = 0
-    airborne_since_ns: int = 0
     gps_epoch: int = 0
 
     @property

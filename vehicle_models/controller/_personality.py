@@ -62,6 +62,8 @@ class Limits:
 
     cruise_mps: float  # positions flown on the autopilot's own account
     speed_max_mps: float  # setpoints of a companion
+    setpoint_climb_mps: float  # likewise
+    setpoint_descent_mps: float
     climb_mps: float
     descent_mps: float
     takeoff_mps: float

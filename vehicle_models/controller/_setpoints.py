@@ -149,8 +149,8 @@ class Setpoints:
             yaw_rad=yaw if has_yaw else None,
             yawrate_radps=yawrate if has_rate else 0.0,
             speed_max_mps=limits.speed_max_mps,
-            climb_max_mps=limits.climb_mps,
-            descent_max_mps=limits.descent_mps,
+            climb_max_mps=limits.setpoint_climb_mps,
+            descent_max_mps=limits.setpoint_descent_mps,
         )
 
     def _complain(self, text: str) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bench.errors import Fault, SetupError
+
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._frames import KINDS
 from ._radio import Channel
@@ -77,12 +79,15 @@ class Streams:
         self._after += [(channel, _HEARTBEAT) for channel in self._board.radio.channels]
 
     def _reset(self, channel: Channel) -> None:
-        rates = {"HEARTBEAT": 1.0, **self._board.personality.stream_sets.get(channel.link.spec.streams, {})}
+        sets, wanted = self._board.personality.stream_sets, channel.link.spec.streams
+        if wanted not in sets:
+            raise SetupError(Fault(f"link {channel.name}", f"there is no stream set {wanted!r}", f"there are {', '.join(sets)}"))
+        rates = {"HEARTBEAT": 1.0, **sets[wanted]}
         for name, hz in rates.items():
             self._put(channel, KINDS[name].id, round(1e9 / hz))
 
     def _default_ns(self, channel: Channel, number: int) -> int | None:
-        hz = self._board.personality.stream_sets.get(channel.link.spec.streams, {}).get(_NAMES[number])
+        hz = self._board.personality.stream_sets[channel.link.spec.streams].get(_NAMES[number])
         return round(1e9 / hz) if hz else 1_000_000_000 if number == _HEARTBEAT else None
 
     def _put(self, channel: Channel, number: int, interval_ns: int | None) -> None:

@@ -107,6 +107,8 @@ class ArduPilot(Personality):
         return Limits(
             cruise_mps=cruise,
             speed_max_mps=max(cruise, 10.0),
+            setpoint_climb_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,
+            setpoint_descent_mps=max(p["WPNAV_SPEED_DN"], 10.0) / 100.0,
             climb_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,
             descent_mps=max(p["WPNAV_SPEED_DN"], 10.0) / 100.0,
             takeoff_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,

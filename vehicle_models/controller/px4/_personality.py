@@ -147,6 +147,8 @@ class Px4(Personality):
         return Limits(
             cruise_mps=max(p["MPC_XY_CRUISE"], 0.5),
             speed_max_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
+            setpoint_climb_mps=max(p["MPC_Z_VEL_MAX_UP"], 0.2),
+            setpoint_descent_mps=max(p["MPC_Z_VEL_MAX_DN"], 0.2),
             climb_mps=max(p["MPC_Z_V_AUTO_UP"], 0.2),
             descent_mps=max(p["MPC_Z_V_AUTO_DN"], 0.2),
             takeoff_mps=max(p["MPC_TKO_SPEED"], 0.2),
