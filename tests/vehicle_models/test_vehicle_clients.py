@@ -14,13 +14,14 @@ import pytest
 from bench.contracts import LinkSpec
 from vehicle_models import run_standalone
 
-PATROL = Path(__file__).parents[2] / "examples" / "mavsdk_patrol.py"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.mark.clients
-def test_mavsdk_flies_its_patrol() -> None:
-    """MAVSDK 4 connects by REBAR_MAVLINK, waits until healthy, arms, flies a square, returns and lands."""
-    pytest.importorskip("mavsdk")
+@pytest.mark.parametrize(("script", "package"), [("mavsdk_patrol.py", "mavsdk"), ("pymavlink_hop.py", "pymavlink")])
+def test_the_examples_fly(script: str, package: str) -> None:
+    """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere, lands and sees it disarmed."""
+    pytest.importorskip(package)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -32,7 +33,7 @@ def test_mavsdk_flies_its_patrol() -> None:
         environment = {**os.environ, "REBAR_MAVLINK": f"udpin:127.0.0.1:{port}"}
         environment["REBAR_OPTIONS"] = '{"side_m": 8, "height_m": 3, "timeout_s": 30}'
         done = subprocess.run(
-            [sys.executable, str(PATROL)], env=environment, capture_output=True, text=True, timeout=100, check=False
+            [sys.executable, str(EXAMPLES / script)], env=environment, capture_output=True, text=True, timeout=100, check=False
         )
     finally:
         stop.set()
