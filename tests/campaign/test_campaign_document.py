@@ -10,11 +10,11 @@ import pytest
 import yaml
 from campaign_fakes import fly, small_campaign
 
-from bench.campaign import CampaignFolder, load_campaign, open_journal, read_result, write_result, write_whole
+from bench.campaign import Campaign, CampaignFolder, load_campaign, open_journal, read_result, write_result, write_whole
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml
 from bench.errors import SetupError
-from bench.realization import check_placement, place, realize
+from bench.realization import Design, check_placement, place, realize
 from bench.simspec import factor_values
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
@@ -133,3 +133,16 @@ def test_journal_that_is_none(tmp_path: Path) -> None:
 
     with pytest.raises(SetupError, match="is no journal of a campaign"), open_journal(folder.journal):
         pass
+
+
+def test_page_on_campaigns_is_right() -> None:
+    """The page's example is a valid campaign but for its base, and the page names every method and every file of a folder."""
+    page = (CAMPAIGNS.parent / "docs" / "campaigns.md").read_text()
+    example = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
+
+    campaign = Campaign.model_validate(example)
+
+    assert [factor.name for factor in campaign.design.factors] == ["fog", "concealment", "approach"]
+    kinds = Design.model_json_schema()["properties"]["method"]["discriminator"]["mapping"]
+    assert all(f"| `{kind}` |" in page for kind in kinds)
+    assert all(name in page for name in ("journal.sqlite", "manifest.json", "result.json", "recording.mcap", "scores.parquet"))
