@@ -1,0 +1,163 @@
+"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine reads."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bench.cli._app import run
+from bench.cli._fly import parse_home, parse_link
+from bench.errors import SetupError
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "search.yaml"
+CAMPAIGN = """
+format: rebar.campaign/1
+name: small
+base_file: scene.yaml
+agents: [{manifest: reference-naive}]
+design:
+  seed: 3
+  method: {kind: full_factorial}
+  factors:
+    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
+"""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["--help"],
+        *(
+            [command, "--help"]
+            for command in "demo run realize report verify simulate score schema difficulty fly doctor".split()
+        ),
+    ],
+)
+def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """--help works everywhere and shows how the command is called."""
+    assert run(line) == 0
+    text = capsys.readouterr().out
+    assert "Usage: " in text
+    if len(line) == 2:
+        assert "Example: rebar" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (["simulate", "nowhere.yaml"], "there is no such file"),
+        (["run", "nowhere.yaml"], "there is no such file"),
+        (["run", str(EXAMPLE)], "unknown field"),
+        (["run", str(EXAMPLE), "--executor", "dask"], "not there yet"),
+        (["score", "/"], "there is no recording.mcap"),
+        (["report", "/"], "is not a campaign's folder"),
+        (["verify", "/"], "cannot be read"),
+        (["schema", "unicorn"], "there is no document 'unicorn'"),
+        (["difficulty", str(EXAMPLE), "--decomposition", "nothing"], "nothing"),
+        (["fly", "--autopilot", "inav"], "px4 or ardupilot"),
+        (["fly", "--home", "here"], "LAT,LON,ALT,HDG"),
+        (["fly", "--mavlink", "smoke"], "is not a link"),
+        (["prose", "a drone"], ""),
+        (["no-such-command"], ""),
+    ],
+)
+def test_mistakes_are_answered_with_code_2_and_a_sentence(
+    line: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A user's mistake is never a traceback."""
+    assert run(line) == 2
+    shown = capsys.readouterr()
+    assert words in shown.err + shown.out
+    assert "Traceback" not in shown.err
+
+
+@pytest.mark.parametrize("name", ["simspec", "campaign", "agent", "decomposition", "target-report", "decision", "session-result"])
+def test_schemas_are_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The JSON Schema of every document can be had."""
+    assert run(["schema", name]) == 0
+    assert json.loads(capsys.readouterr().out)["type"] == "object"
+
+
+def test_difficulty_is_told_before_anything_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    """Difficulty follows from the file alone, with the factor that rules."""
+    assert run(["difficulty", str(EXAMPLE), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    nodes = {one["node"]: one for one in told["nodes"]}
+    assert 0.0 < nodes["KA-18"]["difficulty"] <= 100.0
+    assert nodes["KA-18"]["ruled_by"]
+
+
+def test_the_doctor_finds_this_machine_fit(capsys: pytest.CaptureFixture[str]) -> None:
+    """Everything that a session needs works here."""
+    assert run(["doctor", "--json"]) == 0
+    assert all(one["fine"] for one in json.loads(capsys.readouterr().out))
+
+
+def test_homes_and_links_are_parsed_or_refused() -> None:
+    """What `rebar fly` takes is what it says that it takes."""
+    assert parse_home("47.4,8.5,488,90") == (47.4, 8.5, 488.0, 90.0)
+    link = parse_link("tcpin:127.0.0.1:5760", 0)
+    assert (link.kind, link.host, link.port) == ("tcp_in", "127.0.0.1", 5760)
+    for wrong in ("udpout:1.2.3.4", "udpout:h:0", "udpout:h:99999", "serial:/dev/x:1"):
+        with pytest.raises(SetupError):
+            parse_link(wrong, 0)
+    with pytest.raises(SetupError):
+        parse_home("95,0,0,0")
+
+
+def small_campaign(folder: Path) -> Path:
+    """Two realizations of the example."""
+    (folder / "scene.yaml").write_text(EXAMPLE.read_text())
+    path = folder / "small.yaml"
+    path.write_text(CAMPAIGN)
+    return path
+
+
+def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was changed."""
+    campaign, out = small_campaign(tmp_path), tmp_path / "out"
+    assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert {row["agent"] for row in first} == {"reference-naive"}
+    assert run(["verify", str(out)]) == 0
+    assert (out / "report.html").stat().st_size > 1_000_000
+
+    result = next((out / "runs").glob("*/result.json"))
+    kept = json.loads(result.read_text())
+    result.unlink()
+    assert run(["verify", str(out)]) == 1
+    capsys.readouterr()
+    assert run(["score", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == first
+    again = json.loads(result.read_text())
+    assert again["observations"] == kept["observations"]
+    assert again["recording_sha256"] == kept["recording_sha256"]
+    assert run(["verify", str(out)]) == 0
+
+    before = (out / "report.html").read_bytes()
+    assert run(["report", str(out)]) == 0
+    assert (out / "report.html").read_bytes() == before
+
+
+def test_killing_the_runner_and_running_again_gives_the_full_set(tmp_path: Path) -> None:
+    """kill -9 in mid-flight; the same command then flies what is missing, and every realization is there once."""
+    campaign, out = small_campaign(tmp_path), tmp_path / "out"
+    command = [sys.executable, "-m", "bench.cli", "run", str(campaign), "--out", str(out), "--workers", "1"]
+    runner = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60.0
+    while not list(out.glob("runs/*/recording.mcap")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(runner.pid, signal.SIGKILL)
+    runner.wait()
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert len(list(out.glob("runs/*/result.json"))) == 2
+    assert "2 completed" in again.stdout
