@@ -37,7 +37,19 @@ design:
         ["--help"],
         *(
             [command, "--help"]
-            for command in "demo run realize report verify simulate score schema difficulty fly doctor".split()
+            for command in [
+                "demo",
+                "run",
+                "realize",
+                "report",
+                "verify",
+                "simulate",
+                "score",
+                "schema",
+                "difficulty",
+                "fly",
+                "doctor",
+            ]
         ),
     ],
 )
