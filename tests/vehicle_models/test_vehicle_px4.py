@@ -227,7 +227,7 @@ def test_setting_parameters(make: Make) -> None:
     client.fly(4.0)
     client.command(400, 1)
     client.command(22, *[NAN] * 7)
-    client.fly(9.0)
+    client.fly(11.0)
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(7.0, abs=0.1)
 
 

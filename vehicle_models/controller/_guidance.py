@@ -55,22 +55,30 @@ class Hold:
 
 
 class Takeoff:
-    """Straight up to a height, over the place where it began."""
+    """Straight up to a height, over the place where it began; on the ground the rotors spool up first."""
 
     REACHED_M = 0.3
+    SLOWEST_MPS = 0.2
 
     def __init__(self, flight: Flight, down_m: float) -> None:
         self._place = (flight.north_m, flight.east_m)
         self._down_m = min(down_m, flight.down_m)
         self._yaw_rad = flight.yaw_rad
+        self._begun_ns: int | None = None
+        self._spools = not flight.flying
 
     def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._begun_ns is None:
+            self._begun_ns = flight.time_ns
+        climbing_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
+        waits = self._spools and climbing_s < 0.0
+        share = climbing_s / limits.takeoff_ramp_s if self._spools and climbing_s < limits.takeoff_ramp_s else 1.0
         return Target(
             north_east_m=self._place,
-            down_m=self._down_m,
+            down_m=flight.down_m if waits else self._down_m,
             yaw_rad=self._yaw_rad,
             speed_max_mps=limits.cruise_mps,
-            climb_max_mps=limits.takeoff_mps,
+            climb_max_mps=max(share * limits.takeoff_mps, self.SLOWEST_MPS),
             descent_max_mps=limits.descent_mps,
         )
 

@@ -67,6 +67,8 @@ class Limits:
     climb_mps: float
     descent_mps: float
     takeoff_mps: float
+    takeoff_spool_s: Seconds  # rotors turn, nothing moves
+    takeoff_ramp_s: Seconds  # the climb grows to its full speed
     takeoff_height_m: float  # when a takeoff command gives none
     land_mps: float
     land_slow_below_m: float  # full slowness below, full descent above `land_fast_above_m`, linear between

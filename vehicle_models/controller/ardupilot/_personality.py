@@ -112,6 +112,8 @@ class ArduPilot(Personality):
             climb_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,
             descent_mps=max(p["WPNAV_SPEED_DN"], 10.0) / 100.0,
             takeoff_mps=max(p["WPNAV_SPEED_UP"], 10.0) / 100.0,
+            takeoff_spool_s=2.6,
+            takeoff_ramp_s=1.0,
             takeoff_height_m=2.5,
             land_mps=max(p["LAND_SPEED"], 20.0) / 100.0,
             land_slow_below_m=10.0,

@@ -152,6 +152,8 @@ class Px4(Personality):
             climb_mps=max(p["MPC_Z_V_AUTO_UP"], 0.2),
             descent_mps=max(p["MPC_Z_V_AUTO_DN"], 0.2),
             takeoff_mps=max(p["MPC_TKO_SPEED"], 0.2),
+            takeoff_spool_s=0.6,
+            takeoff_ramp_s=5.5,
             takeoff_height_m=max(p["MIS_TAKEOFF_ALT"], 0.5),
             land_mps=max(p["MPC_LAND_SPEED"], 0.2),
             land_slow_below_m=p["MPC_LAND_ALT2"],
