@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -31,6 +32,9 @@ EXIT_S = 2.0
 """Host seconds that a worker which closed its link has to end by itself."""
 
 FALSE_STARTS = 3
+SCRATCH = ".scratch"
+"""Where sessions keep temporary files, so that those of sessions ended by force go too."""
+
 MARK = "REBAR_CAMPAIGN_FOLDER"
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from bench.campaign._worker import main; main({}, {}, {!r})"
 
@@ -67,11 +71,14 @@ def open_local_pool(plan: WorkerPlan, workers: int, folder: Path, grace_s: float
     """
     for pid in marked(MARK, str(folder.resolve())):
         end_tree(pid)
+    scratch = folder / SCRATCH
+    shutil.rmtree(scratch, ignore_errors=True)
     pool = LocalPool(plan, workers, folder, grace_s)
     try:
         yield pool
     finally:
         pool.end()
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 @dataclass(slots=True)
@@ -152,6 +159,8 @@ class LocalPool:
         lifeline, held = os.pipe()
         log = self._folder / "logs" / f"{name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
+        scratch = self._folder.resolve() / SCRATCH / name
+        scratch.mkdir(parents=True)
         with log.open("ab") as output:
             start = output.tell()
             process = subprocess.Popen(
@@ -160,7 +169,7 @@ class LocalPool:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
-                env={**os.environ, MARK: str(self._folder.resolve())},
+                env={**os.environ, MARK: str(self._folder.resolve()), "TMPDIR": str(scratch)},
                 start_new_session=True,  # a group of its own to end it by, out of reach of the terminal's Ctrl-C
             )
         theirs.close()

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +37,7 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
     if act.endswith("-once"):
         act = "ok" if marker.exists() else act.removesuffix("-once")
         marker.touch()
+    Path(tempfile.mkdtemp(), "of a session").touch()
     (folder / "recording.mcap").write_bytes(f"half of {realization}".encode())
     match act:
         case "raise":

@@ -149,6 +149,7 @@ def test_hung_session_is_ended_by_force(tmp_path: Path) -> None:
     assert summary.outcomes == {Outcome.WALL_BUDGET: 1, Outcome.COMPLETED: 1}
     assert entries(tmp_path)["p001-r1-fake"].attempts == 1
     assert not is_alive(int((tmp_path / "agent.pid").read_text()))
+    assert not (tmp_path / ".scratch").exists()
 
 
 def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
