@@ -90,11 +90,7 @@ class Controller:
         self._boot = list(personality.boot_texts())
         self._decoder = Decoder()
         self._detector = LandDetector()
-        self.unheard = 0
-
-    @property
-    def board(self) -> Board:
-        return self._board
+        self._unheard = 0
 
     def receive(self) -> None:
         """Move what waits in the sockets to the inboxes."""
@@ -133,7 +129,7 @@ class Controller:
             "mavlink_garbage_bytes": sum(link.garbage_bytes for link in links),
             "mavlink_dropped": sum(link.dropped for link in links),
             "mavlink_malformed": self._decoder.malformed,
-            "mavlink_unheard": self.unheard,
+            "mavlink_unheard": self._unheard,
             "setpoints_ignored": self._setpoints.ignored,
         }
 
@@ -159,7 +155,7 @@ class Controller:
                 if other is not channel:
                     other.forward(frame)
         if message is None or not handlers:
-            self.unheard += 1
+            self._unheard += 1
             return
         if for_us:
             said_by = Sender(*sender(frame), channel)

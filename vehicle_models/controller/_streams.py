@@ -41,7 +41,7 @@ class Streams:
         self._after: list[tuple[Channel, int]] = []
 
     def handlers(self) -> Mapping[str, Handler]:
-        return {"REQUEST_DATA_STREAM": self._request_group, "MESSAGE_INTERVAL": lambda m, s: None}
+        return {"REQUEST_DATA_STREAM": self._request_group}
 
     def commands(self) -> Mapping[int, CommandHandler]:
         return {SET_INTERVAL: self._set, GET_INTERVAL: self._get, REQUEST_MESSAGE: self._request}
