@@ -26,7 +26,7 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "cross", "hexagon")
 HATCHES = ("", "/", "x", ".", "-", "|")
 PALETTE = 6
 VIOLIN_FROM = 8  # with fewer scores a density would show what is not there
-VIOLIN_SPREAD = 2.0  # a violin flatter than this many points is a line; the scores themselves say more
+VIOLIN_SPREAD = 0.25  # equal scores have no density; below this the scores themselves say all
 FLIGHT_COLOURS = ((0.0, "#4a74d9"), (0.5, "#b35fa0"), (1.0, "#e0912f"))  # seen on white and on black
 Values = dict[tuple[str, str], list[float]]
 
@@ -178,8 +178,8 @@ def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scor
 
 
 def _bandwidth(values: Sequence[float]) -> float:
-    """Half of Scott's rule, since scores come in clumps; at least 1.5 points, or a clump of equal scores is a needle."""
-    return max(1.5, 0.5 * stdev(values) * math.pow(len(values), -0.2))
+    """Half of Scott's rule, since scores come in clumps; at least 0.4 points, or a clump of equal scores is a needle."""
+    return max(0.4, 0.5 * stdev(values) * math.pow(len(values), -0.2))
 
 
 def _swarm(values: Sequence[float]) -> list[float]:
