@@ -11,7 +11,7 @@ import itertools
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import pi
+from math import hypot, pi
 
 import numpy as np
 import shapely
@@ -147,6 +147,24 @@ def _check_room(simspec: SimSpec) -> None:
                 f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but their region of {region.area_m2:.0f} m2 "
                 f"offers {room:.0f} m2: lower the counts, lower separation_m or widen the region"
             )
+    for group in simspec.actors:
+        if group.placement.near:
+            _check_room_near(simspec, group, group.placement.near)
+
+
+def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
+    """The same for whoever must stay near somebody: no footprint reaches further out than its centre's band, half of itself and
+    half of its gap."""
+    asset, gap = ASSETS[group.asset], group.placement.separation_m
+    reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
+    hole_m = max(0.0, near.min_m - reach_m)
+    room = _members(simspec, simspec.group(near.of)) * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
+    need = _members(simspec, group) * _grown_area_m2(group, gap)
+    if need > room:
+        raise PlacementInfeasible(
+            f"{_members(simspec, group)} of {group.id!r} need at least {need:.0f} m2 with {gap:g} m between them, but within "
+            f"{near.min_m:g} to {near.max_m:g} m of {near.of!r} there are {room:.0f} m2: lower the count or separation_m, or raise max_m"
+        )
 
 
 def _grown_area_m2(group: ActorGroup, gap_m: float) -> float:

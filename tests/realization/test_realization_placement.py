@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from bench.documents import dump_json, parse_text, validate_document
 from bench.errors import SetupError
 from bench.realization import Design, PlacementInfeasible, check_placement, place, realize
-from bench.simspec import AgentSpec, Realized, SimSpec
+from bench.simspec import ActorGroup, AgentSpec, Near, Placement, Point, Polygon, Realized, Role, SimSpec, World
 
 PAPER: dict[str, Any] = parse_text((Path(__file__).parents[2] / "campaigns" / "paper.yaml").read_text())[0]
 
@@ -305,3 +305,17 @@ def test_footprint_gaps_agree_with_shapely() -> None:
         right = footprints(ASSETS[other], rng.uniform(0, 25, (200, 2)), rng.uniform(0, 360, 200), 0.0)
         wanted = shapely.distance(shapely.polygons(left.corners()), shapely.polygons(right.corners()))
         np.testing.assert_allclose(gaps(left, right), wanted, atol=1e-9)
+
+
+def test_a_crowd_that_no_ring_holds_is_refused_at_once() -> None:
+    """Five thousand people within forty metres are refused by their area, without a search."""
+    people = ActorGroup(
+        id="crowd", asset="civilian", role=Role.BYSTANDER, count=5000, placement=Placement(near=Near(of="target", min_m=10, max_m=40))
+    )
+    target = ActorGroup(id="target", asset="crate", role=Role.ADVERSARY, count=1)
+    corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (600, 0), (600, 250), (0, 250)))
+    spec = SimSpec(name="crowd", world=World(area=Polygon(corners=corners)), actors=(target, people))
+    began = time.process_time()
+    with pytest.raises(PlacementInfeasible, match="5000 of 'crowd' need at least .* within 10 to 40 m of 'target'"):
+        place(spec)
+    assert time.process_time() - began < 1.0

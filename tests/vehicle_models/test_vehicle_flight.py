@@ -134,6 +134,19 @@ def test_the_estimate_meets_the_setpoint_and_truth_pays_for_it(make: Make) -> No
     assert np.max(aside) > 5.0
 
 
+@pytest.mark.parametrize("root", range(4))
+def test_a_wandering_position_does_not_turn_it_over_on_the_ground(make: Make, root: int) -> None:
+    """Ten metres of wander move the landing, not the vehicle that stands on its feet: it disarms whole."""
+    client = make(simspec(vehicle={"gps": {"wander_m": 10.0}}, seeds={"root": root}))
+    client.airborne()
+    client.command(21, 0, 0, 0, NAN, NAN, NAN, NAN)
+    while client.vehicle.condition().armed:
+        client.fly(0.5)
+        assert client.vehicle.time.s < 90.0
+    assert client.vehicle.condition().landed
+    assert not client.vehicle.condition().crashed
+
+
 def test_gps_error_has_the_stated_size() -> None:
     """Over many independent vehicles each axis of the wander has its standard deviation, at the start and later."""
     from bench.simspec import Gps, Seeds, generator

@@ -106,7 +106,8 @@ class Land:
             share = 0.0
         speed = limits.land_mps + share * (limits.descent_mps - limits.land_mps)
         return Target(
-            north_east_m=self._place,
+            # With its feet on the ground it holds still: going after a wandering position would only turn it over.
+            north_east_m=None if flight.on_ground else self._place,
             velocity_ned_mps=(0.0, 0.0, speed),
             yaw_rad=self._yaw_rad,
             speed_max_mps=limits.cruise_mps,
