@@ -1,13 +1,19 @@
 """Where the vehicle believes itself to be: truth plus the error of its satellite navigation.
 
-Horizontally a first-order Gauss-Markov wander (stationary from the start: the receiver has been on for a while) with
-white noise on every fix; vertically white noise alone, since height is held by the barometer. What the autopilot flies
-by follows the fixes through a first-order filter, as an estimator would. Velocity and attitude are taken as exact.
+Horizontally a second-order Gauss-Markov wander (stationary from the start: the receiver has been on for a while) with
+white noise on every fix; vertically white noise alone, since height is held by the barometer. Second order, because what
+wanders in a receiver (ionosphere, multipath) has a rate: a first-order process is rough, and a vehicle that follows it
+shakes. What the autopilot flies by follows the fixes through a first-order filter, as an estimator would. Velocity and
+attitude are taken as exact.
+
+Source of the process: Gelb (ed.), "Applied Optimal Estimation" (1974), section 2.2: critically damped, with
+correlation exp(-b t) (1 + b t), which falls to 1/e at `wander_time_s` for b = 2.146 / wander_time_s.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +23,7 @@ from bench.simspec import Gps
 FIX_S = 0.125  # PX4's simulated receiver gives 8 fixes a second
 _FOLLOW_S = 0.5  # time constant with which the estimate follows the fixes
 _BLOCK = 512
+_DECAY = 2.1461932  # b times the correlation time: the root of exp(-z) (1 + z) = 1/e
 
 
 class Navigation:
@@ -27,11 +34,12 @@ class Navigation:
         self._random = random
         self._draws: list[list[float]] = []
         self._follow = -math.expm1(-step_s / _FOLLOW_S)
-        self._keep = math.exp(-FIX_S / gps.wander_time_s)
-        self._fresh = gps.wander_m * math.sqrt(1.0 - self._keep * self._keep)
-        east, north, *_ = self._draw()
-        self._wander = (gps.wander_m * east, gps.wander_m * north)
-        self.fix_error_enu_m: Vector = (*self._wander, 0.0)
+        self._wanders = _Wander.of(gps, FIX_S)
+        a, b, c, d, *_ = self._draw()
+        rate = _DECAY / gps.wander_time_s
+        self._east = (gps.wander_m * a, rate * gps.wander_m * b)
+        self._north = (gps.wander_m * c, rate * gps.wander_m * d)
+        self.fix_error_enu_m: Vector = (self._east[0], self._north[0], 0.0)
         self.error_enu_m: Vector = self.fix_error_enu_m
         self.fixes = 0
         self._since_fix_s = 0.0
@@ -49,15 +57,41 @@ class Navigation:
         self.error_enu_m = (e + share * (fe - e), n + share * (fn - n), u + share * (fu - u))
 
     def _fix(self) -> None:
-        a, b, c, d, e = self._draw()
+        a, b, c, d, e, f, g = self._draw()
         noise = self._gps.noise_m
-        east, north = self._wander
-        east, north = self._keep * east + self._fresh * a, self._keep * north + self._fresh * b
-        self._wander = (east, north)
-        self.fix_error_enu_m = (east + noise * c, north + noise * d, 1.5 * noise * e)
+        self._east = self._wanders.step(self._east, a, b)
+        self._north = self._wanders.step(self._north, c, d)
+        self.fix_error_enu_m = (self._east[0] + noise * e, self._north[0] + noise * f, 1.5 * noise * g)
         self.fixes += 1
 
     def _draw(self) -> list[float]:
         if not self._draws:
-            self._draws = self._random.standard_normal((_BLOCK, 5)).tolist()
+            self._draws = self._random.standard_normal((_BLOCK, 7)).tolist()
         return self._draws.pop()
+
+
+@dataclass(frozen=True, slots=True)
+class _Wander:
+    """One axis of the wander, exactly discretised: state (error, rate), transition row by row, and the Cholesky factor of its noise."""
+
+    transition: tuple[float, float, float, float]
+    noise: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, gps: Gps, step_s: float) -> _Wander:
+        b = _DECAY / gps.wander_time_s
+        fade = math.exp(-b * step_s)
+        m = fade * np.array([[1.0 + b * step_s, step_s], [-b * b * step_s, 1.0 - b * step_s]])
+        stationary = gps.wander_m**2 * np.diag([1.0, b * b])
+        q = stationary - m @ stationary @ m.T
+        # By hand, since the matrix is singular without a wander, and nearly so for a slow one.
+        rate = math.sqrt(max(q[1, 1], 0.0))
+        cross = float(q[0, 1] / rate) if rate else 0.0
+        return cls((*m[0].tolist(), *m[1].tolist()), (math.sqrt(max(q[0, 0] - cross * cross, 0.0)), cross, rate))
+
+    def step(self, state: tuple[float, float], first: float, second: float) -> tuple[float, float]:
+        """The state one fix later, for two standard normal draws."""
+        error, rate = state
+        a, b, c, d = self.transition
+        own, cross, of_rate = self.noise
+        return a * error + b * rate + own * first + cross * second, c * error + d * rate + of_rate * second

@@ -108,7 +108,7 @@ class Environment(Document):
 
 
 class Gps(Document):
-    """Satellite navigation error: a slow first-order Gauss-Markov wander plus white noise per fix."""
+    """Satellite navigation error: a slow second-order Gauss-Markov wander plus white noise per fix."""
 
     wander_m: Annotated[float, Field(ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error.")] = 0.3
     wander_time_s: Annotated[float, Field(gt=0.0, le=3600.0, description="Correlation time of the slow error.")] = 60.0
