@@ -310,12 +310,16 @@ def test_footprint_gaps_agree_with_shapely() -> None:
 def test_a_crowd_that_no_ring_holds_is_refused_at_once() -> None:
     """Five thousand people within forty metres are refused by their area, without a search."""
     people = ActorGroup(
-        id="crowd", asset="civilian", role=Role.BYSTANDER, count=5000, placement=Placement(near=Near(of="target", min_m=10, max_m=40))
+        id="crowd",
+        asset="civilian",
+        role=Role.BYSTANDER,
+        count=5000,
+        placement=Placement(near=Near(of="target", min_m=10, max_m=40)),
     )
     target = ActorGroup(id="target", asset="crate", role=Role.ADVERSARY, count=1)
     corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (600, 0), (600, 250), (0, 250)))
     spec = SimSpec(name="crowd", world=World(area=Polygon(corners=corners)), actors=(target, people))
     began = time.process_time()
-    with pytest.raises(PlacementInfeasible, match="5000 of 'crowd' need at least .* within 10 to 40 m of 'target'"):
+    with pytest.raises(PlacementInfeasible, match=r"5000 of 'crowd' need at least .* within 10 to 40 m of 'target'"):
         place(spec)
     assert time.process_time() - began < 1.0
