@@ -10,8 +10,8 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import Client, simspec
+from vehicle_client import mavlink as mavlink
 
 from vehicle_models.controller._frames import Decoder, FrameReader, Packer, wire_values
 

@@ -9,11 +9,11 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from bench.contracts import LinkSpec, MavlinkTap, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
 from vehicle_models import open_x500
+from vehicle_models.controller._dialect import dialect as mavlink
 
 NAN = math.nan
 

@@ -26,8 +26,13 @@ class Clock:
 
     def _timesync(self, m: Any, sender: Sender) -> None:
         if m.tc1 == 0:
-            # The dialect's TIMESYNC has no target fields yet; ts1 tells the asker that the answer is his.
-            sender.channel.tell("TIMESYNC", tc1=self._board.flight.time_ns, ts1=m.ts1)
+            sender.channel.tell(
+                "TIMESYNC",
+                tc1=self._board.flight.time_ns,
+                ts1=m.ts1,
+                target_system=sender.system,
+                target_component=sender.component,
+            )
 
     def _ping(self, m: Any, sender: Sender) -> None:
         if m.target_system == 0 and m.target_component == 0:

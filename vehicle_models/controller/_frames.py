@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from fastcrc.crc16 import mcrf4xx
-from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from ._dialect import dialect
 
 MAX_FRAME = 10 + 255 + 2 + 13
 _MESSAGES: dict[int, Any] = dialect.mavlink_map
