@@ -14,7 +14,7 @@ from ._commands import Commands
 from ._failsafe import Failsafe
 from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
-from ._guidance import Guidance, LandDetector, Takeoff
+from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
 from ._home import HomeKeeper
 from ._identity import Identity
 from ._links import Link
@@ -44,6 +44,7 @@ class Controller:
         links: Sequence[Link],
         given: Mapping[str, float],
         tap: MavlinkTap | None = None,
+        manoeuvres: Manoeuvres | None = None,
     ) -> None:
         packer = Packer(SYSTEM, COMPONENT)
         self._flight = flight
@@ -53,7 +54,7 @@ class Controller:
         parameters = ParameterStore(personality.parameters, given)
         texts = Texts(radio, personality.text_ending)
         self._board = board = Board(flight, airframe, personality, radio, texts, parameters)
-        self._guidance = Guidance(flight, personality.limits(parameters))
+        self._guidance = Guidance(flight, personality.limits(parameters), manoeuvres)
         parameters.on_change(self._limits_changed)
         self._setpoints = Setpoints(board, self._guidance)
         modes = Modes(board, self._guidance, self._setpoints.fresh)

@@ -189,12 +189,41 @@ class Follow:
         return False
 
 
+class Manoeuvres:
+    """How this kind of aircraft does what every kind can: the multicopter's way. Another kind overrides what it does otherwise."""
+
+    def hold(
+        self,
+        flight: Flight,
+        north_east_m: tuple[float, float] | None = None,
+        down_m: float | None = None,
+        yaw_rad: float | None = None,
+        speed_mps: float | None = None,
+        radius_m: float | None = None,
+    ) -> Hold:
+        """Stay at a place. `radius_m` is for what cannot stand still: positive clockwise, None as the parameters say."""
+        return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
+
+    def takeoff(self, flight: Flight, down_m: float) -> Takeoff:
+        return Takeoff(flight, down_m)
+
+    def land(self, flight: Flight, north_east_m: tuple[float, float] | None = None, ground_down_m: float = 0.0) -> Land:
+        return Land(flight, north_east_m, ground_down_m)
+
+    def go_home(self, flight: Flight, home: Home, limits: Limits) -> Return:
+        return Return(flight, home, limits)
+
+    def follow(self, flight: Flight) -> Follow:
+        return Follow(flight)
+
+
 class Guidance:
     """The manoeuvre being flown. `begin` starts that of a behaviour."""
 
-    def __init__(self, flight: Flight, limits: Limits) -> None:
+    def __init__(self, flight: Flight, limits: Limits, manoeuvres: Manoeuvres | None = None) -> None:
         self.limits = limits
-        self.manoeuvre: Manoeuvre = Hold(flight)
+        self.manoeuvres = manoeuvres or Manoeuvres()
+        self.manoeuvre: Manoeuvre = self.manoeuvres.hold(flight)
         self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
 
     def begin(self, behaviour: Behaviour, flight: Flight) -> None:
@@ -202,15 +231,15 @@ class Guidance:
         self.speed_mps = None
         match behaviour:
             case Behaviour.TAKEOFF:
-                self.manoeuvre = Takeoff(flight, flight.down_m - self.limits.takeoff_height_m)
+                self.manoeuvre = self.manoeuvres.takeoff(flight, flight.down_m - self.limits.takeoff_height_m)
             case Behaviour.LAND:
-                self.manoeuvre = Land(flight, ground_down_m=flight.home.down_m if flight.home else 0.0)
+                self.manoeuvre = self.manoeuvres.land(flight, ground_down_m=flight.home.down_m if flight.home else 0.0)
             case Behaviour.RETURN if flight.home:
-                self.manoeuvre = Return(flight, flight.home, self.limits)
+                self.manoeuvre = self.manoeuvres.go_home(flight, flight.home, self.limits)
             case Behaviour.FOLLOW:
-                self.manoeuvre = Follow(flight)
+                self.manoeuvre = self.manoeuvres.follow(flight)
             case _:
-                self.manoeuvre = Hold(flight)
+                self.manoeuvre = self.manoeuvres.hold(flight)
 
     def target(self, flight: Flight) -> Target:
         return self.manoeuvre.target(flight, self.limits)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from ._board import Board, Command, CommandHandler, Handler, Result
 from ._flight import Behaviour
-from ._guidance import Guidance, Hold, Takeoff
+from ._guidance import Guidance, Hold
 from ._modes import Modes
 from ._personality import Event, Refusal
 
@@ -51,7 +51,7 @@ class Navigator:
         if board.personality.takeoff_mode:
             self._modes.switch(board.personality.mode(board.personality.takeoff_mode))
         if altitude is not None:
-            self._guidance.manoeuvre = Takeoff(flight, flight.origin.altitude_m - altitude)
+            self._guidance.manoeuvre = self._guidance.manoeuvres.takeoff(flight, flight.origin.altitude_m - altitude)
         elif not board.personality.takeoff_mode:
             self._guidance.begin(Behaviour.TAKEOFF, flight)
         return Result.ACCEPTED
@@ -65,7 +65,7 @@ class Navigator:
         refusal = board.personality.refuse_reposition(flight, command)
         if refusal:
             return self._refused(refusal)
-        speed, _, _, yaw, latitude, longitude, altitude = command.params
+        speed, _, radius, yaw, latitude, longitude, altitude = command.params
         place = None
         if math.isfinite(latitude) and math.isfinite(longitude):
             if abs(latitude) > 90.0 or abs(longitude) > 180.0:
@@ -78,12 +78,13 @@ class Navigator:
             down = flight.origin.altitude_m - board.personality.altitude_amsl_m(flight, command.frame, altitude)
         keep = self._guidance.speed_mps
         self._modes.switch(board.personality.mode(board.personality.reposition_mode))
-        self._guidance.manoeuvre = Hold(
+        self._guidance.manoeuvre = self._guidance.manoeuvres.hold(
             flight,
             place,
             down,
             yaw_rad=yaw if math.isfinite(yaw) else None,
             speed_mps=speed if math.isfinite(speed) and speed > 0.0 else keep,
+            radius_m=radius if math.isfinite(radius) and radius != 0.0 else None,
         )
         return Result.ACCEPTED
 

@@ -110,6 +110,7 @@ class Personality(ABC):
 
     name: ClassVar[str]
     autopilot: ClassVar[int]  # MAV_AUTOPILOT
+    vehicle_type: ClassVar[int] = 2  # MAV_TYPE; a quadrotor
     modes: ClassVar[tuple[Mode, ...]]
     first_mode: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]

@@ -93,7 +93,7 @@ class Telemetry:
     def _heartbeat(self) -> Values:
         flight, personality = self._flight, self._board.personality
         base, status = personality.heartbeat(flight, self.has_setpoints())
-        return (flight.mode.custom, 2, personality.autopilot, base, status, 3)  # 2: quadrotor
+        return (flight.mode.custom, personality.vehicle_type, personality.autopilot, base, status, 3)
 
     def _attitude(self) -> Values:
         f = self._flight
