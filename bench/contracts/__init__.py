@@ -66,6 +66,7 @@ from ._topics import TRUTH_VEHICLE as TRUTH_VEHICLE
 from ._topics import TRUTH_VIEW as TRUTH_VIEW
 from ._topics import VehicleTopics as VehicleTopics
 from ._topics import mavlink_topic as mavlink_topic
+from ._vehicle import CarriesCamera as CarriesCamera
 from ._vehicle import LinkSpec as LinkSpec
 from ._vehicle import MavlinkTap as MavlinkTap
 from ._vehicle import OpenVehicle as OpenVehicle

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from bench.simspec import SimSpec
 
@@ -28,6 +28,9 @@ class VehicleState:
     pitch_rad: float
     yaw_rad: float
     rates_body_radps: Vector = (0.0, 0.0, 0.0)
+    # Where a gimbal holds the camera: clockwise from the nose, and below the horizon. None without a gimbal.
+    camera_pan_rad: float | None = None
+    camera_tilt_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class VehicleCondition:
     mode: str
     battery_fraction: float
     failsafe: str = ""
+    failures: tuple[str, ...] = ()  # what is broken just now
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +113,14 @@ class Vehicle(Protocol):
 
     def counters(self) -> Mapping[str, int]:
         """What was dropped or malformed, by name, for the session's result."""
+
+
+@runtime_checkable
+class CarriesCamera(Protocol):
+    """What a vehicle promises beside `Vehicle` when its camera is on its MAVLink links."""
+
+    def exposed(self, frame: int, time: SimTime) -> None:
+        """The scene has made frame number `frame` of the vehicle's camera at `time`."""
 
 
 class OpenVehicle(Protocol):

@@ -22,6 +22,7 @@ from ._document import Budgets as Budgets
 from ._document import Camera as Camera
 from ._document import DetectionModel as DetectionModel
 from ._document import Environment as Environment
+from ._document import Failure as Failure
 from ._document import Fraction as Fraction
 from ._document import Gps as Gps
 from ._document import Home as Home

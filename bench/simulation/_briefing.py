@@ -58,6 +58,7 @@ class Briefing:
         self._base = f"{simspec.vehicle.name}/base_link"
         self._optical = f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
+        self._gimbal = simspec.vehicle.camera.gimbal
         # A mount that keeps level does not sit on base_link but on a frame that shares only its place and yaw.
         self._carrier = f"{simspec.vehicle.name}/base_level" if self._camera.stabilized else self._base
         self._order = mission_order(simspec)
@@ -75,7 +76,8 @@ class Briefing:
         air.clock.say(now, Clock(clock=Time.of(now.ns)))
         if not self._briefed:
             self._briefed = True
-            air.tf_static.say(now, self._mount(now))
+            if not self._gimbal:
+                air.tf_static.say(now, TFMessage(transforms=(self._mount(now),)))
             air.mission.say_document(now, self._order)
         air.tf.say(now, self._pose(now, vehicle.estimate()))
         while self._intelligence and self._intelligence[0][0] <= now.s:
@@ -93,13 +95,16 @@ class Briefing:
         if self._carrier != self._base:
             level = Transform(translation=place, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
             poses = (*poses, TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
+        if self._gimbal:
+            poses = (*poses, self._mount(now, state.camera_pan_rad or 0.0, state.camera_tilt_rad))
         return TFMessage(transforms=poses)
 
-    def _mount(self, now: SimTime) -> TFMessage:
-        x, y, z, w = self._camera.mount_quaternion()
+    def _mount(self, now: SimTime, pan_rad: float = 0.0, tilt_rad: float | None = None) -> TransformStamped:
+        """What the camera hangs on -> its optical frame: fixed, or where the gimbal holds it."""
+        x, y, z, w = self._camera.mount_quaternion(pan_rad, tilt_rad)
         transform = Transform(translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w))
         header = Header(stamp=Time.of(now.ns), frame_id=self._carrier)
-        return TFMessage(transforms=(TransformStamped(header=header, child_frame_id=self._optical, transform=transform),))
+        return TransformStamped(header=header, child_frame_id=self._optical, transform=transform)
 
     def _camera_info(self, exposed: SimTime) -> CameraInfo:
         numbers = self._camera.camera_info()

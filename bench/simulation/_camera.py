@@ -2,7 +2,8 @@
 
 Pixels are continuous: the picture spans [0, width] x [0, height] from its top left corner, and the axis meets its middle.
 Camera coordinates are ROS's optical frame (REP 103): x right, y down, z forward. The camera sits at the vehicle's
-position, without a lever arm. A stabilized mount takes roll and pitch out, so that only yaw turns the camera.
+position, without a lever arm. A stabilized mount takes roll and pitch out, so that only yaw turns the camera; on a gimbal
+the state's pan and tilt turn it further.
 """
 
 from __future__ import annotations
@@ -65,12 +66,14 @@ class PinholeCamera:
         """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera coordinates."""
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
         sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-        sy, cy = math.sin(state.yaw_rad), math.cos(state.yaw_rad)
+        yaw = state.yaw_rad + (state.camera_pan_rad or 0.0)
+        sy, cy = math.sin(yaw), math.cos(yaw)
         # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down turned up.
         ahead = (cp * sy, cp * cy, sp)
         right = (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp)
         below = (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp)
-        st, ct = math.sin(self.tilt_rad), math.cos(self.tilt_rad)
+        tilt = self.tilt_rad if state.camera_tilt_rad is None else state.camera_tilt_rad
+        st, ct = math.sin(tilt), math.cos(tilt)
         down = [ct * b - st * a for a, b in zip(ahead, below, strict=True)]
         forward = [ct * a + st * b for a, b in zip(ahead, below, strict=True)]
         return np.array((right, down, forward))
@@ -97,11 +100,16 @@ class PinholeCamera:
             p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
         )
 
-    def mount_quaternion(self) -> tuple[float, float, float, float]:
-        """x, y, z, w of the optical frame in base_link (x forward, y left, z up), for /tf_static.
+    def mount_quaternion(self, pan_rad: float = 0.0, tilt_rad: float | None = None) -> tuple[float, float, float, float]:
+        """x, y, z, w of the optical frame in base_link (x forward, y left, z up), for /tf_static; of a gimbal, for /tf.
 
-        Tilted down about the left axis, then turned from body to optical axes. Of a stabilized camera it speaks of a level
-        base_link: whoever uses it has to take the vehicle's roll and pitch out first.
+        Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. Of a stabilized
+        camera it speaks of a level base_link: whoever uses it has to take the vehicle's roll and pitch out first.
         """
-        s, c = math.sin(self.tilt_rad / 2.0) / 2.0, math.cos(self.tilt_rad / 2.0) / 2.0
-        return (-c - s, c + s, s - c, c - s)
+        tilt_rad = self.tilt_rad if tilt_rad is None else tilt_rad
+        s, c = math.sin(tilt_rad / 2.0) / 2.0, math.cos(tilt_rad / 2.0) / 2.0
+        if not pan_rad:
+            return (-c - s, c + s, s - c, c - s)
+        sp, cp = math.sin(-pan_rad / 2.0), math.cos(pan_rad / 2.0)
+        x, y, z, w = -c - s, c + s, s - c, c - s
+        return (cp * x - sp * y, cp * y + sp * x, cp * z + sp * w, cp * w - sp * z)

@@ -20,6 +20,7 @@ from bench.contracts import (
     AgentPlan,
     AgentProcess,
     AgentStatus,
+    CarriesCamera,
     Detector,
     LinkSpec,
     MavlinkNeed,
@@ -136,6 +137,7 @@ class Session:
         self._briefing = Briefing(plan.simspec, air, scene)
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
+        self._carries_camera = vehicle if isinstance(vehicle, CarriesCamera) else None
         self._complete = False
         self._frame = 0
         self._frame_period_ns = round(1e9 / plan.simspec.vehicle.camera.rate_hz)
@@ -214,6 +216,8 @@ class Session:
         frame = self._scene.look(self._vehicle.truth(), self._frame)
         self._frame += 1
         self._truth.frame(frame)
+        if self._carries_camera is not None:
+            self._carries_camera.exposed(frame.number, now)
         self._briefing.exposed(now)
         self._detector.see(frame)
 

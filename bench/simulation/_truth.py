@@ -63,6 +63,7 @@ class Truth:
         self._base = f"{vehicle_name}/base_link"
         self._next_ns = {"odometry": 0, "actors": 0, "condition": 0}
         self._condition: VehicleCondition | None = None
+        self._failures: tuple[str, ...] = ()
         self._wire: dict[tuple[str, str], bytearray] = {}
 
     def event(self, time: SimTime, name: str, text: str = "") -> None:
@@ -107,6 +108,8 @@ class Truth:
         if self._due(time, "odometry", ODOMETRY_HZ):
             self._odometry(time, vehicle.truth())
         condition = vehicle.condition()
+        if condition.failures != self._failures:
+            self._failure_events(time, condition.failures)
         changed = self._condition is None or _shape(condition) != _shape(self._condition)
         if self._due(time, "condition", CONDITION_HZ) or changed:
             self._condition = condition
@@ -114,6 +117,16 @@ class Truth:
         if self._due(time, "actors", ACTORS_HZ):
             scene.advance(time)
             self._actors(time, scene)
+
+    def _failure_events(self, time: SimTime, failures: tuple[str, ...]) -> None:
+        """What broke and what works again since the sample before, in the session's log."""
+        for one in failures:
+            if one not in self._failures:
+                self.event(time, "failure", one)
+        for one in self._failures:
+            if one not in failures:
+                self.event(time, "repaired", one)
+        self._failures = failures
 
     def _due(self, time: SimTime, name: str, rate_hz: int) -> bool:
         if time.ns < self._next_ns[name]:

@@ -131,3 +131,16 @@ def test_the_schema_is_published_and_closed() -> None:
     schema = json.loads(json.dumps(SimSpec.model_json_schema()))
     assert schema["additionalProperties"] is False
     assert "altitude_m" in schema["$defs"]["Mission"]["properties"]
+
+
+def test_failures_have_the_fields_of_their_kind() -> None:
+    """A failure that lacks what it needs, or has what another kind has, is refused in words; a gimbal keeps level."""
+    whole = "vehicle: {failures: [{at_s: 3, kind: gps_off, duration_s: 5}, {at_s: 4, kind: motor_off, instance: 1}]}\n"
+    assert [one.kind for one in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures] == ["gps_off", "motor_off"]
+    for wrong, words in (
+        ("{at_s: 1, kind: motor_off}", "motor_off needs instance"),
+        ("{at_s: 1, kind: gps_off, instance: 2}", "gps_off has no instance"),
+        ("{at_s: 1, kind: battery_drop}", "battery_drop needs to_fraction"),
+    ):
+        assert words in faults(f"name: a\n{SQUARE}vehicle: {{failures: [{wrong}]}}\n")[0]
+    assert "keeps the camera level" in faults(f"name: a\n{SQUARE}vehicle: {{camera: {{gimbal: true, stabilized: false}}}}\n")[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,22 @@ def test_the_mount_is_the_rotation_that_the_projection_uses(tilt_deg: float) -> 
 
     assert math.hypot(x, y, z, w) == pytest.approx(1.0)
     assert one.axes_enu(hovering(0, 0, 10, math.pi / 2)) == pytest.approx(matrix.T, abs=1e-12)
+
+
+@pytest.mark.parametrize(("pan_rad", "tilt_rad"), [(0.0, 0.3), (0.7, 1.2), (-2.5, 0.0), (3.1, -0.4)])
+def test_a_gimbal_turns_the_projection_and_the_mount_alike(pan_rad: float, tilt_rad: float) -> None:
+    """Pan is a turn of the heading, tilt replaces the SimSpec's; /tf says the rotation that the projection uses."""
+    one, plain = camera(60.0), hovering(0, 0, 10, math.pi / 2)
+    turned = replace(plain, camera_pan_rad=pan_rad, camera_tilt_rad=tilt_rad)
+    x, y, z, w = one.mount_quaternion(pan_rad, tilt_rad)
+    forward = np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
+    right = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+
+    axes = one.axes_enu(turned)
+    assert axes[2] == pytest.approx(forward, abs=1e-12)
+    assert axes[0] == pytest.approx(right, abs=1e-12)
+    same = camera(0.0).axes_enu(replace(hovering(0, 0, 10, math.pi / 2 + pan_rad), camera_pan_rad=0.0, camera_tilt_rad=tilt_rad))
+    assert axes == pytest.approx(same, abs=1e-12)
 
 
 def test_camera_info_states_the_intrinsics_that_project() -> None:
