@@ -28,6 +28,14 @@ def not_considered(reason: str) -> Finding:
     return Finding(None, (Evidence(time_s=0.0, text=reason),))
 
 
+def belief(right: int, wrong: int) -> float:
+    """How far an agent is believed that said so many right and so many wrong things: wholly while half of it is right.
+
+    Beyond that in proportion, so that guessing everywhere, where something must be right, gains nothing.
+    """
+    return min(1.0, right / wrong) if wrong else 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class Measured(Generic[O]):
     """The entry point of one measure: its options are the fields of a frozen dataclass, a trailing underscore dropped."""

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from bench.contracts import At, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
-from ._measured import Finding, Measured, not_considered
+from ._measured import Finding, Measured, belief, not_considered
 from ._truth import Target, Truth
 
 NO_TARGETS = "intelligence names no adversary"
+
+FALSE_M = 30.0
+"""A report farther than this from every adversary of its class is false."""
+
+MAX_FALSE = 500
+"""False places that are told apart: with so many nobody is believed, and more would only cost time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +26,10 @@ class WithinOptions:
 
 
 def _targets_reported(tape: Tape, simspec: SimSpec, options: WithinOptions) -> Finding:
-    """Share of the adversaries named by intelligence that a report of their class put within `within_m` of their place."""
+    """Share of the adversaries named by intelligence that a report of their class put within `within_m` of their place.
+
+    All times the belief in the reports as a whole, here and below: some report of a map full of them is always right.
+    """
     truth = Truth(tape, simspec)
     targets = truth.targets()
     if not targets:
@@ -27,7 +37,7 @@ def _targets_reported(tape: Tape, simspec: SimSpec, options: WithinOptions) -> F
     first = {target.actor: _first_report(truth, target, tape, options.within_m) for target in targets}
     missed = [_unreported(truth, actor, tape) for actor, index in first.items() if index is None]
     made = [_reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None]
-    return Finding(len(made) / len(targets), (*missed, *made))
+    return Finding(len(made) / len(targets) * _belief_in(truth, tape), (*missed, *made))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +62,7 @@ def _report_accuracy(tape: Tape, simspec: SimSpec, options: ReportAccuracyOption
     errors_m = {actor: _error_m(truth, actor, said) for actor, said in reported.items()}
     worst_first = sorted(reported, key=lambda actor: -errors_m[actor])
     x = sum(max(0.0, 1.0 - error_m / options.scale_m) for error_m in errors_m.values()) / len(reported)
-    return Finding(x, tuple(_reported(truth, actor, reported[actor]) for actor in worst_first))
+    return Finding(x * _belief_in(truth, tape), tuple(_reported(truth, actor, reported[actor]) for actor in worst_first))
 
 
 def _priority_order(tape: Tape, simspec: SimSpec, options: WithinOptions) -> Finding:
@@ -77,29 +87,53 @@ def _priority_order(tape: Tape, simspec: SimSpec, options: WithinOptions) -> Fin
         (kept if in_order else broken).append(
             Evidence(time_s=time_s, text=f"{names}: {'in order' if in_order else 'not reported in this order'}")
         )
-    return Finding(len(kept) / len(pairs), (*broken, *kept))
+    return Finding(len(kept) / len(pairs) * _belief_in(truth, tape), (*broken, *kept))
 
 
 @dataclass(frozen=True, slots=True)
 class NoFalseReportsOptions:
-    within_m: float = 30.0
+    within_m: float = FALSE_M
 
 
 def _no_false_reports(tape: Tape, simspec: SimSpec, options: NoFalseReportsOptions) -> Finding:
-    """Share of the reports that have an adversary of their class within `within_m`.
+    """Of what was reported, each adversary and each false place once, the share that is an adversary.
 
+    An adversary is meant by the reports of its class within `within_m`; so repeating a true report makes up for no false one.
     Without reports 0, for nothing was shown; 1 in a scenario without adversaries, where silence is right.
     """
     truth = Truth(tape, simspec)
     if not tape.reports:
         silent = Evidence(time_s=tape.end_s, text="the agent reported nothing")
         return Finding(0.0 if truth.of_role("adversary") else 1.0, (silent,))
-    false = [said for said in tape.reports if not _has_adversary(truth, said, options.within_m)]
+    right, false = _told_apart(truth, tape, options.within_m)
     evidence = [
         Evidence(time_s=said.time.s, text=f"report {said.value.id} ({said.value.class_label}): no such adversary there")
         for said in false
     ]
-    return Finding(1.0 - len(false) / len(tape.reports), tuple(evidence))
+    return Finding(len(right) / (len(right) + len(false)), tuple(evidence))
+
+
+def _belief_in(truth: Truth, tape: Tape) -> float:
+    right, false = _told_apart(truth, tape, FALSE_M)
+    return belief(len(right), len(false))
+
+
+def _told_apart(truth: Truth, tape: Tape, within_m: float) -> tuple[set[int], list[At[TargetReport]]]:
+    """The adversaries that were reported, and the false reports: of those of one class within `within_m` the first."""
+    right: set[int] = set()
+    false: list[At[TargetReport]] = []
+    for said in tape.reports:
+        about = truth.subject(said.value, said.time.s, within_m)
+        if about is not None:
+            right.add(about)
+        elif len(false) < MAX_FALSE and not any(_same_place(said.value, other.value, within_m) for other in false):
+            false.append(said)
+    return right, false
+
+
+def _same_place(one: TargetReport, other: TargetReport, within_m: float) -> bool:
+    apart_m = math.hypot(one.east_m - other.east_m, one.north_m - other.north_m)
+    return one.class_label == other.class_label and apart_m <= within_m
 
 
 def _first_report(truth: Truth, target: Target, tape: Tape, within_m: float) -> int | None:
@@ -109,13 +143,6 @@ def _first_report(truth: Truth, target: Target, tape: Tape, within_m: float) -> 
         if said.value.class_label == label and _error_m(truth, target.actor, said) <= within_m:
             return index
     return None
-
-
-def _has_adversary(truth: Truth, said: At[TargetReport], within_m: float) -> bool:
-    return any(
-        truth.cast[actor].class_label == said.value.class_label and _error_m(truth, actor, said) <= within_m
-        for actor in truth.of_role("adversary")
-    )
 
 
 def _error_m(truth: Truth, actor: int, said: At[TargetReport]) -> float:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.contracts import AgentTrack, Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._measured import Finding, Measured, not_considered
+from ._measured import Finding, Measured, belief, not_considered
 from ._truth import RoleName, Truth
+
+Bools = NDArray[np.bool_]
+
+NEAR_M = 15.0
+"""A track farther than this from every actor of its class is wrong."""
 
 MIN_FINAL_FRAMES = 3
 """A track of fewer frames is a guess that the agent has not yet made up its mind about."""
@@ -24,24 +31,36 @@ class ClassifiedShareOptions:
 
 
 def _classified_share(tape: Tape, simspec: SimSpec, options: ClassifiedShareOptions) -> Finding:
-    """Share of the role's actors inside the reported sub-areas that some track held, at its place and with its class."""
+    """Share of the role's actors inside the reported sub-areas that some track held, at its place and with its class.
+
+    A message is believed as far as its tracks are right: who fills the map with guesses holds nobody.
+    """
     truth = Truth(tape, simspec)
     entered = _entered(truth, options.role)
     if not entered:
         return not_considered(f"no actor of role {options.role} was ever inside a reported sub-area")
+    credit = dict.fromkeys(entered, 0.0)
     found: dict[int, Evidence] = {}
     for said in tape.tracks:
-        left = [actor for actor in entered if actor not in found]
+        left = [actor for actor in entered if credit[actor] < 1.0]
         tracks = [track for track in said.value.tracks if track.frames >= options.min_frames]
-        if left and tracks:
-            held = _held(truth, left, tracks, said.time.s, options.within_m)
-            found |= {actor: _held_as(truth, actor, track, said.time.s) for actor, track in held.items()}
+        held = _held(truth, left, tracks, said.time.s, options.within_m) if left and tracks else {}
+        belief = _belief_in(truth, tracks, said.time.s) if held else 0.0
+        for actor, track in held.items():
+            if belief > credit[actor]:
+                credit[actor] = belief
+                found[actor] = _held_as(truth, actor, track, said.time.s, belief)
     missed = [
         Evidence(time_s=time_s, text=f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) inside a sub-area, never held")
         for actor, time_s in entered.items()
         if actor not in found
     ]
-    return Finding(len(found) / len(entered), (*missed, *found.values()))
+    return Finding(sum(credit.values()) / len(entered), (*missed, *found.values()))
+
+
+def _belief_in(truth: Truth, tracks: Sequence[AgentTrack], time_s: float) -> float:
+    right = int(_stand_near_their_class(truth, tracks, time_s, NEAR_M).sum())
+    return belief(right, len(tracks) - right)
 
 
 def _entered(truth: Truth, role: RoleName) -> dict[int, float]:
@@ -70,39 +89,53 @@ def _held(truth: Truth, actors: list[int], tracks: list[AgentTrack], time_s: flo
     return held
 
 
-def _held_as(truth: Truth, actor: int, track: AgentTrack, time_s: float) -> Evidence:
-    return Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held as track {track.id} ({track.class_label})")
+def _held_as(truth: Truth, actor: int, track: AgentTrack, time_s: float, belief: float) -> Evidence:
+    doubt = "" if belief >= 1.0 else f", one right track among so many wrong ones that {belief:.2f} is believed"
+    return Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held as track {track.id} ({track.class_label}){doubt}")
 
 
 @dataclass(frozen=True, slots=True)
 class NoFalseTracksOptions:
-    within_m: float = 15.0
+    within_m: float = NEAR_M
 
 
 def _no_false_tracks(tape: Tape, simspec: SimSpec, options: NoFalseTracksOptions) -> Finding:
-    """Share of the agent's final tracks that stand near an actor of their class; 0 when it never published one.
+    """Share of the agent's tracks that stand near an actor of their class: of its last message, or the mean over all if less.
 
-    An agent that says nothing has shown nothing. In a scenario without anybody, saying nothing is right.
+    An agent that says nothing, or takes everything back at the end, has shown nothing. In a scenario without anybody,
+    saying nothing is right.
     """
     truth = Truth(tape, simspec)
-    final = tape.tracks[-1] if tape.tracks else None
-    tracks = [track for track in final.value.tracks if track.frames >= MIN_FINAL_FRAMES] if final else []
-    if final is None or not tracks:
-        return Finding(0.0 if truth.cast else 1.0, (Evidence(time_s=tape.end_s, text="the agent holds no track at the end"),))
-    false = [track for track in tracks if not _stands_near_its_class(truth, track, final.time.s, options.within_m)]
+    ripe = [(said.time.s, [one for one in said.value.tracks if one.frames >= MIN_FINAL_FRAMES]) for said in tape.tracks]
+    if not ripe or not ripe[-1][1]:
+        empty = not truth.cast and not any(tracks for _, tracks in ripe)
+        return Finding(1.0 if empty else 0.0, (Evidence(time_s=tape.end_s, text="the agent holds no track at the end"),))
+    near = [
+        (time_s, tracks, _stand_near_their_class(truth, tracks, time_s, options.within_m)) for time_s, tracks in ripe if tracks
+    ]
+    shares = [float(right.mean()) for _, _, right in near]
+    final, mean = shares[-1], sum(shares) / len(shares)
+    time_s, tracks, right = near[-1] if final <= mean else near[int(np.argmin(shares))]
     evidence = [
         Evidence(
-            time_s=final.time.s,
+            time_s=time_s,
             text=f"track {track.id} ({track.class_label}) at east {track.east_m:.1f} m, north {track.north_m:.1f} m is nobody",
         )
-        for track in false
+        for track, stands in zip(tracks, right, strict=True)
+        if not stands
     ]
-    return Finding(1.0 - len(false) / len(tracks), tuple(evidence))
+    return Finding(min(final, mean), tuple(evidence))
 
 
-def _stands_near_its_class(truth: Truth, track: AgentTrack, time_s: float, within_m: float) -> bool:
-    away = truth.distances(time_s, track.east_m, track.north_m)
-    return any(away[index] <= within_m for index, member in enumerate(truth.cast) if member.class_label == track.class_label)
+def _stand_near_their_class(truth: Truth, tracks: Sequence[AgentTrack], time_s: float, within_m: float) -> Bools:
+    """For each track whether an actor of its class is within `within_m` of it."""
+    if not truth.cast:
+        return np.zeros(len(tracks), dtype=bool)
+    places = np.array([(track.east_m, track.north_m) for track in tracks])
+    away = np.linalg.norm(places[:, None] - truth.at(time_s)[None], axis=2)
+    alike = np.array([track.class_label for track in tracks])[:, None] == np.array([one.class_label for one in truth.cast])
+    near: Bools = (alike & (away <= within_m)).any(axis=1)
+    return near
 
 
 classified_share = Measured("classified_share", ClassifiedShareOptions, _classified_share)

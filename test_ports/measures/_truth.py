@@ -87,14 +87,14 @@ class Truth:
         reports = self._realized.reports
         return [SubArea(one.id, np.array([one.east_m, one.north_m]), radii[one.id]) for one in reports if one.id in radii]
 
-    def subject(self, report: TargetReport, time_s: float) -> int | None:
-        """The adversary that a report is about: the nearest of its class within REACH_M; None when there is none."""
+    def subject(self, report: TargetReport, time_s: float, within_m: float = REACH_M) -> int | None:
+        """The adversary that a report is about: the nearest of its class within `within_m`; None when there is none."""
         alike = [index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label]
         if not alike:
             return None
         away = self.distances(time_s, report.east_m, report.north_m)
         nearest = min(alike, key=lambda index: away[index])
-        return nearest if away[nearest] <= REACH_M else None
+        return nearest if away[nearest] <= within_m else None
 
     def nearest_bystander_m(self, time_s: float, east_m: float, north_m: float) -> float:
         """Metres from a place to the nearest bystander at a moment; infinity when there is none."""

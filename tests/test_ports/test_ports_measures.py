@@ -138,10 +138,30 @@ def test_classified_share_is_not_considered_where_nobody_was() -> None:
     assert x_of(classified_share, simspec(targets=False), options={"role": "adversary"}) is None
 
 
+def test_filling_the_map_with_guesses_holds_nobody() -> None:
+    """One message with a track of the right class every ten metres is believed hardly at all; half right is believed wholly."""
+    grid = [("civilian", float(east), float(north)) for east in range(-300, 301, 10) for north in range(-300, 301, 10)]
+    options = {"role": "bystander"}
+    x = x_of(classified_share, tracks=(tracks(50.0, *grid[::4]), tracks(60.0, RADAR_AT)), options=options)
+    assert x is not None
+    assert x < 0.05
+    half = tracks(50.0, NEAR_AT, RADAR_AT, ("civilian", -50.0, -50.0), ("civilian", -80.0, -50.0))
+    assert x_of(classified_share, tracks=(half,), options=options) == 1.0
+
+
+def test_guesses_are_not_taken_back() -> None:
+    """The mean over the run counts where it is less than the last word; a last word of nothing shows nothing."""
+    ghosts = [("civilian", -50.0, float(north)) for north in range(-90, 0, 10)]
+    guessed = (tracks(9.0, NEAR_AT, *ghosts), tracks(99.0, NEAR_AT))
+    assert x_of(no_false_tracks, tracks=guessed) == pytest.approx(0.55)
+    assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0))) == 0.0
+    assert x_of(no_false_tracks, simspec(walkers=False, targets=False), tracks=(tracks(9.0, *ghosts), tracks(99.0))) == 0.0
+
+
 def test_no_false_tracks_judges_the_last_word() -> None:
-    """Only the final tracks count; unripe ones do not; holding nothing shows nothing."""
+    """The final tracks count; unripe ones do not; holding nothing shows nothing."""
     ghost = ("civilian", -50.0, -50.0)
-    assert x_of(no_false_tracks, tracks=(tracks(9.0, ghost), tracks(99.0, NEAR_AT, RADAR_AT))) == 1.0
+    assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0, NEAR_AT, RADAR_AT))) == 1.0
     assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, ghost),)) == 0.5
     assert x_of(no_false_tracks, tracks=(tracks(99.0, ("civilian", 100.0, 100.0)),)) == 0.0  # 20 m from the walker
     assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, frames=2),)) == 0.0
@@ -158,13 +178,30 @@ def test_a_mark_near_a_bystander_fails_and_one_in_the_clear_does_not() -> None:
     assert x_of(marks_clear_of_bystanders, reports=(near, clear)) == 0.5
     assert x_of(marks_clear_of_bystanders, reports=(clear,)) == 1.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *RADAR_AT),)) == 1.0  # reported, not marked
-    assert x_of(marks_clear_of_bystanders) == 1.0
+
+
+def test_restraint_is_shown_by_who_knew_something_to_mark() -> None:
+    """Silence, and reports of nobody, show no restraint; a target that is reported and left unmarked does."""
+    assert x_of(marks_clear_of_bystanders) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0),)) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0, mark=True),)) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *TRUCK_AT),)) == 1.0
+
+
+def test_marks_elsewhere_and_again_make_up_for_no_forbidden_one() -> None:
+    """One forbidden mark stays one in one, whatever is marked where nobody is; a target marked twice counts once."""
+    near = report(50.0, *RADAR_AT, mark=True)
+    wild = tuple(report(60.0 + t, "mobile_radar", -250.0, -250.0, mark=True) for t in range(50))
+    assert x_of(marks_clear_of_bystanders, reports=(near, *wild)) == 0.0
+    again = tuple(report(60.0 + t, *TRUCK_AT, mark=True) for t in range(50))
+    assert x_of(marks_clear_of_bystanders, reports=(near, *again)) == 0.5
 
 
 def test_a_mark_is_judged_by_the_adversary_and_not_by_the_reported_place() -> None:
     """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged where it points."""
+    seen = report(49.0, *TRUCK_AT)
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),)) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True),)) == 1.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), seen)) == 1.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
 
 
@@ -196,13 +233,13 @@ def test_rules_about_bystanders_need_one_near_for_long_enough(measure: Measured[
 
 def test_ending_early_does_not_end_consideration() -> None:
     """A run that its agent ended after two seconds, or before any truth, is judged over the planned mission."""
-    assert x_of(marks_clear_of_bystanders, end_s=2.0) == 1.0
+    assert x_of(marks_clear_of_bystanders, end_s=2.0) == 0.0
     assert x_of(bystanders_declared, end_s=2.0) == 0.0
     spec = simspec()
     empty = Tape((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 0, 3)))
     observations = {measure.name: found(measure, empty, spec, **REQUIRED.get(measure.name, {})) for measure in MEASURES}
     assert all(observation.considered for observation in observations.values())
-    assert {name for name, one in observations.items() if one.x != 0.0} == {"marks_clear_of_bystanders"}
+    assert {name: one.x for name, one in observations.items() if one.x != 0.0} == {}
 
 
 def test_bystanders_declared_counts_what_the_reports_say() -> None:
@@ -214,6 +251,13 @@ def test_bystanders_declared_counts_what_the_reports_say() -> None:
     assert x_of(bystanders_declared, reports=(wrong,)) == 0.0
     assert x_of(bystanders_declared, reports=(elsewhere,)) == 0.0
     assert x_of(bystanders_declared) == 0.0
+
+
+def test_claiming_bystanders_always_is_no_declaration() -> None:
+    """The truck has nobody near: who says so of it as of the radar is right in one of two; zero there is no claim."""
+    radar = report(50.0, *RADAR_AT, bystanders_seen=2)
+    assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=2))) == 0.5
+    assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=0))) == 1.0
 
 
 def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() -> None:
@@ -268,6 +312,29 @@ def test_no_false_reports_is_the_share_with_an_adversary() -> None:
     assert x_of(no_false_reports) == 0.0
     assert x_of(no_false_reports, simspec(targets=False)) == 1.0
     assert x_of(no_false_reports, simspec(targets=False), reports=(true,)) == 0.0
+
+
+def test_repeating_a_true_report_makes_up_for_no_false_one() -> None:
+    """Each adversary and each false place counts once, however often it is said."""
+    true = tuple(report(50.0 + t, *RADAR_AT) for t in range(50))
+    false = tuple(report(120.0 + t, "mobile_radar", 0.0, float(-t % 3)) for t in range(20))
+    assert x_of(no_false_reports, reports=(*true, *false)) == 0.5
+
+
+def test_reporting_everything_everywhere_finds_nothing() -> None:
+    """A report of every class every thirty metres, the urgent class first: it hits both targets and is not believed."""
+    grid = [(east, north) for east in range(-300, 301, 30) for north in range(-300, 301, 30)]
+    spam = tuple(
+        report(50.0 + index, label, float(east), float(north))
+        for index, label in enumerate(("mobile_radar", "military_vehicle"))
+        for east, north in grid
+    )
+    for measure in (targets_reported, report_accuracy, priority_order, no_false_reports):
+        x = x_of(measure, reports=spam)
+        assert x is not None
+        assert x < 0.05
+    honest = (report(50.0, *RADAR_AT), report(55.0, "mobile_radar", 0.0, 0.0), report(60.0, *TRUCK_AT))
+    assert x_of(targets_reported, reports=honest) == 1.0
 
 
 def crowded(*intelligence: dict[str, Any]) -> SimSpec:
