@@ -21,11 +21,12 @@ from ._battery import Battery
 from ._geodesy import TangentPlane
 from ._gusts import Gusts, mean_wind_ned_mps
 from ._navigation import Navigation
-from .controller import PERSONALITIES, Controller, Flight, Home, Link, Target, open_links
-from .x500 import Motion, Place, X500Plant
+from .controller import PERSONALITIES, Attitude, Controller, Flight, Home, Link, Target, open_links
+from .x500 import FULL_THRUST_N, HOVER_THRUST, Motion, Place, X500Plant
 
 _YAW_MAX_RADPS = 1.0
 _FASTEST_MPS, _CLIMB_MPS, _DESCENT_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says
+_TILT_MAX_RAD, _RATE_MAX_RADPS = math.radians(45.0), 4.0  # of attitudes and rates that somebody gives
 _CRASH_MPS = 3.0
 _CRASH_TILT_RAD = math.radians(70.0)
 _NEAR_GROUND_M = 0.5
@@ -82,11 +83,33 @@ class X500Airframe:
         write("target-vn-mps", north)
         write("target-ve-mps", east)
         write("target-vu-mps", -down)
+        north, east, down = target.acceleration_ned_mps2
+        write("target-an-mps2", north)
+        write("target-ae-mps2", east)
+        write("target-au-mps2", -down)
+        self._tilt(target.attitude)
         write("speed-max-mps", min(target.speed_max_mps, _FASTEST_MPS))
         write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MPS))
         write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MPS))
         self._turn(target)
         write("flying", 1.0)
+
+    def _tilt(self, attitude: Attitude | None) -> None:
+        write = self._plant.write
+        rates = attitude.rates_radps if attitude else None
+        write("tilt-mode", 1.0 if attitude else 0.0)
+        write("thrust-mode", 1.0 if attitude and attitude.thrust is not None else 0.0)
+        write("rate-mode", 1.0 if rates else 0.0)
+        if attitude:
+            write("given-roll-rad", _clipped(attitude.roll_rad, _TILT_MAX_RAD))
+            write("given-pitch-rad", _clipped(attitude.pitch_rad, _TILT_MAX_RAD))
+            write("given-thrust-n", min(max(attitude.thrust or 0.0, 0.0), 1.0) * FULL_THRUST_N)
+        if rates:
+            for name, rate in zip("pqr", rates, strict=True):
+                write(f"given-{name}-radps", _clipped(rate, _RATE_MAX_RADPS))
+
+    def wanted_attitude(self) -> tuple[float, float, float, float]:
+        return self._plant.wanted_attitude()
 
     def outputs(self) -> list[float]:
         return self._plant.rotor_commands()
@@ -102,10 +125,14 @@ class X500Airframe:
         return north - self._home_north_m, east - self._home_east_m
 
     def _turn(self, target: Target) -> None:
+        if target.attitude and target.attitude.rates_radps:
+            self._yaw_rad = self._plant.motion.yaw_rad
+            self._plant.write("target-yawrate-radps", 0.0)
+            return
         rate = target.yawrate_radps
         if target.yaw_rad is not None:
             missing = math.remainder(target.yaw_rad - self._yaw_rad, 2.0 * math.pi)
-            most = _YAW_MAX_RADPS * self._step_s
+            most = min(target.turn_max_radps, _YAW_MAX_RADPS) * self._step_s
             turn = min(max(missing, -most), most)
             rate = turn / self._step_s
         rate = min(max(rate, -_YAW_MAX_RADPS), _YAW_MAX_RADPS)
@@ -147,6 +174,7 @@ class X500:
             step_s=self.step_s,
             origin=Home(latitude_e7, longitude_e7, origin.altitude_m),
             mode=personality.mode(personality.first_mode),
+            hover_thrust=HOVER_THRUST,
             unix_start_us=round(simspec.environment.start_utc.timestamp() * 1e6),
         )
         self._sense()
@@ -246,6 +274,10 @@ class X500:
             yaw_rad=_half_turn(motion.yaw_rad),
             rates_body_radps=(motion.p_radps, motion.q_radps, motion.r_radps),
         )
+
+
+def _clipped(value: float, most: float) -> float:
+    return min(max(value, -most), most)
 
 
 def _half_turn(yaw_rad: float) -> float:

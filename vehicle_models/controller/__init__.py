@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ._controller import Controller as Controller
 from ._flight import Airframe as Airframe
+from ._flight import Attitude as Attitude
 from ._flight import Flight as Flight
 from ._flight import Home as Home
 from ._flight import Target as Target

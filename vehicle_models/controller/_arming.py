@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from ._board import Board, Command, CommandHandler, Handler, Result
-from ._flight import Landed
+from ._flight import Behaviour, Landed
 from ._guidance import Guidance
 from ._home import HomeKeeper
 from ._modes import Modes
@@ -39,7 +39,10 @@ class Arming:
         flight, limits = self._board.flight, self._guidance.limits
         if not flight.armed or flight.landed is not Landed.ON_GROUND:
             return
-        if self._landed_ns is not None:
+        piloted = flight.mode.behaviour is Behaviour.PILOT and not self._board.personality.piloted_landing_disarms
+        if piloted:
+            self._disarm_after(max(self._landed_ns or 0, flight.armed_since_ns), limits.idle_disarm_s, Event.DISARMED_IDLE)
+        elif self._landed_ns is not None:
             self._disarm_after(self._landed_ns, limits.landed_disarm_s, Event.DISARMED_BY_LANDING)
         else:
             self._disarm_after(flight.armed_since_ns, limits.idle_disarm_s, Event.DISARMED_IDLE)

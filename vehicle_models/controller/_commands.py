@@ -8,7 +8,9 @@ from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._modes import DO_SET_MODE
+from ._personality import Answer
 
+_APART_NS = 1_000_000_000
 _NOWHERE = 2**31 - 1  # x or y of COMMAND_INT: not given
 
 
@@ -18,6 +20,7 @@ class Commands:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._table: dict[int, CommandHandler] = {}
+        self._later: list[tuple[int, Command, Result]] = []  # second acknowledgements, by when
 
     def add(self, commands: Mapping[int, CommandHandler]) -> None:
         self._table.update(commands)
@@ -29,7 +32,9 @@ class Commands:
         return {}
 
     def tick(self) -> None:
-        pass
+        while self._later and self._later[0][0] <= self._board.flight.time_ns:
+            _, command, result = self._later.pop(0)
+            self._acknowledge(command, result)
 
     def _long(self, m: Any, sender: Sender) -> None:
         params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
@@ -45,10 +50,24 @@ class Commands:
         if command.number == DO_SET_MODE and personality.mode_acks_twice:
             self._acknowledge(command, Result.ACCEPTED)
         handler = self._table.get(command.number)
+        answer = None if handler else personality.answer(self._board.flight, command)
+        if answer:
+            self._answer(command, answer)
+            return
         fixed = personality.fixed_results.get(command.number, Result.UNSUPPORTED)
         result = handler(command) if handler is not None else fixed
         if result is not None:
             self._acknowledge(command, result)
+
+    def _answer(self, command: Command, answer: Answer) -> None:
+        for text in answer.texts:
+            self._board.texts.say(*text)
+        now = self._board.flight.time_ns
+        for place, result in enumerate(answer.results):
+            if place == 0:
+                self._acknowledge(command, result)
+            else:
+                self._later.append((now + place * _APART_NS, command, result))
 
     def _acknowledge(self, command: Command, result: Result) -> None:
         command.sender.channel.tell(

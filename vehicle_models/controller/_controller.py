@@ -18,6 +18,7 @@ from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
 from ._home import HomeKeeper
 from ._identity import Identity
 from ._links import Link
+from ._manual import Manual
 from ._missions import Missions
 from ._modes import Modes
 from ._navigator import Navigator
@@ -68,6 +69,8 @@ class Controller:
         identity = Identity(board)
         self._streams.add_answers(identity.answers())
         commands = Commands(board)
+        navigator = Navigator(board, modes, self._guidance)
+        telemetry.orbit = navigator.orbit_status
         # The order of this list is the order in which services work; a failsafe has the last word.
         self._services: list[Service] = [
             commands,
@@ -78,7 +81,8 @@ class Controller:
             home,
             self._setpoints,
             self._arming,
-            Navigator(board, modes, self._guidance),
+            Manual(board, self._guidance),
+            navigator,
             modes,
             self._streams,
             Failsafe(board, modes, self._guidance, self._setpoints),
@@ -121,6 +125,8 @@ class Controller:
         flight = self._flight
         if not flight.crashed:
             flight.crashed = True
+            if flight.mode.behaviour is Behaviour.TERMINATE:
+                return  # stays armed, with rotors that do not turn
             self._arming.disarm(Event.CRASHED)
 
     def counters(self) -> dict[str, int]:
@@ -149,7 +155,7 @@ class Controller:
     def _hear_frame(self, channel: Channel, frame: bytes) -> None:
         handlers = self._handlers.get(message_id(frame))
         message = self._decoder.decode(frame) if handlers else None
-        for_us = message is None or _addressed(message)
+        for_us = message is None or _addressed(message, self._board.personality.any_component)
         for_us_alone = message is not None and for_us and message_target(message) == SYSTEM
         if not for_us_alone:
             for other in self.channels:
@@ -168,6 +174,9 @@ class Controller:
         if not flight.armed:
             if flight.on_ground:
                 flight.landed = Landed.ON_GROUND  # disarmed by force just above it, say
+            return None
+        if flight.mode.behaviour is Behaviour.TERMINATE:
+            airframe.disarm()
             return None
         target = self._guidance.target(flight)
         if not self._off_the_ground(target):
@@ -215,12 +224,12 @@ class Controller:
 
 def message_target(message: Any) -> int:
     """The system that a message is for; 0 for everybody, also where the message names nobody."""
-    system: int = getattr(message, "target_system", 0)
+    system: int = getattr(message, "target_system", 0) or getattr(message, "target", 0)
     return system
 
 
-def _addressed(message: Any) -> bool:
+def _addressed(message: Any, any_component: bool) -> bool:
     """Whether a message is for this vehicle: its system, or every system; its autopilot, or every component."""
     system = message_target(message)
     component = getattr(message, "target_component", 0)
-    return system in (0, SYSTEM) and (system == 0 or component in (0, COMPONENT))
+    return system in (0, SYSTEM) and (system == 0 or any_component or component in (0, COMPONENT))

@@ -27,7 +27,18 @@ class Behaviour(Enum):
     RETURN = auto()
     FOLLOW = auto()  # setpoints of a companion: offboard, guided
     MISSION = auto()
-    PILOT = auto()  # needs sticks, which nobody holds here
+    PILOT = auto()  # sticks, of a radio or a joystick
+    CIRCLE = auto()
+    TERMINATE = auto()  # rotors off, for good
+
+
+class Stick(Enum):
+    """What the sticks of a mode mean."""
+
+    RATES = auto()
+    ATTITUDE = auto()  # tilt, and thrust
+    ALTITUDE = auto()  # tilt, and climb
+    POSITION = auto()  # speed, and climb; the place is held without
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +51,27 @@ class Mode:
     behaviour: Behaviour
     armable: bool = True
     label: str = ""
+    stick: Stick | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sticks:
+    """Stick positions, -1 to 1: right, forward (nose down), clockwise, up."""
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+    throttle: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """An attitude or body rates to hold. `thrust` is a share of all there is; None leaves climbing to the target's velocity."""
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    thrust: float | None = None
+    rates_radps: Vector | None = None  # instead of the attitude
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +79,7 @@ class Target:
     """Where the airframe shall go: local NED metres around the flight's origin, as the vehicle itself estimates them.
 
     A position of None on an axis pair means that the velocity alone is meant; beside a position, velocity is feed-forward.
-    `yaw_rad` None keeps the heading, turned by `yawrate_radps`.
+    `yaw_rad` None keeps the heading, turned by `yawrate_radps`. `attitude` takes the place of all horizontal motion.
     """
 
     north_east_m: tuple[float, float] | None = None
@@ -58,6 +90,10 @@ class Target:
     speed_max_mps: float = 5.0
     climb_max_mps: float = 3.0
     descent_max_mps: float = 1.5
+    acceleration_ned_mps2: Vector = (0.0, 0.0, 0.0)  # feed-forward
+    attitude: Attitude | None = None
+    faces_motion: bool = False  # nose where the vehicle goes, as long as it goes somewhere
+    turn_max_radps: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +122,9 @@ class Airframe(Protocol):
 
     def rest(self) -> None:
         """Stay on the ground at idle."""
+
+    def wanted_attitude(self) -> tuple[float, float, float, float]:
+        """Roll, pitch and yaw in radians that are steered to, and thrust as a share of all there is."""
 
     def outputs(self) -> list[float]:
         """Speed of each rotor, 0 to 1."""
@@ -142,6 +181,9 @@ class Flight:
     battery_used_wh: float = 0.0
     armed_since_ns: int = 0
     gps_epoch: int = 0
+    hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
+    sticks: Sticks | None = None  # None: nobody holds any
+    rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
 
     @property
     def time_s(self) -> float:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from dataclasses import replace
+from typing import Literal, Protocol
 
-from ._flight import Behaviour, Flight, Home, Target
+from ._flight import Attitude, Behaviour, Flight, Home, Stick, Sticks, Target
 from ._personality import Limits
 
+_FACES_FROM_MPS = 0.5
 _STOPPING_MPS2 = 2.0  # braking that the airframe manages with ease
 
 
@@ -36,16 +38,31 @@ class Hold:
         self._down_m = down_m if down_m is not None else flight.down_m + _stopping_m(flight.vd_mps)
         self._yaw_rad = yaw_rad if yaw_rad is not None else flight.yaw_rad
         self._speed_mps = speed_mps
+        self._faces = False
 
     def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._faces and limits.faces_beyond_m is not None:
+            north, east = self._place[0] - flight.north_m, self._place[1] - flight.east_m
+            if math.hypot(north, east) > limits.faces_beyond_m:
+                self._yaw_rad = math.atan2(east, north)
+        along = self._faces and limits.faces_beyond_m is None
         return Target(
             north_east_m=self._place,
             down_m=self._down_m,
-            yaw_rad=self._yaw_rad,
+            yaw_rad=None if along else self._yaw_rad,
+            faces_motion=along,
             speed_max_mps=self._speed_mps or limits.cruise_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
         )
+
+    def face_ahead(self) -> None:
+        """Turn the nose to where it goes, as long as that is far enough away."""
+        self._faces = True
+
+    def change_down(self, down_m: float) -> None:
+        """Go on to another height."""
+        self._down_m = down_m
 
     def change_speed(self, speed_mps: float) -> None:
         self._speed_mps = speed_mps
@@ -134,6 +151,7 @@ class Return:
             cruise_m = height_m if away_m < limits.return_near_m else max(limits.return_height_m, height_m)
         self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
+        self._faces = limits.return_faces_home
         self._climbing = self._cruise_down_m < flight.down_m - 0.5
         self._land: Land | None = None
 
@@ -161,6 +179,8 @@ class Return:
 
     def _yaw_home(self, flight: Flight) -> float | None:
         """Nose towards home on the way; kept when near, where the direction has no meaning."""
+        if not self._faces:
+            return None
         north, east = self._home.north_m - flight.north_m, self._home.east_m - flight.east_m
         return math.atan2(east, north) if math.hypot(north, east) > 3.0 else None
 
@@ -169,24 +189,226 @@ class Return:
 
 
 class Follow:
-    """The setpoints of a companion, as last given."""
+    """The setpoints of a companion, as last given.
+
+    Where only acceleration is given (`pushes`: horizontally, vertically), its integral is the velocity flown.
+    """
+
+    LEAD_MPS = 2.0  # so far may that integral be ahead of what the vehicle really does
 
     def __init__(self, flight: Flight) -> None:
         self._rest = Hold(flight)
         self._given: Target | None = None
+        self._pushes = (False, False)
+        self._pushed_mps = (0.0, 0.0, 0.0)
 
-    def give(self, target: Target) -> None:
+    def give(self, target: Target, flight: Flight, pushes: tuple[bool, bool] = (False, False)) -> None:
+        """Fly `target` from now on."""
+        before, self._pushes = self._pushes, pushes
+        north, east, down = self._pushed_mps
+        if not before[0]:
+            north, east = flight.vn_mps, flight.ve_mps
+        if not before[1]:
+            down = flight.vd_mps
+        self._pushed_mps = (north, east, down)
         self._given = target
 
     def lapse(self, flight: Flight) -> None:
         """The companion is silent: stop and stay."""
-        self._given, self._rest = None, Hold(flight)
+        self._given, self._rest, self._pushes = None, Hold(flight), (False, False)
 
     def target(self, flight: Flight, limits: Limits) -> Target:
-        return self._given or self._rest.target(flight, limits)
+        if self._given is None:
+            return self._rest.target(flight, limits)
+        return self._pushed(self._given, flight) if any(self._pushes) else self._given
+
+    def _pushed(self, target: Target, flight: Flight) -> Target:
+        moves = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
+        most = (target.speed_max_mps, target.speed_max_mps, target.descent_max_mps)
+        least = (-target.speed_max_mps, -target.speed_max_mps, -target.climb_max_mps)
+        pushed = []
+        for axis, acceleration in enumerate(target.acceleration_ned_mps2):
+            speed = self._pushed_mps[axis] + acceleration * flight.step_s
+            speed = min(max(speed, moves[axis] - self.LEAD_MPS), moves[axis] + self.LEAD_MPS)
+            pushed.append(min(max(speed, least[axis]), most[axis]))
+        self._pushed_mps = (pushed[0], pushed[1], pushed[2])
+        horizontally, vertically = self._pushes
+        given = target.velocity_ned_mps
+        north, east = pushed[:2] if horizontally else given[:2]
+        return replace(target, velocity_ned_mps=(north, east, pushed[2] if vertically else given[2]))
 
     def done(self, flight: Flight) -> bool:
         return False
+
+
+class Circle:
+    """Around a centre: to the nearest point of the circle first, then along it at constant speed."""
+
+    JOINED_M = 1.0
+
+    def __init__(
+        self,
+        centre: tuple[float, float],
+        down_m: float,
+        radius_m: float,
+        speed_mps: float,  # negative: anticlockwise
+        looks: Literal["in", "ahead", "kept"] = "in",
+    ) -> None:
+        self.centre, self.down_m, self.radius_m, self.speed_mps = centre, down_m, radius_m, speed_mps
+        self._looks = looks
+        self._angle_rad: float | None = None
+        self._flown_mps = 0.0
+        self._height = Throttle()
+
+    @classmethod
+    def around_point_ahead(cls, flight: Flight, limits: Limits) -> Circle:
+        """Around a point one radius ahead of the nose."""
+        radius = limits.circle_radius_m
+        centre = (flight.north_m + radius * math.cos(flight.yaw_rad), flight.east_m + radius * math.sin(flight.yaw_rad))
+        return cls(centre, flight.down_m, radius, radius * limits.circle_radps)
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        north, east = flight.north_m - self.centre[0], flight.east_m - self.centre[1]
+        if self._angle_rad is None and abs(math.hypot(north, east) - self.radius_m) > self.JOINED_M:
+            angle, speed = math.atan2(east, north), 0.0
+        else:
+            self._speed_up(flight)
+            speed = self._flown_mps
+            angle = math.atan2(east, north) if self._angle_rad is None else self._angle_rad
+            angle = self._angle_rad = angle + speed / self.radius_m * flight.step_s
+        cos, sin = math.cos(angle), math.sin(angle)
+        inwards = -speed * speed / self.radius_m
+        down, sinks = self._vertical(flight, limits)
+        return Target(
+            north_east_m=(self.centre[0] + self.radius_m * cos, self.centre[1] + self.radius_m * sin),
+            down_m=down,
+            velocity_ned_mps=(-speed * sin, speed * cos, sinks),
+            acceleration_ned_mps2=(inwards * cos, inwards * sin, 0.0),
+            yaw_rad=self._yaw_rad(angle, flight),
+            speed_max_mps=max(limits.cruise_mps, abs(self.speed_mps) + 2.0),
+            climb_max_mps=limits.climb_mps,
+            descent_max_mps=limits.descent_mps,
+        )
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+    def _speed_up(self, flight: Flight) -> None:
+        most = 1.5 * flight.step_s
+        self._flown_mps += min(max(self.speed_mps - self._flown_mps, -most), most)
+
+    def _vertical(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
+        """The radio's throttle has a say in an autopilot's own circling mode."""
+        if flight.mode.stick is None or flight.sticks is None:
+            return self.down_m, 0.0
+        return self._height.target(flight, limits)
+
+    def _yaw_rad(self, angle: float, flight: Flight) -> float | None:
+        if self._looks == "in":
+            return angle + math.pi
+        if self._looks == "ahead":
+            return angle + math.copysign(math.pi / 2, self.speed_mps)
+        return None
+
+
+class Throttle:
+    """Height by a throttle stick: its middle holds, above it climbs, below it sinks."""
+
+    def __init__(self) -> None:
+        self._held_m: float | None = None
+
+    def target(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
+        """Height to hold and velocity downwards."""
+        sticks, most = flight.sticks or Sticks(), limits.sticks
+        wish = _beyond(sticks.throttle, most.dead)
+        if wish == 0.0:
+            if self._held_m is None:
+                self._held_m = flight.down_m + _stopping_m(flight.vd_mps)
+            return self._held_m, 0.0
+        self._held_m = None
+        return None, -wish * (most.climb_mps if wish > 0.0 else most.descent_mps)
+
+
+class Piloted:
+    """Somebody's sticks."""
+
+    def __init__(self, flight: Flight, stick: Stick) -> None:
+        self._stick = stick
+        self._height = Throttle()
+        self._place: tuple[float, float] | None = None
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        sticks, most = flight.sticks or Sticks(), limits.sticks
+        down, sinks = (None, 0.0) if self._stick in (Stick.RATES, Stick.ATTITUDE) else self._height.target(flight, limits)
+        moves = self._moves(sticks, flight, limits)
+        return Target(
+            north_east_m=self._place,
+            down_m=down,
+            velocity_ned_mps=(*moves, sinks),
+            yawrate_radps=_beyond(sticks.yaw, most.dead) * most.yaw_radps,
+            speed_max_mps=most.speed_mps,
+            climb_max_mps=most.climb_mps,
+            descent_max_mps=most.descent_mps,
+            attitude=self._attitude(sticks, flight, limits),
+        )
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+    def _moves(self, sticks: Sticks, flight: Flight, limits: Limits) -> tuple[float, float]:
+        if self._stick is not Stick.POSITION:
+            return 0.0, 0.0
+        ahead, right = (_beyond(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll))
+        if ahead == right == 0.0:
+            # On its feet it stays where it stands: going after a wandering position would turn it over.
+            self._place = None if flight.on_ground else self._place or _stopping_place(flight)
+            return 0.0, 0.0
+        self._place = None
+        cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
+        return cos * ahead - sin * right, sin * ahead + cos * right
+
+    def _attitude(self, sticks: Sticks, flight: Flight, limits: Limits) -> Attitude | None:
+        if self._stick is Stick.POSITION:
+            return None
+        most = limits.sticks
+        thrust = None if self._stick is Stick.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
+        if self._stick is Stick.RATES:
+            rates = (sticks.roll * most.rates_radps, -sticks.pitch * most.rates_radps, sticks.yaw * most.yaw_radps)
+            return Attitude(thrust=thrust, rates_radps=rates)
+        share = 0.0 if flight.on_ground else 1.0  # no tilting on the feet
+        return Attitude(sticks.roll * most.tilt_rad * share, -sticks.pitch * most.tilt_rad * share, thrust)
+
+
+class Heading(Protocol):
+    """A heading that somebody wants, whatever is being flown."""
+
+    turn_max_radps: float
+
+    def yaw_rad(self, flight: Flight) -> float:
+        """The heading at this moment."""
+
+
+class FixedHeading:
+    """A heading once and for all."""
+
+    def __init__(self, yaw_rad: float, turn_max_radps: float = 1.0) -> None:
+        self._yaw_rad = yaw_rad
+        self.turn_max_radps = turn_max_radps
+
+    def yaw_rad(self, flight: Flight) -> float:
+        return self._yaw_rad
+
+
+class HeadingTo:
+    """Towards a place."""
+
+    turn_max_radps = 1.0
+
+    def __init__(self, north_east_m: tuple[float, float]) -> None:
+        self._place = north_east_m
+
+    def yaw_rad(self, flight: Flight) -> float:
+        return math.atan2(self._place[1] - flight.east_m, self._place[0] - flight.north_m)
 
 
 class Manoeuvres:
@@ -225,10 +447,12 @@ class Guidance:
         self.manoeuvres = manoeuvres or Manoeuvres()
         self.manoeuvre: Manoeuvre = self.manoeuvres.hold(flight)
         self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
+        self.heading: Heading | None = None  # of CONDITION_YAW or a region of interest: before any heading of the manoeuvre
 
     def begin(self, behaviour: Behaviour, flight: Flight) -> None:
         """Start what a behaviour flies by default."""
         self.speed_mps = None
+        self.heading = None
         match behaviour:
             case Behaviour.TAKEOFF:
                 self.manoeuvre = self.manoeuvres.takeoff(flight, flight.down_m - self.limits.takeoff_height_m)
@@ -238,11 +462,24 @@ class Guidance:
                 self.manoeuvre = self.manoeuvres.go_home(flight, flight.home, self.limits)
             case Behaviour.FOLLOW:
                 self.manoeuvre = self.manoeuvres.follow(flight)
+            case Behaviour.PILOT if flight.mode.stick:
+                self.manoeuvre = Piloted(flight, flight.mode.stick)
+            case Behaviour.CIRCLE:
+                self.manoeuvre = Circle.around_point_ahead(flight, self.limits)
             case _:
                 self.manoeuvre = self.manoeuvres.hold(flight)
 
     def target(self, flight: Flight) -> Target:
-        return self.manoeuvre.target(flight, self.limits)
+        """Where to go, and where to look meanwhile."""
+        target = self.manoeuvre.target(flight, self.limits)
+        if self.heading and target.attitude is None:
+            yaw = self.heading.yaw_rad(flight)
+            return replace(target, yaw_rad=yaw, yawrate_radps=0.0, turn_max_radps=self.heading.turn_max_radps)
+        if target.faces_motion:
+            speed = math.hypot(flight.vn_mps, flight.ve_mps)
+            if speed > _FACES_FROM_MPS:
+                return replace(target, yaw_rad=math.atan2(flight.ve_mps, flight.vn_mps))
+        return target
 
     @property
     def landing(self) -> bool:
@@ -261,6 +498,11 @@ class LandDetector:
 
     def landed(self, flight: Flight, target: Target) -> bool:
         """Whether the vehicle has come to rest on the ground; to be asked once a step while it flies."""
+        attitude = target.attitude
+        if attitude and attitude.thrust is not None:
+            low = attitude.thrust < 0.75 * flight.hover_thrust and flight.on_ground and abs(flight.vd_mps) < 0.15
+            self._still_s = self._still_s + flight.step_s if low else 0.0
+            return self._still_s >= self.SETTLE_S
         wants_down = target.velocity_ned_mps[2] > 0.05 if target.down_m is None else target.down_m > flight.down_m - 0.05
         still = flight.on_ground and abs(flight.vd_mps) < 0.15 and math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
         self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
@@ -268,12 +510,24 @@ class LandDetector:
 
     def wants_off(self, flight: Flight, target: Target) -> bool:
         """Whether a target, given on the ground, leads off it."""
+        if target.attitude and target.attitude.thrust is not None:
+            return target.attitude.thrust > flight.hover_thrust
         if target.down_m is None:
             return target.velocity_ned_mps[2] < -0.1
         return target.down_m < flight.down_m - 0.3
 
     def off(self, flight: Flight) -> bool:
         return not flight.on_ground and flight.vd_mps < 0.0
+
+
+def _beyond(stick: float, dead: float) -> float:
+    """A stick's share beyond its dead zone, -1 to 1."""
+    return math.copysign(max(abs(stick) - dead, 0.0) / (1.0 - dead), stick)
+
+
+def _thrust(throttle: float, hover: float) -> float:
+    """Thrust of a throttle stick, -1 to 1, whose middle carries the vehicle."""
+    return hover * (1.0 + throttle) if throttle < 0.0 else hover + throttle * (1.0 - hover)
 
 
 def _stopping_m(speed_mps: float) -> float:

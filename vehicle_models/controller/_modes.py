@@ -65,6 +65,8 @@ class Modes:
         """Enter the mode of a number, or say why not."""
         personality = self._board.personality
         wanted = personality.mode_of(number)
+        if wanted and wanted.name == personality.orbit_mode and not self._board.flight.armed:
+            wanted = personality.mode_of(number & 0xFFFFFF)  # a mode that only a command can fill ends in its main mode
         refusal = personality.refuse_mode(self._board.flight, wanted, number, self._has_setpoints())
         if refusal is None and wanted is not None:
             if wanted is not self._board.flight.mode:

@@ -4,36 +4,58 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
 
 from ._board import Board, Command, CommandHandler, Handler, Result
 from ._flight import Behaviour
-from ._guidance import Guidance, Hold
+from ._guidance import Circle, FixedHeading, Guidance, HeadingTo, Hold, Manoeuvre
 from ._modes import Modes
 from ._personality import Event, Refusal
 
 TAKEOFF, LAND, RETURN, LOITER = 22, 21, 20, 17
 CHANGE_SPEED, REPOSITION, YAW = 178, 192, 115
+ORBIT, CHANGE_ALTITUDE, PAUSE, TERMINATION = 34, 186, 193, 185
+ROI_LOCATION, ROI_OFFSET, ROI_NONE, ROI_SYSTEM, ROI = 195, 196, 197, 198, 201
 _FAR_M = 100_000.0
+_ORBIT_MPS2 = 2.0  # towards the centre, at most
 
 
 class Navigator:
-    """NAV_TAKEOFF, NAV_LAND, NAV_RETURN_TO_LAUNCH, DO_REPOSITION, DO_CHANGE_SPEED."""
+    """Whatever flies somewhere by command; which of these commands exist is the personality's."""
 
     def __init__(self, board: Board, modes: Modes, guidance: Guidance) -> None:
         self._board = board
         self._modes = modes
         self._guidance = guidance
+        self._paused: Manoeuvre | None = None
+        self._pausing: Manoeuvre | None = None
 
     def handlers(self) -> Mapping[str, Handler]:
         return {}
 
     def commands(self) -> Mapping[int, CommandHandler]:
+        personality = self._board.personality
+        optional: dict[int, tuple[bool, CommandHandler]] = {
+            LOITER: (personality.loiter_mode is not None, self._loiter),
+            ORBIT: (personality.orbit_mode is not None, self._orbit),
+            YAW: (personality.yaw_command, self._yaw),
+            PAUSE: (personality.pause_command, self._pause),
+            CHANGE_ALTITUDE: (personality.altitude_command, self._altitude),
+            TERMINATION: (any(mode.behaviour is Behaviour.TERMINATE for mode in personality.modes), self._terminate),
+        }
         return {
             TAKEOFF: self._takeoff,
             LAND: lambda _: self._go(Behaviour.LAND),
             RETURN: lambda _: self._go(Behaviour.RETURN),
             REPOSITION: self._reposition,
             CHANGE_SPEED: self._speed,
+            ROI_LOCATION: self._look,
+            ROI: self._look,
+            ROI_OFFSET: lambda _: Result.ACCEPTED,
+            ROI_SYSTEM: lambda _: Result.ACCEPTED,
+            ROI_NONE: self._look_ahead,
+            **{number: handler for number, (exists, handler) in optional.items() if exists},
         }
 
     def tick(self) -> None:
@@ -86,15 +108,117 @@ class Navigator:
             speed_mps=speed if math.isfinite(speed) and speed > 0.0 else keep,
             radius_m=radius if math.isfinite(radius) and radius != 0.0 else None,
         )
+        if not math.isfinite(yaw) and isinstance(self._guidance.manoeuvre, Hold):
+            self._guidance.manoeuvre.face_ahead()
         return Result.ACCEPTED
 
     def _speed(self, command: Command) -> Result | None:
         speed = command.params[1]
         if not math.isfinite(speed) or speed <= 0.0:
             return self._board.personality.bad_speed
+        guidance, kind = self._guidance, command.params[0]
+        if kind in (2.0, 3.0):
+            if kind == 2.0:
+                guidance.limits = replace(guidance.limits, climb_mps=speed, setpoint_climb_mps=speed)
+            else:
+                guidance.limits = replace(guidance.limits, descent_mps=speed, setpoint_descent_mps=speed)
+            return Result.ACCEPTED
         self._guidance.speed_mps = min(speed, self._guidance.limits.speed_max_mps)
         if isinstance(self._guidance.manoeuvre, Hold):
             self._guidance.manoeuvre.change_speed(self._guidance.speed_mps)
+        return Result.ACCEPTED
+
+    def _loiter(self, command: Command) -> Result:
+        personality = self._board.personality
+        assert personality.loiter_mode is not None
+        self._modes.switch(personality.mode(personality.loiter_mode))
+        return Result.ACCEPTED
+
+    def _orbit(self, command: Command) -> Result | None:
+        """Around a place, or around here; a radius below zero is anticlockwise. Too small or large a circle is not flown."""
+        board, flight, limits = self._board, self._board.flight, self._guidance.limits
+        radius, speed, looks, _, latitude, longitude, altitude = command.params
+        radius = radius if math.isfinite(radius) else limits.circle_radius_m
+        speed = speed if math.isfinite(speed) else 1.0
+        centre = (flight.north_m, flight.east_m)
+        if math.isfinite(latitude) and math.isfinite(longitude):
+            if abs(latitude) > 90.0 or abs(longitude) > 180.0:
+                return Result.DENIED
+            centre = board.airframe.to_local_m(latitude, longitude)
+        if not 1.0 <= abs(radius) <= limits.orbit_radius_max_m:
+            board.texts.say(*board.personality.orbit_text)
+            return Result.ACCEPTED
+        down = flight.down_m
+        if math.isfinite(altitude):
+            down = flight.origin.altitude_m - board.personality.altitude_amsl_m(flight, command.frame, altitude)
+        assert board.personality.orbit_mode is not None
+        self._modes.switch(board.personality.mode(board.personality.orbit_mode))
+        fastest = min(limits.speed_max_mps, math.sqrt(_ORBIT_MPS2 * abs(radius)))
+        speed = math.copysign(min(abs(speed), fastest), radius * (speed or 1.0))
+        look: Literal["in", "ahead", "kept"] = "in" if not math.isfinite(looks) or looks == 0.0 else "kept"
+        self._guidance.manoeuvre = Circle(centre, down, abs(radius), speed, "ahead" if looks == 3.0 else look)
+        return Result.ACCEPTED
+
+    def orbit_status(self) -> tuple[int | float, ...] | None:
+        """ORBIT_EXECUTION_STATUS in wire order; None while nothing circles by command."""
+        flight, manoeuvre = self._board.flight, self._guidance.manoeuvre
+        if flight.mode.name != self._board.personality.orbit_mode or not isinstance(manoeuvre, Circle):
+            return None
+        latitude, longitude = self._board.airframe.to_geodetic_e7(*manoeuvre.centre)
+        radius = math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps)
+        return (flight.time_us, radius, latitude, longitude, flight.origin.altitude_m - manoeuvre.down_m, 5)
+
+    def _yaw(self, command: Command) -> Result:
+        """CONDITION_YAW: degrees, degrees per second, direction, relative."""
+        angle, speed, direction, relative = command.params[:4]
+        if not 0.0 <= angle <= 360.0:
+            return Result.FAILED
+        flight = self._board.flight
+        yaw = math.radians(angle)
+        if relative == 1.0:
+            yaw = flight.yaw_rad + math.copysign(yaw, direction)
+        rate = math.radians(speed) if math.isfinite(speed) and speed > 0.0 else 1.0
+        self._guidance.heading = FixedHeading(yaw, rate)
+        return Result.ACCEPTED
+
+    def _pause(self, command: Command) -> Result:
+        """Stop where it is, and go on with what was being flown."""
+        guidance = self._guidance
+        if command.params[0] == 0.0 and self._paused is None:
+            self._paused = guidance.manoeuvre
+            guidance.manoeuvre = self._pausing = guidance.manoeuvres.hold(self._board.flight)
+        elif command.params[0] == 1.0 and self._paused is not None:
+            if guidance.manoeuvre is self._pausing:
+                guidance.manoeuvre = self._paused
+            self._paused = None
+        return Result.ACCEPTED
+
+    def _altitude(self, command: Command) -> Result:
+        """DO_CHANGE_ALTITUDE: above sea level, at the place that is held."""
+        flight, manoeuvre = self._board.flight, self._guidance.manoeuvre
+        altitude = command.params[0]
+        if math.isfinite(altitude) and flight.mode.behaviour is Behaviour.HOLD and isinstance(manoeuvre, Hold):
+            manoeuvre.change_down(flight.origin.altitude_m - altitude)
+        return Result.ACCEPTED
+
+    def _terminate(self, command: Command) -> Result:
+        if not command.params[0] > 0.5:
+            return Result.DENIED
+        personality = self._board.personality
+        self._modes.switch(next(mode for mode in personality.modes if mode.behaviour is Behaviour.TERMINATE))
+        return Result.ACCEPTED
+
+    def _look(self, command: Command) -> Result:
+        latitude, longitude = command.params[4:6]
+        known = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude != 0.0 or longitude != 0.0)
+        if self._board.personality.roi_turns:
+            place = self._board.airframe.to_local_m(latitude, longitude) if known else None
+            self._guidance.heading = HeadingTo(place) if place else None
+        return Result.ACCEPTED
+
+    def _look_ahead(self, command: Command) -> Result:
+        if isinstance(self._guidance.heading, HeadingTo):
+            self._guidance.heading = None
         return Result.ACCEPTED
 
     def _refused(self, refusal: Refusal) -> Result | None:

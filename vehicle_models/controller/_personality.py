@@ -57,6 +57,28 @@ class BatteryStep:
 
 
 @dataclass(frozen=True, slots=True)
+class StickLimits:
+    """What a full stick means."""
+
+    tilt_rad: float
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
+    yaw_radps: float
+    rates_radps: float  # roll and pitch of acrobatics
+    dead: float  # share of a stick's way around its middle that means nothing
+    lost_after_s: Seconds
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Results of a command that does nothing else here: the first at once, the others a second apart; and texts."""
+
+    results: tuple[Result, ...]
+    texts: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Limits:
     """Numbers by which the vehicle is flown, as the present parameters give them."""
 
@@ -83,6 +105,15 @@ class Limits:
     station_action: Behaviour | None
     station_holds_s: Seconds
     battery: tuple[BatteryStep, ...]
+    sticks: StickLimits
+    goto_mps: float  # positions that a companion gives
+    faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: wherever it moves
+    return_faces_home: bool
+    sticks_action: Behaviour | None  # when sticks are lost in a mode that needs them
+    orbit_radius_max_m: float
+    circle_radius_m: float
+    circle_radps: float  # clockwise
+    thrust_is_climb: bool  # thrust of attitude setpoints: 0.5 holds the height
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +156,22 @@ class Personality(ABC):
     bad_interval_us: ClassVar[int]  # intervals below this are refused; 0 refuses none
     text_ending: ClassVar[str]
     speaks_when_spoken_to: ClassVar[bool]
+    feels_loose_sticks: ClassVar[bool]  # a radio whose throttle lies at its lowest, when nobody else holds sticks
+    takes_radio_overrides: ClassVar[bool]
+    loiter_mode: ClassVar[str | None]  # of NAV_LOITER_UNLIM, where it is a command
+    orbit_mode: ClassVar[str | None]  # of DO_ORBIT
+    orbit_text: ClassVar[tuple[int, str]]  # for a circle that is too small or too large
+    yaw_command: ClassVar[bool]  # CONDITION_YAW
+    pause_command: ClassVar[bool]  # DO_PAUSE_CONTINUE
+    altitude_command: ClassVar[bool]  # DO_CHANGE_ALTITUDE
+    roi_turns: ClassVar[bool]  # a region of interest turns the nose of a vehicle without gimbal
+    piloted_landing_disarms: ClassVar[bool]  # landing by sticks is a landing like any other
+    any_component: ClassVar[bool]  # hears what is addressed to components that do not exist
+    axis_groups: ClassVar[bool]  # a masked axis masks its group; else each axis is for itself
+    setpoints_face_motion: ClassVar[bool]  # without a heading of their own
+    echo_modes: ClassVar[tuple[Behaviour, ...] | None]  # POSITION_TARGET_* are said in these alone; None: in all
+    echo_position_mask: ClassVar[int | None]  # type_mask of the echo of a position; None: bits of what is NaN
+    echo_velocity_mask: ClassVar[int | None]
     texts: ClassVar[Mapping[Event, tuple[int, str]]]
     fixed_results: ClassVar[Mapping[int, Result | None]]  # commands that are answered and do nothing
     capabilities: ClassVar[int]
@@ -149,8 +196,10 @@ class Personality(ABC):
     follow_mode: ClassVar[str]
     heartbeat_on_mode_change: ClassVar[bool]
     setpoints_lost_behaviour: ClassVar[Behaviour]
-    local_frames: ClassVar[Mapping[int, Literal["local", "offset", "body"]]]
-    global_frames: ClassVar[Mapping[int, Literal["amsl", "home"]]]
+    local_frames: ClassVar[Mapping[int, Literal["local", "offset", "body", "body-velocity"]]]
+    global_frames: ClassVar[Mapping[int, Literal["amsl", "home", "ground"]]]
+    bad_local_frame: ClassVar[str]  # complaint, with {} for the frame
+    bad_global_frame: ClassVar[tuple[int, str]]
     bad_speed: ClassVar[Result]  # DO_CHANGE_SPEED without a speed
     setpoint_complaints: ClassVar[bool]  # texts for setpoints that make no sense
 
@@ -217,6 +266,10 @@ class Personality(ABC):
     @abstractmethod
     def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
         """Why a DO_SET_HOME is refused."""
+
+    def answer(self, flight: Flight, command: Command) -> Answer | None:
+        """Result and texts of a command that nobody carries out but that depends on the state; None: `fixed_results`."""
+        return None
 
     def mode(self, name: str) -> Mode:
         """The mode of that name; KeyError when there is none."""

@@ -4,28 +4,52 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from bench.contracts import Vector
+
 from ._board import Board, CommandHandler, Handler, Sender
-from ._flight import Behaviour, Target
+from ._flight import Attitude, Behaviour, Flight, Target
 from ._guidance import Follow, Guidance
 from ._texts import CRITICAL
 
-_NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION = 0x007, 0x038, 0x1C0
-_NO_YAW, _NO_YAW_RATE = 0x400, 0x800
-_NO_XY, _NO_Z = 0x003, 0x004
-_NO_VXY, _NO_VZ = 0x018, 0x020
+_FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
+_NO_ROLL_RATE, _NO_PITCH_RATE, _NO_TURN_RATE, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128
+_LOCAL, _GLOBAL = 84, 86
+_FAR = 1e6  # metres or anything else: beyond it nothing is meant seriously
+_NAN3 = (math.nan,) * 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """One message in north, east, down; NaN on an axis about which it says nothing."""
+
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+    yaw_rad: float
+    yawrate_radps: float
+
+    @property
+    def empty(self) -> bool:
+        return all(math.isnan(one) for one in (*self.position, *self.velocity, *self.acceleration))
+
+    @property
+    def sane(self) -> bool:
+        numbers = (*self.position, *self.velocity, *self.acceleration, self.yaw_rad, self.yawrate_radps)
+        return all(math.isnan(one) or abs(one) < _FAR for one in numbers)
 
 
 class Setpoints:
-    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT. Attitude setpoints are counted and not flown yet."""
+    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET."""
 
     def __init__(self, board: Board, guidance: Guidance) -> None:
         self._board = board
         self._guidance = guidance
         self._last_ns: int | None = None
         self._lapses = False
-        self._last: Target | None = None
+        self._last: tuple[Target, tuple[bool, bool]] | None = None
         self.ignored = 0
 
     def handlers(self) -> Mapping[str, Handler]:
@@ -59,99 +83,200 @@ class Setpoints:
     def resume(self) -> None:
         """Go on with the last setpoint, after the mode was entered again."""
         if self._last and isinstance(self._guidance.manoeuvre, Follow):
-            self._guidance.manoeuvre.give(self._last)
+            self._guidance.manoeuvre.give(self._last[0], self._board.flight, self._last[1])
 
     def _local(self, m: Any, sender: Sender) -> None:
-        kind = self._board.personality.local_frames.get(m.coordinate_frame)
-        if kind is None:
-            self._complain(f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {m.coordinate_frame} unsupported")
+        board, flight = self._board, self._board.flight
+        if self._unwanted():
             return
-        flight = self._board.flight
-        position, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
-        yaw = m.yaw
-        if kind == "body":
+        kind = board.personality.local_frames.get(m.coordinate_frame)
+        if kind is None:
+            self._refuse(board.personality.bad_local_frame.format(m.coordinate_frame))
+            return
+        position, velocity, acceleration = self._groups(m, (m.x, m.y, m.z))
+        yaw = math.nan if m.type_mask & _NO_YAW else m.yaw
+        if kind == "body-velocity":
+            position = _NAN3
+            velocity, acceleration = _body_to_ned(velocity, flight), _body_to_ned(acceleration, flight)
+        elif kind == "body":
             position, velocity = _turned(position, flight.yaw_rad), _turned(velocity, flight.yaw_rad)
+            acceleration = _turned(acceleration, flight.yaw_rad)
             yaw += flight.yaw_rad
         if kind in ("body", "offset"):
             position = (position[0] + flight.north_m, position[1] + flight.east_m, position[2] + flight.down_m)
-        self._take("SET_POSITION_TARGET_LOCAL_NED", m.type_mask, position, velocity, yaw, m.yaw_rate)
+        self._take("SET_POSITION_TARGET_LOCAL_NED", m, _Wish(position, velocity, acceleration, yaw, _yawrate(m)))
 
     def _global(self, m: Any, sender: Sender) -> None:
-        kind = self._board.personality.global_frames.get(m.coordinate_frame)
-        if kind is None:
-            self._complain(f"SET_POSITION_TARGET_GLOBAL_INT coordinate frame {m.coordinate_frame} unsupported")
+        board, flight = self._board, self._board.flight
+        if self._unwanted():
             return
-        flight = self._board.flight
-        if abs(m.lat_int) > 900_000_000 or abs(m.lon_int) > 1_800_000_000:
-            self.ignored += 1
-            return
-        north, east = self._board.airframe.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
-        home = flight.home or flight.origin
-        amsl = m.alt + (home.altitude_m if kind == "home" else 0.0)
-        position = (north, east, flight.origin.altitude_m - amsl)
-        self._take("SET_POSITION_TARGET_GLOBAL_INT", m.type_mask, position, (m.vx, m.vy, m.vz), m.yaw, m.yaw_rate)
+        position, velocity, acceleration = self._groups(m, (0.0, 0.0, m.alt))
+        if not math.isnan(sum(position)):
+            kind = board.personality.global_frames.get(m.coordinate_frame)
+            if kind is None:
+                severity, text = board.personality.bad_global_frame
+                self._stop()
+                board.texts.say(severity, text.format(m.coordinate_frame))
+                return
+            if abs(m.lat_int) > 900_000_000 or abs(m.lon_int) > 1_800_000_000:
+                self._stop()
+                return
+            north, east = board.airframe.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
+            ground = {"home": (flight.home or flight.origin).altitude_m, "ground": flight.origin.altitude_m}
+            position = (north, east, flight.origin.altitude_m - m.alt - ground.get(kind, 0.0))
+        elif not all(math.isnan(one) for one in position):
+            position = _NAN3
+        yaw = math.nan if m.type_mask & _NO_YAW else m.yaw
+        self._take("SET_POSITION_TARGET_GLOBAL_INT", m, _Wish(position, velocity, acceleration, yaw, _yawrate(m)))
 
-    def _attitude(self, m: Any, sender: Sender) -> None:
-        self.ignored += 1
+    def _groups(self, m: Any, place: Vector) -> tuple[Vector, Vector, Vector]:
+        """Position, velocity and acceleration with NaN for what the mask leaves out."""
+        personality = self._board.personality
+        whole = personality.axis_groups
+        if m.get_msgId() == _LOCAL and personality.local_frames.get(m.coordinate_frame) == "body-velocity":
+            whole = True
+        groups = []
+        for shift, values in ((0, place), (3, (m.vx, m.vy, m.vz)), (6, (m.afx, m.afy, m.afz))):
+            masked = m.type_mask >> shift & 7
+            if whole and masked:
+                masked = 7
+            north, east, down = (math.nan if masked >> axis & 1 else value for axis, value in enumerate(values))
+            groups.append((north, east, down))
+        return groups[0], groups[1], groups[2]
 
-    def _take(
-        self,
-        name: str,
-        mask: int,
-        position: tuple[float, float, float],
-        velocity: tuple[float, float, float],
-        yaw: float,
-        yawrate: float,
-    ) -> None:
-        target = self._target(mask, position, velocity, yaw, yawrate)
-        if target is None:
-            self._complain(f"{name} invalid")
+    def _take(self, name: str, m: Any, wish: _Wish) -> None:
+        personality = self._board.personality
+        if m.type_mask & _FORCE and (m.type_mask >> 6 & 7) != 7:
+            self._complain(f"{name} force not supported")
             return
-        flight = self._board.flight
-        if not self._board.personality.setpoint_complaints and flight.mode.behaviour is not Behaviour.FOLLOW:
-            self.ignored += 1  # heard in another mode than guided, where nobody waits for them
+        if personality.axis_groups and not self._makes_sense(m, wish):
+            self._stop()
             return
-        self._last_ns, self._last = flight.time_ns, target
-        self._lapses = target.north_east_m is None or self._board.personality.position_setpoints_lapse
-        if flight.mode.behaviour is Behaviour.FOLLOW:
-            if not isinstance(self._guidance.manoeuvre, Follow):
-                self._guidance.manoeuvre = Follow(flight)
-            self._guidance.manoeuvre.give(target)
+        if wish.empty or not wish.sane:
+            self._refuse(None if m.get_msgId() == _GLOBAL else f"{name} invalid")
+            return
+        target, pushes = self._target(wish)
+        self._lapses = target.north_east_m is None or personality.position_setpoints_lapse
+        self._give(target, pushes)
 
-    def _target(
-        self,
-        mask: int,
-        position: tuple[float, float, float],
-        velocity: tuple[float, float, float],
-        yaw: float,
-        yawrate: float,
-    ) -> Target | None:
-        """What a setpoint means; None when it leaves horizontal or vertical motion open, or is not finite."""
-        has_xy, has_z = not mask & _NO_XY, not mask & _NO_Z
-        has_vxy, has_vz = not mask & _NO_VXY, not mask & _NO_VZ
-        if not (has_xy or has_vxy) or not (has_z or has_vz):
-            return None
-        used = (*(position[:2] if has_xy else ()), *(position[2:] if has_z else ()))
-        used += (*(velocity[:2] if has_vxy else ()), *(velocity[2:] if has_vz else ()))
-        has_yaw, has_rate = not mask & _NO_YAW, not mask & _NO_YAW_RATE
-        used += (*((yaw,) if has_yaw else ()), *((yawrate,) if has_rate else ()))
-        if not all(math.isfinite(one) and abs(one) < 1e6 for one in used):
-            return None
-        limits = self._guidance.limits
-        return Target(
-            north_east_m=(position[0], position[1]) if has_xy else None,
-            down_m=position[2] if has_z else None,
-            velocity_ned_mps=(
-                velocity[0] if has_vxy else 0.0,
-                velocity[1] if has_vxy else 0.0,
-                velocity[2] if has_vz else 0.0,
-            ),
-            yaw_rad=yaw if has_yaw else None,
-            yawrate_radps=yawrate if has_rate else 0.0,
-            speed_max_mps=limits.speed_max_mps,
+    def _makes_sense(self, m: Any, wish: _Wish) -> bool:
+        """Where axes come in groups, a group that is not masked must be numbers, and the groups must be a known set."""
+        masked = [(m.type_mask >> shift & 7) != 0 for shift in (0, 3, 6)]
+        for left_out, values in zip(masked, (wish.position, wish.velocity, wish.acceleration), strict=True):
+            if not left_out and not all(math.isfinite(one) for one in values):
+                return False
+        no_position, no_velocity, no_acceleration = masked
+        if not no_position and no_velocity:
+            return bool(no_acceleration)
+        return not (no_position and no_velocity and no_acceleration)
+
+    def _target(self, wish: _Wish) -> tuple[Target, tuple[bool, bool]]:
+        """What a setpoint means. An axis (the horizontal two go together) that it leaves open is held still."""
+        x, y, z = wish.position
+        v, a = _zeroed(wish.velocity), _zeroed(wish.acceleration)
+        has_xy = not math.isnan(x + y)
+        has_vxy, has_axy = (not math.isnan(one[0] + one[1]) for one in (wish.velocity, wish.acceleration))
+        has_z = not math.isnan(z)
+        has_vz, has_az = not math.isnan(wish.velocity[2]), not math.isnan(wish.acceleration[2])
+        limits, personality = self._guidance.limits, self._board.personality
+        has_yaw, turns = not math.isnan(wish.yaw_rad), not math.isnan(wish.yawrate_radps)
+        goes = limits.goto_mps if has_xy else limits.speed_max_mps
+        target = Target(
+            north_east_m=(x, y) if has_xy else None,
+            down_m=z if has_z else None,
+            velocity_ned_mps=(v[0] if has_vxy else 0.0, v[1] if has_vxy else 0.0, v[2]),
+            acceleration_ned_mps2=(a[0] if has_axy else 0.0, a[1] if has_axy else 0.0, a[2]),
+            yaw_rad=wish.yaw_rad if has_yaw else None,
+            yawrate_radps=wish.yawrate_radps if turns else 0.0,
+            speed_max_mps=self._guidance.speed_mps or goes,
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
+            faces_motion=personality.setpoints_face_motion and not has_yaw and not turns,
         )
+        return target, (has_axy and not has_xy and not has_vxy, has_az and not has_z and not has_vz)
+
+    def _attitude(self, m: Any, sender: Sender) -> None:
+        if self._unwanted():
+            return
+        mask, flight, limits = m.type_mask, self._board.flight, self._guidance.limits
+        rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
+        masked = [bool(mask & bit) for bit in (_NO_ROLL_RATE, _NO_PITCH_RATE, _NO_TURN_RATE)]
+        if not all(left_out or (math.isfinite(rate) and abs(rate) < _FAR) for left_out, rate in zip(masked, rates, strict=True)):
+            self._refuse(None)
+            return
+        if limits.thrust_is_climb and (mask & _NO_THRUST or (any(masked) and not all(masked))):
+            self._refuse(None)
+            return
+        thrust = 0.0 if mask & _NO_THRUST else m.thrust
+        turns = 0.0 if masked[2] else rates[2]
+        if not math.isfinite(thrust):
+            self._refuse(None)
+        elif not mask & _NO_ATTITUDE:
+            angles = _euler_rad(m.q)
+            if angles is None:
+                self._refuse(None)
+            else:
+                self._tilt(angles[0], angles[1], angles[2], turns, thrust, None)
+        elif not (masked[0] or masked[1]):
+            self._tilt(0.0, 0.0, flight.yaw_rad, turns, thrust, (rates[0], rates[1], turns))
+        else:
+            self._refuse(None)
+
+    def _tilt(self, roll: float, pitch: float, yaw: float, turns: float, thrust: float, rates: Vector | None) -> None:
+        limits = self._guidance.limits
+        climb = 0.0
+        if limits.thrust_is_climb:
+            share = 2.0 * min(max(thrust, 0.0), 1.0) - 1.0
+            climb = share * (limits.climb_mps if share > 0.0 else limits.descent_mps)
+        attitude = Attitude(roll, pitch, None if limits.thrust_is_climb else min(max(thrust, 0.0), 1.0), rates)
+        target = Target(
+            velocity_ned_mps=(0.0, 0.0, -climb),
+            yaw_rad=yaw,
+            yawrate_radps=turns,
+            climb_max_mps=limits.climb_mps,
+            descent_max_mps=limits.descent_mps,
+            attitude=attitude,
+        )
+        self._lapses = True
+        self._give(target, (False, False))
+
+    def _give(self, target: Target, pushes: tuple[bool, bool]) -> None:
+        flight = self._board.flight
+        self._last_ns, self._last = flight.time_ns, (target, pushes)
+        if flight.mode.behaviour is Behaviour.FOLLOW:
+            self._following().give(target, flight, pushes)
+
+    def _following(self) -> Follow:
+        manoeuvre = self._guidance.manoeuvre
+        if not isinstance(manoeuvre, Follow):
+            manoeuvre = self._guidance.manoeuvre = Follow(self._board.flight)
+        return manoeuvre
+
+    def _unwanted(self) -> bool:
+        """Heard in another mode than guided, where nobody waits for setpoints and nobody complains."""
+        personality = self._board.personality
+        if personality.setpoint_complaints or self._board.flight.mode.behaviour is Behaviour.FOLLOW:
+            return False
+        self.ignored += 1
+        return True
+
+    def _refuse(self, text: str | None) -> None:
+        """Nonsense: a text where nonsense is talked about, and a halt where it is obeyed by stopping."""
+        if text:
+            self._complain(text)
+        else:
+            self.ignored += 1
+        if not self._board.personality.setpoint_complaints:
+            self._halt()
+
+    def _stop(self) -> None:
+        self.ignored += 1
+        if not self._board.personality.setpoint_complaints:
+            self._halt()
+
+    def _halt(self) -> None:
+        self._following().lapse(self._board.flight)
+        self._lapses = False
 
     def _complain(self, text: str) -> None:
         self.ignored += 1
@@ -159,7 +284,37 @@ class Setpoints:
             self._board.texts.say(CRITICAL, text)
 
 
-def _turned(vector: tuple[float, float, float], yaw_rad: float) -> tuple[float, float, float]:
+def _yawrate(m: Any) -> float:
+    rate: float = math.nan if m.type_mask & _NO_YAW_RATE else m.yaw_rate
+    return rate
+
+
+def _zeroed(vector: Vector) -> Vector:
+    north, east, down = (0.0 if math.isnan(one) else one for one in vector)
+    return north, east, down
+
+
+def _turned(vector: Vector, yaw_rad: float) -> Vector:
     """A vector of the level body frame (forward, right, down) in north, east, down."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     return cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1], vector[2]
+
+
+def _body_to_ned(vector: Vector, flight: Flight) -> Vector:
+    """A vector of the body frame, tilted as the body is, in north, east, down."""
+    cr, sr = math.cos(flight.roll_rad), math.sin(flight.roll_rad)
+    cp, sp = math.cos(flight.pitch_rad), math.sin(flight.pitch_rad)
+    right, down = cr * vector[1] - sr * vector[2], sr * vector[1] + cr * vector[2]
+    return _turned((cp * vector[0] + sp * down, right, cp * down - sp * vector[0]), flight.yaw_rad)
+
+
+def _euler_rad(q: Any) -> Vector | None:
+    """Roll, pitch and yaw of a quaternion; None for what is not nearly one."""
+    w, x, y, z = q
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    if not math.isfinite(size) or abs(size - 1.0) > 0.1:
+        return None
+    w, x, y, z = w / size, x / size, y / size, z / size
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
+    return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -21,9 +21,13 @@ _FIELD_NED = (0.2146, 0.0133, 0.4329)
 
 def quaternion(flight: Flight) -> tuple[float, float, float, float]:
     """w, x, y, z of the body (FRD) against north-east-down."""
-    cr, sr = math.cos(flight.roll_rad / 2), math.sin(flight.roll_rad / 2)
-    cp, sp = math.cos(flight.pitch_rad / 2), math.sin(flight.pitch_rad / 2)
-    cy, sy = math.cos(flight.yaw_rad / 2), math.sin(flight.yaw_rad / 2)
+    return _quaternion(flight.roll_rad, flight.pitch_rad, flight.yaw_rad)
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -78,6 +82,7 @@ class Telemetry:
             "BATTERY_STATUS": self._battery,
             "HOME_POSITION": self._home,
             "GPS_GLOBAL_ORIGIN": self._origin,
+            "ORBIT_EXECUTION_STATUS": lambda: self.orbit(),
             "VIBRATION": lambda: (self._flight.time_us, 0.0, 0.0, 0.0, 0, 0, 0),
             "POWER_STATUS": lambda: (5000, 0, 0),
             "MEMINFO": lambda: (0, 65535, 131072),
@@ -88,6 +93,7 @@ class Telemetry:
             "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 831 if self._flight.home else 167, 0.0),
         }
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
+        self.orbit: Callable[[], Values | None] = lambda: None
         self.has_setpoints: Callable[[], bool] = lambda: False
 
     def _heartbeat(self) -> Values:
@@ -155,30 +161,38 @@ class Telemetry:
 
     def _attitude_target(self) -> Values | None:
         f = self._flight
-        if not f.armed:
-            return None
-        outputs = self._board.airframe.outputs()
-        return (f.time_ms, *quaternion(f), 0.0, 0.0, 0.0, sum(outputs) / len(outputs), 0)
+        roll, pitch, yaw, thrust = self._board.airframe.wanted_attitude()
+        attitude = f.target.attitude
+        rates = attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
+        return (f.time_ms, *_quaternion(roll, pitch, yaw), *rates, thrust, 0)
 
     def _local_target(self) -> Values | None:
-        """PX4's echo: NaN for what is not controlled, and a mask of 7 while velocity is flown."""
+        """NaN for what is not controlled, and the mask says so."""
         f, t = self._flight, self._flight.target
-        if not f.armed:
+        if not f.armed or not self._echoes():
             return None
+        personality = self._board.personality
         place = t.north_east_m or (_NAN, _NAN)
         down = t.down_m if t.down_m is not None else _NAN
-        mask = 7 if t.north_east_m is None else 0
+        mask = (3 if t.north_east_m is None else 0) | (4 if t.down_m is None else 0)
+        fixed = personality.echo_velocity_mask if mask else personality.echo_position_mask
         yaw = t.yaw_rad if t.yaw_rad is not None else _NAN
-        return (f.time_ms, *place, down, *t.velocity_ned_mps, 0.0, 0.0, 0.0, yaw, t.yawrate_radps, mask, 1)
+        motion = (*t.velocity_ned_mps, *t.acceleration_ned_mps2)
+        return (f.time_ms, *place, down, *motion, yaw, t.yawrate_radps, mask if fixed is None else fixed, 1)
+
+    def _echoes(self) -> bool:
+        modes = self._board.personality.echo_modes
+        return modes is None or self._flight.mode.behaviour in modes
 
     def _global_target(self) -> Values | None:
         f, t = self._flight, self._flight.target
-        if not f.armed or t.north_east_m is None or t.down_m is None:
+        if not f.armed or t.north_east_m is None or t.down_m is None or not self._echoes():
             return None
         lat, lon = self._board.airframe.to_geodetic_e7(*t.north_east_m)
         altitude = f.origin.altitude_m - t.down_m
         yaw = t.yaw_rad if t.yaw_rad is not None else _NAN
-        return (f.time_ms, lat, lon, altitude, *t.velocity_ned_mps, 0.0, 0.0, 0.0, yaw, t.yawrate_radps, 65016, 0)
+        motion = (*t.velocity_ned_mps, *t.acceleration_ned_mps2)
+        return (f.time_ms, lat, lon, altitude, *motion, yaw, t.yawrate_radps, 65016, 0)
 
     def _gps(self) -> Values:
         f = self._flight
@@ -256,8 +270,7 @@ class Telemetry:
         return (*attitude, bearing, bearing, min(round(math.hypot(north, east)), 65535))
 
     def _sticks(self) -> Values:
-        channels = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
-        return (self._flight.time_ms, *channels, *(0,) * 10, 16, 255)
+        return (self._flight.time_ms, *self._flight.rc_us, *(0,) * 10, 16, 255)
 
     def _ahrs2(self) -> Values:
         f = self._flight

@@ -19,6 +19,8 @@ _FT = 0.3048
 _OUTER_EVERY = 4  # execrate of the outer channel in x500.xml
 _FEET_M = 0.1507  # height of the centre of gravity when the feet carry the weight
 _MAX_THRUST_N = 8.5486
+FULL_THRUST_N = 4.0 * _MAX_THRUST_N
+HOVER_THRUST = 2.0643 * 9.81 / FULL_THRUST_N  # share of full thrust that carries the vehicle
 ROTORS = ("front-right", "rear-left", "front-left", "rear-right")  # PX4's order, motors 1 to 4
 
 _READ = (
@@ -38,6 +40,7 @@ _READ = (
     "position/from-start-neu-n-ft",
     "position/from-start-neu-e-ft",
 )
+_WANTED = ("target-roll-rad", "target-pitch-rad", "target-yaw-rad", "thrust-n")
 _FORCES = tuple(f"accelerations/a-pilot-{axis}-ft_sec2" for axis in "xyz")
 
 
@@ -94,6 +97,7 @@ class X500Plant:
         self._get = [self._node(name).get_double_value for name in _READ]
         self._motors = [self._node(f"motor/{name}").get_double_value for name in ROTORS]
         self._force = [self._node(name).get_double_value for name in _FORCES]
+        self._wanted = [self._node(f"ap/{name}").get_double_value for name in _WANTED]
         self._put = {name: self._node(f"ap/{name}").set_double_value for name in _WRITTEN}
         self._wind = [self._node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
         self._gust = [self._node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
@@ -132,6 +136,11 @@ class X500Plant:
     def rotor_commands(self) -> list[float]:
         """Speed of each rotor as a share of its greatest, 0 to 1."""
         return [get() for get in self._motors]
+
+    def wanted_attitude(self) -> tuple[float, float, float, float]:
+        """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors can give."""
+        roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
+        return roll, pitch, yaw, thrust_n / FULL_THRUST_N
 
     def advance(self) -> None:
         """Fly one step. Raises VehicleFault when the state is no longer finite."""
@@ -174,6 +183,18 @@ _WRITTEN = (
     "target-vn-mps",
     "target-ve-mps",
     "target-vu-mps",
+    "target-an-mps2",
+    "target-ae-mps2",
+    "target-au-mps2",
+    "tilt-mode",
+    "thrust-mode",
+    "rate-mode",
+    "given-roll-rad",
+    "given-pitch-rad",
+    "given-thrust-n",
+    "given-p-radps",
+    "given-q-radps",
+    "given-r-radps",
     "target-yaw-rad",
     "target-yawrate-radps",
     "speed-max-mps",

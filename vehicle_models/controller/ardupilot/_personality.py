@@ -7,7 +7,7 @@ import math
 from .._board import Command, Result
 from .._flight import Behaviour, Flight, Landed, Mode
 from .._parameters import ParameterStore, ParameterStyle
-from .._personality import Event, GpsFields, Limits, Personality, Refusal, SensorBits
+from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO, WARNING
 from ._modes import MODES, REFUSING
 from ._parameters import PARAMETERS
@@ -35,8 +35,9 @@ _ON_REQUEST = (
     "POSITION_TARGET_GLOBAL_INT",
     "HEARTBEAT",
 )
-_ACCEPTED = (193, 195, 197, 201, 203, 206, 207, 183, 181, 208, 182)
-_FAILED = (204, 205, 211, 2000, 1000, 1001)
+# Section 5 of what was observed: accepted whatever the state, refused because there is no such device.
+_ACCEPTED = (32, 181, 203, 206, 208, 216, 520, 2001, 42006)
+_FAILED = (185, 204, 205, 211, 1000, 1001, 2000, 2500, 2501, 42600)
 
 
 class ArduPilot(Personality):
@@ -44,7 +45,7 @@ class ArduPilot(Personality):
     autopilot = 3
     modes = MODES
     first_mode = "STABILIZE"
-    hold_mode, land_mode, return_mode, follow_mode, reposition_mode = "LOITER", "LAND", "RTL", "GUIDED", "GUIDED"
+    hold_mode, land_mode, return_mode, follow_mode, reposition_mode = "BRAKE", "LAND", "RTL", "GUIDED", "GUIDED"
     takeoff_mode = None
     mode_after_landing = None
     parameters = PARAMETERS
@@ -79,7 +80,9 @@ class ArduPilot(Personality):
     fixed_results = {
         **dict.fromkeys(_ACCEPTED, Result.ACCEPTED),
         **dict.fromkeys(_FAILED, Result.FAILED),
-        300: Result.FAILED,
+        189: Result.FAILED,
+        224: Result.DENIED,
+        245: Result.DENIED,
     }
     capabilities = 64495
     flight_sw_version = 0x040603FF
@@ -97,7 +100,24 @@ class ArduPilot(Personality):
     heartbeat_on_mode_change = True
     setpoints_lost_behaviour = Behaviour.HOLD
     local_frames = {1: "local", 7: "offset", 8: "body", 9: "body"}
-    global_frames = {0: "amsl", 3: "home", 6: "home"}
+    global_frames = {0: "amsl", 3: "home", 5: "amsl", 6: "home", 10: "ground", 11: "ground"}
+    bad_local_frame = ""
+    bad_global_frame = (INFO, "Unknown mavlink coordinate frame {}")
+    feels_loose_sticks = True
+    takes_radio_overrides = True
+    loiter_mode = "LOITER"
+    orbit_mode = None
+    orbit_text = (INFO, "")
+    yaw_command = pause_command = True
+    altitude_command = False
+    roi_turns = True
+    piloted_landing_disarms = False
+    any_component = True
+    axis_groups = True
+    setpoints_face_motion = True
+    echo_modes = (Behaviour.FOLLOW,)
+    echo_position_mask = 0xFDF8
+    echo_velocity_mask = 0xFDC7
     bad_speed = Result.FAILED
     setpoint_complaints = False
 
@@ -128,6 +148,24 @@ class ArduPilot(Personality):
             station_action=Behaviour.RETURN if p["FS_GCS_ENABLE"] else None,
             station_holds_s=0.0,
             battery=(),
+            sticks=StickLimits(
+                tilt_rad=math.radians(min(max(p["ANGLE_MAX"] / 100.0, 10.0), 45.0)),
+                speed_mps=max(p["LOIT_SPEED"], 20.0) / 100.0,
+                climb_mps=max(p["PILOT_SPEED_UP"], 50.0) / 100.0,
+                descent_mps=max(p["PILOT_SPEED_DN"] or p["PILOT_SPEED_UP"], 50.0) / 100.0,
+                yaw_radps=math.radians(max(p["PILOT_Y_RATE"], 1.0)),
+                rates_radps=math.radians(max(p["ACRO_RP_RATE"], 1.0)),
+                dead=0.05,
+                lost_after_s=p["RC_OVERRIDE_TIME"] if p["RC_OVERRIDE_TIME"] > 0 else math.inf,
+            ),
+            goto_mps=cruise,
+            faces_beyond_m=None,
+            return_faces_home=False,
+            sticks_action=None,
+            orbit_radius_max_m=math.inf,
+            circle_radius_m=max(p["CIRCLE_RADIUS"], 100.0) / 100.0,
+            circle_radps=math.radians(p["CIRCLE_RATE"]),
+            thrust_is_climb=not int(p["GUID_OPTIONS"]) & 8,
         )
 
     def ready(self, flight: Flight) -> bool:
@@ -181,6 +219,51 @@ class ArduPilot(Personality):
     def mode_number(self, command: Command) -> int | None:
         number = command.params[1]
         return int(number) if command.flag(0, 1) and 0 <= number < 2**24 else None
+
+    def answer(self, flight: Flight, command: Command) -> Answer | None:
+        """Section 5 of what was observed."""
+        first = command.params[0]
+        accepted, failed = Answer((Result.ACCEPTED,)), Answer((Result.FAILED,))
+        match command.number:
+            case 401:
+                return Answer((Result.TEMPORARILY_REJECTED,)) if flight.armed else accepted
+            case 207:
+                return accepted if first in (0.0, 1.0, 2.0) else failed
+            case 183 if first in (1.0, 2.0, 3.0, 4.0):
+                text = f"ServoRelayEvent: Channel {first:.0f} is already in use"
+                return Answer((Result.FAILED,), ((WARNING, text),))
+            case 183:
+                return accepted if 5.0 <= first <= 16.0 else failed
+            case 189:
+                no_landing = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
+                return Answer((Result.FAILED,), no_landing)
+            case 209 if flight.flying:
+                return Answer((Result.FAILED,), ((CRITICAL, "Motor Test: vehicle not landed"),))
+            case 209:
+                return Answer((Result.ACCEPTED,), ((INFO, "starting motor test"),))
+            case 218:
+                text = f"Invalid channel option ({first:.0f})" if math.isfinite(first) else "Invalid channel option"
+                return Answer((Result.FAILED,), ((WARNING, text),))
+            case 241:
+                return self._calibration(flight, command)
+            case 246:
+                return failed if flight.armed else accepted
+            case 2600:
+                return Answer((Result.ACCEPTED,), ((5, f"Control high latency {'en' if first else 'dis'}abled"),))
+            case 42428:
+                banner = tuple((INFO, text) for text in ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS"))
+                return Answer((Result.ACCEPTED,), banner)
+        return None
+
+    def _calibration(self, flight: Flight, command: Command) -> Answer:
+        if flight.armed:
+            return Answer((Result.FAILED,), ((CRITICAL, "Disarm to allow calibration"),))
+        if command.params[2] == 1.0:
+            texts = ((INFO, "Calibrating barometer"), (INFO, "Barometer 1 calibration complete"))
+            return Answer((Result.IN_PROGRESS, Result.ACCEPTED), texts)
+        if command.params[4] == 2.0:
+            return Answer((Result.ACCEPTED,), ((INFO, "Trim OK: roll=0.00 pitch=0.00 yaw=0.00"),))
+        return Answer((Result.TEMPORARILY_REJECTED if command.params[4] == 4.0 else Result.ACCEPTED,))
 
     def refuse_takeoff(self, flight: Flight, command: Command) -> Refusal | None:
         altitude = command.params[6]

@@ -7,7 +7,7 @@ import math
 from .._board import Command, Result
 from .._flight import Behaviour, Flight, Mode
 from .._parameters import ParameterStore, ParameterStyle
-from .._personality import BatteryStep, Event, GpsFields, Limits, Personality, Refusal, SensorBits
+from .._personality import Answer, BatteryStep, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, EMERGENCY, ERROR, INFO, WARNING
 from ._modes import MODES
 from ._parameters import PARAMETERS
@@ -20,7 +20,7 @@ _PREARM = 0x10000000
 _SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
 _GPS_AND_POSITION = 0x20 | 0x4000
 _ARMED = 128
-_STANDBY, _ACTIVE, _CRITICAL, _UNABLE = 3, 4, 5, 0
+_STANDBY, _ACTIVE, _CRITICAL, _TERMINATED, _UNABLE = 3, 4, 5, 8, 0
 
 _COMMON_STREAMS = {
     "ATTITUDE_QUATERNION": 50.0,
@@ -50,6 +50,7 @@ _ONBOARD = {
     "SYSTEM_TIME": 1.0,
     "PING": 1.0,
     "ESTIMATOR_STATUS": 1.0,
+    "ORBIT_EXECUTION_STATUS": 5.0,
     "VIBRATION": 0.5,
 }
 _GCS = {
@@ -68,12 +69,13 @@ _GCS = {
     "EXTENDED_SYS_STATE": 1.0,
     "PING": 0.1,
     "ESTIMATOR_STATUS": 0.5,
+    "ORBIT_EXECUTION_STATUS": 2.0,
     "VIBRATION": 0.1,
 }
 # Accepted and without effect here, as in section 3.3 of what was observed.
-_ACCEPTED = (195, 197, 201, 241, 401, 2500, 2501, 187)
+_ACCEPTED = (187, 191, 241, 245, 246, 310, 401, 2510, 2511)
 # No module owns these: no answer at all.
-_SILENT = (203, 204, 205, 206, 420, 500, 521, 530, 1000, 1001, 2003, 3000, 42600)
+_SILENT = (202, 203, 204, 205, 206, 420, 500, 521, 530, 1000, 1001, 2003, 3000, 42600)
 
 
 class Px4(Personality):
@@ -119,7 +121,7 @@ class Px4(Personality):
         Event.BATTERY_EMERGENCY: (EMERGENCY, "Emergency battery level"),
         Event.CRASHED: (CRITICAL, "Disarmed by failure detector"),
     }
-    fixed_results = {**dict.fromkeys(_ACCEPTED, Result.ACCEPTED), **dict.fromkeys(_SILENT), 300: Result.DENIED}
+    fixed_results = {**dict.fromkeys(_ACCEPTED, Result.ACCEPTED), **dict.fromkeys(_SILENT), 189: Result.CANCELLED}
     capabilities = 59647
     flight_sw_version = 0x01110080
     flight_custom_version = b"\0" * 8
@@ -135,8 +137,24 @@ class Px4(Personality):
     position_setpoints_lapse = True
     heartbeat_on_mode_change = False
     setpoints_lost_behaviour = Behaviour.RETURN
-    local_frames = {1: "local", 8: "body"}
-    global_frames = {0: "amsl", 5: "amsl", 3: "home", 6: "home"}
+    local_frames = {1: "local", 8: "body-velocity"}
+    global_frames = {5: "amsl", 6: "home", 11: "ground"}
+    bad_local_frame = "SET_POSITION_TARGET_LOCAL_NED coordinate frame {} unsupported"
+    bad_global_frame = (CRITICAL, "SET_POSITION_TARGET_GLOBAL_INT invalid coordinate frame {}")
+    feels_loose_sticks = False
+    takes_radio_overrides = False
+    loiter_mode = None
+    orbit_mode = "POSCTL_ORBIT"
+    orbit_text = (CRITICAL, "Orbit radius limit exceeded")
+    yaw_command = pause_command = False
+    altitude_command = True
+    roi_turns = False
+    piloted_landing_disarms = True
+    any_component = False
+    axis_groups = False
+    setpoints_face_motion = False
+    echo_modes = None
+    echo_position_mask = echo_velocity_mask = None
     bad_speed = Result.ACCEPTED
     setpoint_complaints = True
 
@@ -168,10 +186,28 @@ class Px4(Personality):
             station_action=station,
             station_holds_s=p["COM_FAIL_ACT_T"] if station is not Behaviour.HOLD else 0.0,
             battery=_battery_steps(p),
+            sticks=StickLimits(
+                tilt_rad=math.radians(min(max(p["MPC_MAN_TILT_MAX"], 1.0), 45.0)),
+                speed_mps=max(p["MPC_VEL_MANUAL"], 0.5),
+                climb_mps=max(p["MPC_Z_VEL_MAX_UP"], 0.2),
+                descent_mps=max(p["MPC_Z_VEL_MAX_DN"], 0.2),
+                yaw_radps=math.radians(max(p["MPC_MAN_Y_MAX"], 0.0)),
+                rates_radps=math.radians(100.0),
+                dead=0.1,
+                lost_after_s=max(p["COM_RC_LOSS_T"], 0.1),
+            ),
+            goto_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
+            faces_beyond_m=max(p["NAV_ACC_RAD"], 0.5) if p["MPC_YAW_MODE"] == 0 else math.inf,
+            return_faces_home=True,
+            sticks_action=actions.get(int(p["NAV_RCL_ACT"])),
+            orbit_radius_max_m=max(p["MC_ORBIT_RAD_MAX"], 1.0),
+            circle_radius_m=20.0,
+            circle_radps=0.05,
+            thrust_is_climb=False,
         )
 
     def ready(self, flight: Flight) -> bool:
-        return flight.time_s >= READY_S and flight.mode.armable and not flight.crashed
+        return flight.time_s >= READY_S and _armable(flight) and not flight.crashed
 
     def knows_place(self, flight: Flight) -> bool:
         return flight.time_s >= PLACE_S
@@ -180,6 +216,8 @@ class Px4(Personality):
         base = flight.mode.base
         if flight.mode.behaviour is Behaviour.FOLLOW and not has_setpoints and not flight.armed:
             base = 1
+        if flight.mode.behaviour is Behaviour.TERMINATE:
+            return base | (_ARMED if flight.armed else 0), _TERMINATED
         if flight.armed:
             return base | _ARMED, _CRITICAL if flight.failsafe else _ACTIVE
         armable = self.ready(flight) and not (flight.mode.behaviour is Behaviour.FOLLOW and not has_setpoints)
@@ -208,11 +246,12 @@ class Px4(Personality):
         return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, "Disarming denied: not landed"),))
 
     def refuse_mode(self, flight: Flight, wanted: Mode | None, number: int, has_setpoints: bool) -> Refusal | None:
-        if wanted is None:
+        if wanted is None or wanted.behaviour is Behaviour.TERMINATE:
             return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
         if not flight.armed:
             return None
-        lacks = wanted.behaviour in (Behaviour.PILOT, Behaviour.MISSION)
+        lacks = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith("EXTERNAL")
+        lacks = lacks or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
         if lacks or (wanted.behaviour is Behaviour.FOLLOW and not has_setpoints):
             text = f"Switching to {wanted.label} is currently not available"
             return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, text),))
@@ -224,6 +263,21 @@ class Px4(Personality):
         if not (command.flag(0, 1) and 0 <= main < 256 and 0 <= sub < 256):
             return None
         return int(sub) << 24 | int(main) << 16
+
+    def answer(self, flight: Flight, command: Command) -> Answer | None:
+        """Section 3.3 of what was observed."""
+        match command.number:
+            case 241 | 245 if flight.armed:
+                return Answer((Result.TEMPORARILY_REJECTED,))
+            case 310 if flight.armed:
+                return Answer((Result.DENIED,))
+            case 246 if flight.armed and command.params[0] == 1.0:
+                return Answer((Result.DENIED,))
+            case 300:
+                return Answer((Result.DENIED,), ((CRITICAL, "Mission start denied! No valid mission"),))
+            case 2600:
+                return Answer((Result.FAILED,), ((CRITICAL, "Control high latency failed! Telemetry unavailable"),))
+        return None
 
     def refuse_takeoff(self, flight: Flight, command: Command) -> Refusal | None:
         return None
@@ -245,6 +299,10 @@ class Px4(Personality):
 
     def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
         return None
+
+
+def _armable(flight: Flight) -> bool:
+    return flight.mode.armable or (flight.mode.behaviour is Behaviour.PILOT and flight.sticks is not None)
 
 
 def _battery_steps(p: ParameterStore) -> tuple[BatteryStep, ...]:

@@ -1,0 +1,91 @@
+"""Sticks: MANUAL_CONTROL of a joystick, RC_CHANNELS_OVERRIDE in place of a radio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ._board import Board, CommandHandler, Handler, Sender
+from ._flight import Sticks
+from ._guidance import Guidance
+
+_RADIO_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # a simulated radio at rest: throttle at its lowest
+_CHANNELS = len(_RADIO_US)
+_KEEP_US, _RELEASE_US = 65535, 0
+
+
+class Manual:
+    """Keeps `flight.sticks` and `flight.rc_us`. Sticks that nobody moves any more are gone after a while."""
+
+    def __init__(self, board: Board, guidance: Guidance) -> None:
+        self._board = board
+        self._guidance = guidance
+        self._given_ns: int | None = None
+        self._us: dict[int, int] = {}  # channels that somebody overrides
+        if board.personality.feels_loose_sticks:
+            self._feel_radio()
+
+    def handlers(self) -> Mapping[str, Handler]:
+        return {"MANUAL_CONTROL": self._joystick, "RC_CHANNELS_OVERRIDE": self._override}
+
+    def commands(self) -> Mapping[int, CommandHandler]:
+        return {}
+
+    def tick(self) -> None:
+        flight = self._board.flight
+        if self._given_ns is None or flight.time_ns - self._given_ns < round(
+            min(self._guidance.limits.sticks.lost_after_s, 1e6) * 1e9
+        ):
+            return
+        self._given_ns = None
+        if self._board.personality.feels_loose_sticks:
+            self._us.clear()
+            self._feel_radio()
+        else:
+            flight.sticks = None
+
+    def _joystick(self, m: Any, sender: Sender) -> None:
+        board = self._board
+        values = (m.y, m.x, m.z, m.r)
+        if m.target == 0 or not self._may_fly(sender):
+            return
+        if board.personality.takes_radio_overrides:
+            self._override_by_joystick(*values)
+            return
+        if not all(-1000 <= one <= 1000 for one in values):
+            return
+        right, ahead, up, turn = (one / 1000.0 for one in values)
+        board.flight.sticks = Sticks(right, ahead, turn, 2.0 * max(up, 0.0) - 1.0)
+        self._given_ns = board.flight.time_ns
+
+    def _override_by_joystick(self, right: int, ahead: int, up: int, turn: int) -> None:
+        for channel, value in ((0, 1500 + right // 2), (1, 1500 - ahead // 2), (2, 1000 + up), (3, 1500 + turn // 2)):
+            if 800 <= value <= 2200:  # INT16_MAX and its like: this axis is not given
+                self._us[channel] = value
+        self._overridden()
+
+    def _override(self, m: Any, sender: Sender) -> None:
+        if not self._board.personality.takes_radio_overrides or not self._may_fly(sender):
+            return
+        for channel in range(_CHANNELS):
+            value = getattr(m, f"chan{channel + 1}_raw")
+            if value == _RELEASE_US:
+                self._us.pop(channel, None)
+            elif value != _KEEP_US:
+                self._us[channel] = min(max(value, 800), 2200)
+        self._overridden()
+
+    def _overridden(self) -> None:
+        self._given_ns = self._board.flight.time_ns
+        self._feel_radio()
+
+    def _feel_radio(self) -> None:
+        """Sticks as the channels, overridden or not, have them; channel 2 is nose down when it is low."""
+        flight = self._board.flight
+        flight.rc_us = us = tuple(self._us.get(channel, value) for channel, value in enumerate(_RADIO_US))
+        right, back, up, turn = (min(max((one - 1500) / 500.0, -1.0), 1.0) for one in us[:4])
+        flight.sticks = Sticks(right, -back, turn, up)
+
+    def _may_fly(self, sender: Sender) -> bool:
+        board = self._board
+        return board.personality.is_station(sender.system, board.parameters)
