@@ -33,6 +33,8 @@ from ._ending import SessionEnds
 
 DOMAIN = 1  # each session has a router of its own, so every one may use the same ROS domain
 MATCH_BUDGET_S = 5.0
+ALLOWED_SAMPLES = (1000, 100.0)  # of the agent, on all topics: at once, and more for each simulated second
+ALLOWED_BYTES = (32 * 1024 * 1024, 1024.0 * 1024)
 MAX_DOCUMENT_BYTES = 256 * 1024  # the longest valid document, a thousand tracks, and some air
 
 
@@ -77,6 +79,8 @@ class Air:
 
     def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap) -> None:
         self._tap = tap
+        self._heard_samples = 0
+        self._heard_bytes = 0
         self.access: AirAccess | None = router.access if router else None
         topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
@@ -122,6 +126,7 @@ class Air:
         """Take in what the agent has said, record it, and return its documents by topic.
 
         With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what is here.
+        Raises SessionEnds for an agent that states what does not come, or that floods.
         """
         said: dict[str, list[str | bytes]] = {}
         for ear in self._ears:
@@ -133,11 +138,26 @@ class Air:
             if stated is not None and (ear.subscription.lost or ear.subscription.overflowed):
                 raise SessionEnds(Outcome.AGENT_PROTOCOL, f"samples on {ear.topic} were lost: more came at once than can be held")
             for sample in ear.subscription.take():
+                self._allow(time, len(sample.data))
                 self._tap(Record(time, ear.topic, String.TYPE, sample.data))
                 message = sample.message()
                 if message is not None:
                     said.setdefault(ear.topic, []).append(message.data)
         return said
+
+    def _allow(self, time: SimTime, size: int) -> None:
+        """Count one sample of the agent. One that floods would fill the disk, and the time that its measures take."""
+        self._heard_samples += 1
+        self._heard_bytes += size
+        for heard, (first, each_s), what in (
+            (self._heard_samples, ALLOWED_SAMPLES, "samples"),
+            (self._heard_bytes, ALLOWED_BYTES, "bytes"),
+        ):
+            if heard > first + each_s * time.s:
+                raise SessionEnds(
+                    Outcome.AGENT_PROTOCOL,
+                    f"the agent floods its topics: more than {first:,} {what} and {each_s:,.0f} for each simulated second",
+                )
 
     def counters(self) -> dict[str, int]:
         """What was dropped or malformed on the way in."""

@@ -142,6 +142,7 @@ class Session:
         self._frame = 0
         self._frame_period_ns = round(1e9 / plan.simspec.vehicle.camera.rate_hz)
         self._next_frame_ns = 0
+        self._agent_took_s = 0.0
         self._wall_deadline = time.monotonic() + plan.simspec.budgets.wall_s
 
     def attach(self, agent: AgentProcess, ticks: TickServer | None) -> None:
@@ -177,8 +178,10 @@ class Session:
             now = self._book.now
             self._briefing.tell(now, self._vehicle, self._detector)
             tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent()))
+            asked = time.monotonic()
             ack = ticks.exchange(tick, budgets.reply_s)
             self._receive_exactly(ack.links)
+            self._agent_took_s += time.monotonic() - asked
             self._hear(self._air.gather(now, ack.topics, COUNT_BUDGET_S))
             self._advance(self._spec.pace.tick_s)
             number += 1
@@ -230,9 +233,15 @@ class Session:
         if self._book.now.s >= self._spec.mission.time_limit_s:
             raise SessionEnds(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
         if time.monotonic() > self._wall_deadline:
-            raise SessionEnds(
-                Outcome.WALL_BUDGET, f"the session took longer than {self._spec.budgets.wall_s:g} s of the host's time"
-            )
+            raise self._out_of_wall_time()
+
+    def _out_of_wall_time(self) -> SessionEnds:
+        """Whose fault it is: an agent must not get rid of a run that goes badly by dawdling until it no longer counts."""
+        wall_s = self._spec.budgets.wall_s
+        if self._agent_took_s > wall_s / 2:
+            reason = f"the agent took {self._agent_took_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
+            return SessionEnds(Outcome.AGENT_TIMEOUT, reason)
+        return SessionEnds(Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time")
 
     def _hear(self, said: dict[str, list[str | bytes]]) -> None:
         for text in said.get(self._topics.status, ()):

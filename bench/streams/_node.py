@@ -26,6 +26,7 @@ from ._keys import RELIABLE_10, QoS, data_key, endpoint_gid, endpoint_token, is_
 from ._types import type_name_of
 
 _LEASE_MS = 60_000  # rmw_zenoh's
+INBOX_BYTES = 32 * 1024 * 1024  # of one inbox, however few the samples: what a flooding agent can cost in memory
 _QUEUED_BATCHES = 16  # the most that Zenoh allows: samples are dropped when a reader is this far behind
 
 
@@ -82,7 +83,7 @@ class Publisher:
 
 
 class Subscription:
-    """One topic that a node reads, with an inbox of `capacity` samples. A full inbox refuses what is new and counts it.
+    """One topic that a node reads, with an inbox of `capacity` samples and `INBOX_BYTES`. A full inbox refuses what is new and counts it.
 
     `highest` is the highest sequence number seen, `received` counts good samples, `lost` the numbers that were skipped,
     `overflowed` the good samples that found the inbox full, `malformed` those without a proper attachment.
@@ -100,6 +101,7 @@ class Subscription:
         self.malformed = 0
         self._capacity = capacity
         self._inbox: deque[Sample] = deque()
+        self._inbox_bytes = 0
         self._arrival = threading.Condition()
         self._waiting = 0
 
@@ -110,6 +112,7 @@ class Subscription:
         with self._arrival:
             taken = list(self._inbox)
             self._inbox.clear()
+            self._inbox_bytes = 0
         return taken
 
     def wait(self, sequence: int, timeout_s: float) -> bool:
@@ -131,8 +134,9 @@ class Subscription:
                 self.malformed += 1
                 return
             self.received += 1
-            if len(self._inbox) < self._capacity:
+            if len(self._inbox) < self._capacity and self._inbox_bytes + len(data) <= INBOX_BYTES:
                 self._inbox.append(Sample(self.topic, self.kind, sequence, data))
+                self._inbox_bytes += len(data)
             else:
                 self.overflowed += 1
             if sequence > self.highest:

@@ -15,6 +15,8 @@ BEHAVIOURS = {
     "liar": "claims MAVLink messages that it never sent",
     "pretender": "says it subscribes to a topic and does not",
     "leaver": "closes the tick socket and lives on",
+    "spam": "publishes far more than anybody needs",
+    "dawdle": "takes 0.3 s of the host's time for each answer",
     "flood": "writes to stdout without end while it answers",
 }
 

@@ -11,6 +11,7 @@ import os
 import socket
 import sys
 import time
+from typing import Literal
 
 from ._manifest import BEHAVIOURS
 
@@ -43,6 +44,10 @@ def answer(connection: socket.socket, behaviour: str, number: int) -> None:
     links: dict[str, int] = {}
     if behaviour == "finish":
         topics = finish(number)
+    elif behaviour == "spam":
+        topics = finish(number, phase="searching", times=1500)
+    elif behaviour == "dawdle":
+        time.sleep(0.3)
     elif behaviour == "flood":
         sys.stdout.write("all work and no play\n" * 1000)
     if number >= TURN:
@@ -62,8 +67,8 @@ def answer(connection: socket.socket, behaviour: str, number: int) -> None:
     say(connection, {"kind": "ack", "number": number, "topics": topics, "links": links})
 
 
-def finish(number: int) -> dict[str, int]:
-    """Publish one status document; the count of it belongs into every ack from then on."""
+def finish(number: int, phase: Literal["complete", "searching"] = "complete", times: int = 1) -> dict[str, int]:
+    """Publish a status document; the count of it belongs into every ack from then on."""
     from bench.contracts import AgentStatus, VehicleTopics  # only this behaviour needs the middleware
     from bench.streams import AirAccess, String, open_client
 
@@ -78,9 +83,10 @@ def finish(number: int) -> dict[str, int]:
         client = open_client(access, "finisher")
         node = client.__enter__()  # lives as long as the process
         publisher = node.publisher(topic, String)
-        publisher.put(String(AgentStatus(time_s=0.0, phase="complete").model_dump_json()))
+        for _ in range(times):
+            publisher.put(String(AgentStatus(time_s=0.0, phase=phase).model_dump_json()))
         _kept.append(client)
-    return {topic: 1}
+    return {topic: times}
 
 
 _kept: list[object] = []

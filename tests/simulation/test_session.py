@@ -61,6 +61,7 @@ def fly(folder: Path, manifest: AgentManifest, spec: SimSpec | None = None) -> t
         ("hang", Outcome.AGENT_TIMEOUT, "no answer to tick 10 within 1 s"),
         ("babble", Outcome.AGENT_PROTOCOL, "expected the ack of tick 10"),
         ("leaver", Outcome.AGENT_PROTOCOL, "closed the tick socket"),
+        ("spam", Outcome.AGENT_PROTOCOL, "the agent floods its topics: more than 1,000 samples"),
     ],
 )
 def test_every_behaviour_has_its_outcome(tmp_path: Path, behaviour: str, outcome: Outcome, words: str) -> None:
@@ -103,6 +104,15 @@ def test_the_wall_budget_ends_a_session_that_drags(tmp_path: Path) -> None:
     """The session's own budget of host time is kept."""
     spec = situation(budgets=Budgets(wall_s=0.01), mission=Mission(time_limit_s=7200.0))
     assert fly(tmp_path, agent_manifest("idle"), spec)[0].outcome is Outcome.WALL_BUDGET
+
+
+def test_dawdling_does_not_get_rid_of_a_run(tmp_path: Path) -> None:
+    """When it was the agent that used up the host's time, the run counts: `wall_budget` would take it out of the score."""
+    spec = situation(budgets=Budgets(wall_s=0.8, reply_s=1.0), mission=Mission(time_limit_s=7200.0))
+    end, _ = fly(tmp_path, agent_manifest("dawdle"), spec)
+    assert end.outcome is Outcome.AGENT_TIMEOUT
+    assert end.outcome.counts
+    assert "the agent took" in end.reason
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 from bench.errors import SetupError
 from bench.streams import AirPlan, Clock, QoS, Router, String, Subscription, Time, decode, encode, open_client, open_router
 from bench.streams._keys import write_attachment
+from bench.streams._node import INBOX_BYTES
 
 BUDGET_S = 10.0  # never waited out when all is well
 PLAN = AirPlan(
@@ -48,6 +49,17 @@ def test_a_full_inbox_keeps_what_came_first() -> None:
     arrive(inbox, 1, 2, 3, 4)
     assert [sample.message() for sample in inbox.take()] == [String("1"), String("2")]
     assert (inbox.overflowed, inbox.highest, inbox.received) == (2, 4, 4)
+
+
+def test_a_few_huge_samples_fill_an_inbox_too() -> None:
+    """What waits is bounded in bytes; once it is taken there is room again."""
+    inbox = Subscription("/a", String, capacity=4096)
+    huge = bytes(INBOX_BYTES // 2)
+    for sequence in (1, 2, 3):
+        inbox.take_in(huge, write_attachment(sequence, 0, bytes(16)))
+    assert (inbox.overflowed, len(inbox.take())) == (1, 2)
+    inbox.take_in(huge, write_attachment(4, 0, bytes(16)))
+    assert (inbox.overflowed, len(inbox.take())) == (1, 1)
 
 
 @pytest.mark.parametrize("attachment", [None, b"", bytes(33), b"x" * 33])
