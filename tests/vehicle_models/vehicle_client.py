@@ -13,9 +13,10 @@ import pytest
 from bench.contracts import LinkSpec, MavlinkTap, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
 from vehicle_models import open_x500
-from vehicle_models.controller._dialect import dialect as mavlink
+from vehicle_models.controller._dialect import dialect
 
 NAN = math.nan
+mavlink = dialect
 
 
 def simspec(autopilot: str = "px4", **changes: Any) -> SimSpec:

@@ -19,16 +19,35 @@ INT8, INT16, UINT32, INT32, REAL32 = 2, 4, 5, 6, 9
 _RANGE = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
 _VALUE = KINDS["PARAM_VALUE"].id
 UNKNOWN_NAME, WRONG_TYPE = 1, 7  # MAV_PARAM_ERROR
-LIST_PER_STEP = 40  # so that a list of a thousand takes about half a second and no step carries all of it
+LIST_PER_STEP = 20  # a list of a thousand takes about a second, as the real ones' do
+HASH_CHECK = "_HASH_CHECK"
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter with its default; `kind` is a MAV_PARAM_TYPE."""
+    """One parameter with its default; `kind` is a MAV_PARAM_TYPE. The rest tells people what it means: a value outside
+    `low` and `high` is taken all the same, as both autopilots do. A volatile one changes by itself."""
 
     name: str
     default: float
     kind: int = REAL32
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    group: str = ""
+    description: str = ""
+    volatile: bool = False
+    needs_reboot: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A parameter that is sent unasked at `first_s`, and every `every_s` after that. `clock` counts running seconds."""
+
+    name: str
+    first_s: float
+    every_s: float | None = None
+    clock: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +67,15 @@ class ParameterStyle:
     any_case: bool
     changes_twice: bool
     checks_type: bool
+    pushes: tuple[Push, ...] = ()
 
 
 class ParameterStore:
     """Values by name. Integers are kept whole. Raises SetupError for names in `given` that do not exist."""
 
     def __init__(self, parameters: Iterable[Parameter], given: Mapping[str, float]) -> None:
-        ordered = sorted(parameters, key=lambda one: one.name)
+        ordered = tuple(parameters)
+        self.definitions = {one.name: one for one in ordered}
         self.kinds = {one.name: one.kind for one in ordered}
         self.names = list(self.kinds)
         self.index = {name: number for number, name in enumerate(self.names)}
@@ -95,12 +116,20 @@ class ParameterStore:
         self._listeners.append(listener)
 
     def digest(self) -> int:
-        """CRC-32 over names and values in order: equal stores, equal digest."""
+        """The CRC-32 over names and values that PX4 and ground stations compute: no inversion, nothing volatile."""
         crc = 0
-        for name in self.names:
-            crc = zlib.crc32(name.encode(), crc)
-            crc = zlib.crc32(self.packed(name), crc)
+        for name, definition in self.definitions.items():
+            if not definition.volatile:
+                crc = crc32_plain(name.encode() + self.packed(name), crc)
         return crc
+
+    def changed(self) -> dict[str, float]:
+        """What differs from the defaults, without what changes by itself."""
+        return {
+            name: self._values[name]
+            for name, one in self.definitions.items()
+            if not one.volatile and self._values[name] != float(one.default)
+        }
 
     def packed(self, name: str) -> bytes:
         """Four bytes: a float, or an integer for integer kinds."""
@@ -112,14 +141,22 @@ class ParameterStore:
         return f"there are, for example, {', '.join(close[:5] or self.names[:5])}"
 
 
+def crc32_plain(data: bytes, crc: int = 0) -> int:
+    """CRC-32 as embedded code has it (begun at 0, not inverted): MAVLink's file transfer, PX4's parameter hash."""
+    return zlib.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
 class Parameters:
-    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET."""
+    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, and what is sent unasked."""
 
     def __init__(self, board: Board) -> None:
         self._store = board.parameters
         self._style = board.personality.parameter_style
         self._radio = board.radio
+        self._flight = board.flight
         self._lists: dict[str, tuple[Channel, int]] = {}  # by channel: the next index to send
+        self._pushes = [(round(one.first_s * 1e9), one) for one in self._style.pushes]
+        self._next_push_ns = min((due for due, _ in self._pushes), default=None)
 
     def handlers(self) -> Mapping[str, Handler]:
         return {"PARAM_REQUEST_LIST": self._list, "PARAM_REQUEST_READ": self._read, "PARAM_SET": self._set}
@@ -128,6 +165,29 @@ class Parameters:
         return {}
 
     def tick(self) -> None:
+        if self._lists:
+            self._go_on_listing()
+        if self._next_push_ns is not None and self._next_push_ns <= self._flight.time_ns:
+            self._push()
+
+    def _push(self) -> None:
+        """Send what is due, to those who have spoken."""
+        later = []
+        for due_ns, push in self._pushes:
+            if due_ns <= self._flight.time_ns:
+                if push.clock:
+                    self._store.put(push.name, due_ns // 1_000_000_000)
+                for channel in self._radio.channels:
+                    if channel.heard:
+                        self._say(channel, push.name, 65535)
+                if push.every_s is None:
+                    continue
+                due_ns += round(push.every_s * 1e9)
+            later.append((due_ns, push))
+        self._pushes = later
+        self._next_push_ns = min((due for due, _ in later), default=None)
+
+    def _go_on_listing(self) -> None:
         for name, (channel, at) in list(self._lists.items()):
             end = min(at + LIST_PER_STEP, len(self._store.names))
             for index in range(at, end):
@@ -148,7 +208,7 @@ class Parameters:
                 self._say(sender.channel, self._store.names[message.param_index], message.param_index)
             else:
                 self._refuse(sender, "", UNKNOWN_NAME)
-        elif message.param_id == "_HASH_CHECK" and self._style.hash_first:
+        elif message.param_id == HASH_CHECK and self._style.hash_first:
             self._say_hash(sender.channel)
         else:
             self._by_name(message.param_id, sender)
@@ -161,6 +221,9 @@ class Parameters:
             self._say(sender.channel, name, self._reply_index(name), asked)
 
     def _set(self, message: Any, sender: Sender) -> None:
+        if self._style.hash_first and message.param_id == HASH_CHECK:
+            self._lists.pop(sender.channel.name, None)  # the client knows them all by the hash: the list ends
+            return
         name = self._find(message.param_id)
         if name is None:
             self._refuse(sender, message.param_id, UNKNOWN_NAME)
@@ -199,7 +262,7 @@ class Parameters:
 
     def _say_hash(self, channel: Channel) -> None:
         (value,) = struct.unpack("<f", struct.pack("<I", self._store.digest()))
-        channel.say(_VALUE, (value, len(self._store.names), 65535, b"_HASH_CHECK", UINT32))
+        channel.say(_VALUE, (value, len(self._store.names), 65535, HASH_CHECK.encode(), UINT32))
 
     def _refuse(self, sender: Sender, name: str, error: int) -> None:
         if self._style.unknown == "error":

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from .._board import Command, Result
 from .._flight import Behaviour, Flight, Landed, Mode
-from .._parameters import ParameterStore, ParameterStyle
+from .._parameter_table import read_parameters
+from .._parameters import ParameterStore, ParameterStyle, Push
 from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO, WARNING
 from ._modes import MODES, REFUSING
@@ -48,7 +50,7 @@ class ArduPilot(Personality):
     hold_mode, land_mode, return_mode, follow_mode, reposition_mode = "BRAKE", "LAND", "RTL", "GUIDED", "GUIDED"
     takeoff_mode = None
     mode_after_landing = None
-    parameters = PARAMETERS
+    parameters = read_parameters(Path(__file__).with_name("parameters.csv"), PARAMETERS)
     parameter_style = ParameterStyle(
         bytewise=False,
         hash_first=False,
@@ -57,6 +59,11 @@ class ArduPilot(Personality):
         any_case=True,
         changes_twice=False,
         checks_type=False,
+        pushes=(
+            Push("BARO1_GND_PRESS", 20.0),
+            Push("BARO2_GND_PRESS", 20.0),
+            Push("STAT_RUNTIME", 30.0, every_s=30.0, clock=True),
+        ),
     )
     stream_sets = {"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}}
     stream_groups = _GROUPS

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from .._board import Command, Result
 from .._flight import Behaviour, Flight, Mode
+from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle
 from .._personality import Answer, BatteryStep, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, EMERGENCY, ERROR, INFO, WARNING
@@ -84,7 +86,7 @@ class Px4(Personality):
     modes = MODES
     first_mode = hold_mode = reposition_mode = mode_after_landing = "AUTO_LOITER"
     takeoff_mode, land_mode, return_mode, follow_mode = "AUTO_TAKEOFF", "AUTO_LAND", "AUTO_RTL", "OFFBOARD"
-    parameters = PARAMETERS
+    parameters = read_parameters(Path(__file__).with_name("parameters.csv"), PARAMETERS, by_name=True)
     parameter_style = ParameterStyle(
         bytewise=True,
         hash_first=True,
