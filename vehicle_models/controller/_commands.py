@@ -20,6 +20,7 @@ class Commands:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._table: dict[int, CommandHandler] = {}
+        self._come: set[int] = set()  # numbers answered so far
         self._later: list[tuple[int, Command, Result]] = []  # second acknowledgements, by when
 
     def add(self, commands: Mapping[int, CommandHandler]) -> None:
@@ -63,7 +64,9 @@ class Commands:
         for text in answer.texts:
             self._board.texts.say(*text)
         now = self._board.flight.time_ns
-        for place, result in enumerate(answer.results):
+        results = answer.results if command.number in self._come else answer.first_time or answer.results
+        self._come.add(command.number)
+        for place, result in enumerate(results):
             if place == 0:
                 self._acknowledge(command, result)
             else:

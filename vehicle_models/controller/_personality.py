@@ -72,10 +72,14 @@ class StickLimits:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Results of a command that does nothing else here: the first at once, the others a second apart; and texts."""
+    """Results of a command that does nothing else here: the first at once, the others a second apart; and texts.
+
+    `first_time` are the results when the command comes for the first time, where that makes a difference.
+    """
 
     results: tuple[Result, ...]
     texts: tuple[tuple[int, str], ...] = ()
+    first_time: tuple[Result, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +113,6 @@ class Limits:
     goto_mps: float  # positions that a companion gives
     faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: wherever it moves
     return_faces_home: bool
-    sticks_action: Behaviour | None  # when sticks are lost in a mode that needs them
     orbit_radius_max_m: float
     circle_radius_m: float
     circle_radps: float  # clockwise

@@ -25,4 +25,13 @@ MODES = (
     Mode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False),
     Mode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=Stick.POSITION),
 )
-REFUSING = {14: "FLIP", 15: "AUTOTUNE", 22: "FLOWHOLD", 23: "FOLLOW", 25: "SYSTEMID", 27: "AUTO RTL", 28: "TURTLE"}
+# Numbers that exist and cannot be had here: the name, and what else is said.
+REFUSING = {
+    14: ("FLIP", ""),
+    15: ("AUTOTUNE", ""),
+    22: ("FLOWHOLD", ""),
+    23: ("FOLLOW", "Set FOLL_ENABLE = 1"),
+    25: ("SYSTEMID", "No axis selected, SID_AXIS = 0"),
+    27: ("AUTO RTL", "No return path or landing sequence found"),
+    28: ("TURTLE", ""),
+}

@@ -90,6 +90,7 @@ class ArduPilot(Personality):
         189: Result.FAILED,
         224: Result.DENIED,
         245: Result.DENIED,
+        300: Result.FAILED,
     }
     capabilities = 64495
     flight_sw_version = 0x040603FF
@@ -168,7 +169,6 @@ class ArduPilot(Personality):
             goto_mps=cruise,
             faces_beyond_m=None,
             return_faces_home=False,
-            sticks_action=None,
             orbit_radius_max_m=math.inf,
             circle_radius_m=max(p["CIRCLE_RADIUS"], 100.0) / 100.0,
             circle_radps=math.radians(p["CIRCLE_RATE"]),
@@ -217,8 +217,11 @@ class ArduPilot(Personality):
     def refuse_mode(self, flight: Flight, wanted: Mode | None, number: int, has_setpoints: bool) -> Refusal | None:
         if wanted is None:
             known = REFUSING.get(number)
-            text = f"Mode change to {known} failed: init failed" if known else f"No such mode {number}"
-            return Refusal(Result.FAILED, ((WARNING, text),))
+            if known is None:
+                return Refusal(Result.FAILED, ((WARNING, f"No such mode {number}"),))
+            name, why = known
+            texts = ((WARNING, f"Mode change to {name} failed: init failed"),)
+            return Refusal(Result.FAILED, (*(((WARNING, why),) if why else ()), *texts))
         if wanted.behaviour is Behaviour.MISSION and flight.armed:
             return Refusal(Result.FAILED, ((WARNING, "Mode change to AUTO failed: init failed"),))
         return None

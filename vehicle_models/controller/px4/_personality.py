@@ -201,7 +201,6 @@ class Px4(Personality):
             goto_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
             faces_beyond_m=max(p["NAV_ACC_RAD"], 0.5) if p["MPC_YAW_MODE"] == 0 else math.inf,
             return_faces_home=True,
-            sticks_action=actions.get(int(p["NAV_RCL_ACT"])),
             orbit_radius_max_m=max(p["MC_ORBIT_RAD_MAX"], 1.0),
             circle_radius_m=20.0,
             circle_radps=0.05,
@@ -269,6 +268,8 @@ class Px4(Personality):
     def answer(self, flight: Flight, command: Command) -> Answer | None:
         """Section 3.3 of what was observed."""
         match command.number:
+            case 211:
+                return Answer((Result.ACCEPTED,), first_time=(Result.IN_PROGRESS, Result.ACCEPTED))
             case 241 | 245 if flight.armed:
                 return Answer((Result.TEMPORARILY_REJECTED,))
             case 310 if flight.armed:
