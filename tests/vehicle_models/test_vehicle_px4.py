@@ -289,7 +289,7 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
 
 
 def test_a_lost_station_holds_and_returns_when_asked_to(make: Make) -> None:
-    """NAV_DLL_ACT 2: COM_DL_LOSS_T after the last heartbeat Hold, 5 s later RTL; by default nothing happens."""
+    """NAV_DLL_ACT 2: 11.9 s after the last heartbeat Hold, 5 s later RTL; by default nothing happens."""
     client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
 
     def beat() -> None:
@@ -297,9 +297,9 @@ def test_a_lost_station_holds_and_returns_when_asked_to(make: Make) -> None:
 
     client.airborne()
     client.fly(2.0, beat)
-    client.fly(9.5)
+    client.fly(11.6)
     assert client.vehicle.condition().failsafe == ""
-    client.fly(0.7)
+    client.fly(0.5)
     assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("AUTO_LOITER", "link")
     client.fly(5.2)
     assert client.vehicle.condition().mode == "AUTO_RTL"

@@ -71,6 +71,8 @@ class Controller:
         commands = Commands(board)
         navigator = Navigator(board, modes, self._guidance)
         telemetry.orbit = navigator.orbit_status
+        failsafe = Failsafe(board, modes, self._setpoints, lambda: self._arming.disarm(Event.DISARMED))
+        telemetry.charge_state = failsafe.charge_state
         # The order of this list is the order in which services work; a failsafe has the last word.
         self._services: list[Service] = [
             commands,
@@ -85,7 +87,7 @@ class Controller:
             navigator,
             modes,
             self._streams,
-            Failsafe(board, modes, self._guidance, self._setpoints),
+            failsafe,
         ]
         self._handlers: dict[int, list[Handler]] = {}
         for service in self._services:

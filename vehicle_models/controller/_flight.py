@@ -8,6 +8,8 @@ from typing import Protocol
 
 from bench.contracts import Vector
 
+RECKONS_NS = 5_000_000_000  # PX4's EKF2_NOAID_TOUT
+
 
 class Landed(IntEnum):
     """Values of MAV_LANDED_STATE."""
@@ -181,9 +183,23 @@ class Flight:
     battery_used_wh: float = 0.0
     armed_since_ns: int = 0
     gps_epoch: int = 0
+    gps_lost_ns: int | None = None  # when the receiver stopped giving fixes
+    # Where a gimbal holds the camera: clockwise from the nose, and below the horizon. None without a gimbal.
+    camera_pan_rad: float | None = None
+    camera_tilt_rad: float | None = None
     hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
     sticks: Sticks | None = None  # None: nobody holds any
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
+
+    @property
+    def gps_ok(self) -> bool:
+        """Whether the receiver gives fixes."""
+        return self.gps_lost_ns is None
+
+    @property
+    def position_ok(self) -> bool:
+        """Whether the estimate of position still counts: for five seconds it is reckoned on without fixes."""
+        return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < RECKONS_NS
 
     @property
     def time_s(self) -> float:

@@ -9,6 +9,7 @@ from enum import Enum, auto
 from typing import ClassVar, Literal
 
 from ._board import Command, Result
+from ._failsafe_policy import Failsafes
 from ._flight import Behaviour, Flight, Mode
 from ._parameters import Parameter, ParameterStore, ParameterStyle
 
@@ -27,14 +28,6 @@ class Event(Enum):
     LANDING_DETECTED = auto()
     LANDING = auto()
     RETURNING = auto()
-    SETPOINTS_LOST = auto()
-    STATION_LOST = auto()
-    STATION_BACK = auto()
-    BATTERY_LOW = auto()
-    BATTERY_CRITICAL = auto()
-    BATTERY_EMERGENCY = auto()
-    FAILSAFE = auto()
-    FAILSAFE_HOLD = auto()
     CRASHED = auto()
 
 
@@ -44,16 +37,6 @@ class Refusal:
 
     result: Result | None
     texts: tuple[tuple[int, str], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class BatteryStep:
-    """At `below` of charge: say `event`; do `action`, after a hold when `holds_s` is not zero."""
-
-    below: float
-    event: Event
-    action: Behaviour | None = None
-    holds_s: Seconds = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,10 +88,6 @@ class Limits:
     landed_disarm_s: Seconds | None
     idle_disarm_s: Seconds | None
     setpoint_timeout_s: Seconds
-    station_timeout_s: Seconds
-    station_action: Behaviour | None
-    station_holds_s: Seconds
-    battery: tuple[BatteryStep, ...]
     sticks: StickLimits
     goto_mps: float  # positions that a companion gives
     faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: wherever it moves
@@ -198,7 +177,6 @@ class Personality(ABC):
     return_mode: ClassVar[str]
     follow_mode: ClassVar[str]
     heartbeat_on_mode_change: ClassVar[bool]
-    setpoints_lost_behaviour: ClassVar[Behaviour]
     local_frames: ClassVar[Mapping[int, Literal["local", "offset", "body", "body-velocity"]]]
     global_frames: ClassVar[Mapping[int, Literal["amsl", "home", "ground"]]]
     bad_local_frame: ClassVar[str]  # complaint, with {} for the frame
@@ -209,6 +187,14 @@ class Personality(ABC):
     @abstractmethod
     def limits(self, parameters: ParameterStore) -> Limits:
         """The numbers to fly by; called again whenever a parameter has changed."""
+
+    @abstractmethod
+    def failsafes(self, parameters: ParameterStore) -> Failsafes:
+        """What is done about losses, as the present parameters have it."""
+
+    def battery_volts(self, flight: Flight, parameters: ParameterStore) -> float:
+        """What the battery's voltage is said to be."""
+        return flight.battery_v
 
     @abstractmethod
     def ready(self, flight: Flight) -> bool:

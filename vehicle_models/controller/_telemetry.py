@@ -95,6 +95,7 @@ class Telemetry:
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
         self.orbit: Callable[[], Values | None] = lambda: None
         self.has_setpoints: Callable[[], bool] = lambda: False
+        self.charge_state: Callable[[], int] = lambda: 1
 
     def _heartbeat(self) -> Values:
         flight, personality = self._flight, self._board.personality
@@ -224,7 +225,7 @@ class Telemetry:
         bits = self._board.personality.sensors(f)
         current = _centi(f.battery_a)
         remaining = round(100.0 * f.battery_fraction)
-        battery = (max(round(f.battery_v * 1000.0), 0), current)
+        battery = (self._millivolts(), current)
         return (bits.present, bits.enabled, bits.health, 130, *battery, 0, 0, 0, 0, 0, 0, remaining, 0, 0, 0)
 
     def _say_ping(self) -> Values:
@@ -241,11 +242,13 @@ class Telemetry:
 
     def _battery(self) -> Values:
         f = self._flight
-        cells = (max(round(f.battery_v * 1000.0), 0), *(65535,) * 9)
-        charge = 1 if f.battery_fraction > 0.15 else 2 if f.battery_fraction > 0.07 else 3
+        cells = (self._millivolts(), *(65535,) * 9)
         used_mah = round(f.battery_used_wh / 14.8 * 1000.0)
         left = round(100.0 * f.battery_fraction)
-        return (used_mah, -1, 32767, *cells, _centi(f.battery_a), 0, 0, 3, left, 0, charge, 0, 0, 0, 0, 0, 0)
+        return (used_mah, -1, 32767, *cells, _centi(f.battery_a), 0, 0, 3, left, 0, self.charge_state(), 0, 0, 0, 0, 0, 0)
+
+    def _millivolts(self) -> int:
+        return max(round(self._board.personality.battery_volts(self._flight, self._board.parameters) * 1000.0), 0)
 
     def _home(self) -> Values | None:
         home = self._flight.home

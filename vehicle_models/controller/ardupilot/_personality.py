@@ -6,11 +6,13 @@ import math
 from pathlib import Path
 
 from .._board import Command, Result
+from .._failsafe_policy import Failsafes
 from .._flight import Behaviour, Flight, Landed, Mode
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle, Push
 from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO, WARNING
+from ._failsafes import failsafes
 from ._modes import MODES, REFUSING
 from ._parameters import PARAMETERS
 
@@ -18,6 +20,7 @@ BOOT_S, PLACE_S, STABILIZE_READY_S, GUIDED_READY_S = 2.9, 20.0, 23.5, 42.5
 _ARMED = 128
 _BOOTING, _STANDBY, _ACTIVE, _CRITICAL = 1, 3, 4, 5
 _PREARM = 0x10000000
+FULL_V = 16.6
 
 _GROUPS: dict[int, tuple[str, ...]] = {
     1: ("RAW_IMU", "SCALED_PRESSURE"),
@@ -80,8 +83,6 @@ class ArduPilot(Personality):
         Event.DISARMED: (INFO, "Disarming motors"),
         Event.DISARMED_BY_LANDING: (INFO, "Disarming motors"),
         Event.DISARMED_IDLE: (INFO, "Disarming motors"),
-        Event.STATION_LOST: (WARNING, "GCS Failsafe"),
-        Event.STATION_BACK: (WARNING, "GCS Failsafe Cleared"),
         Event.CRASHED: (CRITICAL, "Crash: Disarming"),
     }
     fixed_results = {
@@ -106,7 +107,6 @@ class ArduPilot(Personality):
     returns_to_setpoints = False
     position_setpoints_lapse = False
     heartbeat_on_mode_change = True
-    setpoints_lost_behaviour = Behaviour.HOLD
     local_frames = {1: "local", 7: "offset", 8: "body", 9: "body"}
     global_frames = {0: "amsl", 3: "home", 5: "amsl", 6: "home", 10: "ground", 11: "ground"}
     bad_local_frame = ""
@@ -152,10 +152,6 @@ class ArduPilot(Personality):
             landed_disarm_s=0.4,
             idle_disarm_s=p["DISARM_DELAY"] if p["DISARM_DELAY"] > 0 else None,
             setpoint_timeout_s=max(p["GUID_TIMEOUT"], 0.1),
-            station_timeout_s=max(p["FS_GCS_TIMEOUT"], 1.0),
-            station_action=Behaviour.RETURN if p["FS_GCS_ENABLE"] else None,
-            station_holds_s=0.0,
-            battery=(),
             sticks=StickLimits(
                 tilt_rad=math.radians(min(max(p["ANGLE_MAX"] / 100.0, 10.0), 45.0)),
                 speed_mps=max(p["LOIT_SPEED"], 20.0) / 100.0,
@@ -174,6 +170,13 @@ class ArduPilot(Personality):
             circle_radps=math.radians(p["CIRCLE_RATE"]),
             thrust_is_climb=not int(p["GUID_OPTIONS"]) & 8,
         )
+
+    def failsafes(self, parameters: ParameterStore) -> Failsafes:
+        return failsafes(parameters)
+
+    def battery_volts(self, flight: Flight, parameters: ParameterStore) -> float:
+        """SIM_BATT_VOLTAGE is what a full battery has; it falls as the vehicle's own does."""
+        return parameters["SIM_BATT_VOLTAGE"] * flight.battery_v / FULL_V
 
     def ready(self, flight: Flight) -> bool:
         steers = flight.mode.base == 89

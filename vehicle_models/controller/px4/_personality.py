@@ -6,11 +6,13 @@ import math
 from pathlib import Path
 
 from .._board import Command, Result
+from .._failsafe_policy import Failsafes
 from .._flight import Behaviour, Flight, Mode
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle
-from .._personality import Answer, BatteryStep, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
-from .._texts import CRITICAL, EMERGENCY, ERROR, INFO, WARNING
+from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
+from .._texts import CRITICAL, INFO
+from ._failsafes import failsafes
 from ._modes import MODES
 from ._parameters import PARAMETERS
 
@@ -116,11 +118,6 @@ class Px4(Personality):
         Event.LANDING_DETECTED: (INFO, "Landing detected"),
         Event.LANDING: (INFO, "Landing at current position"),
         Event.RETURNING: (INFO, "Returning to launch"),
-        Event.FAILSAFE: (ERROR, "Failsafe activated"),
-        Event.FAILSAFE_HOLD: (ERROR, "Failsafe activated: entering Hold for 5 seconds"),
-        Event.BATTERY_LOW: (WARNING, "Low battery"),
-        Event.BATTERY_CRITICAL: (CRITICAL, "Critical battery"),
-        Event.BATTERY_EMERGENCY: (EMERGENCY, "Emergency battery level"),
         Event.CRASHED: (CRITICAL, "Disarmed by failure detector"),
     }
     fixed_results = {**dict.fromkeys(_ACCEPTED, Result.ACCEPTED), **dict.fromkeys(_SILENT), 189: Result.CANCELLED}
@@ -138,7 +135,6 @@ class Px4(Personality):
     returns_to_setpoints = True
     position_setpoints_lapse = True
     heartbeat_on_mode_change = False
-    setpoints_lost_behaviour = Behaviour.RETURN
     local_frames = {1: "local", 8: "body-velocity"}
     global_frames = {5: "amsl", 6: "home", 11: "ground"}
     bad_local_frame = "SET_POSITION_TARGET_LOCAL_NED coordinate frame {} unsupported"
@@ -162,8 +158,6 @@ class Px4(Personality):
 
     def limits(self, parameters: ParameterStore) -> Limits:
         p = parameters
-        actions: dict[int, Behaviour | None] = {1: Behaviour.HOLD, 2: Behaviour.RETURN, 3: Behaviour.LAND}
-        station = actions.get(int(p["NAV_DLL_ACT"]))
         return Limits(
             cruise_mps=max(p["MPC_XY_CRUISE"], 0.5),
             speed_max_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
@@ -184,10 +178,6 @@ class Px4(Personality):
             landed_disarm_s=p["COM_DISARM_LAND"] if p["COM_DISARM_LAND"] > 0 else None,
             idle_disarm_s=p["COM_DISARM_PRFLT"] if p["COM_DISARM_PRFLT"] > 0 else None,
             setpoint_timeout_s=max(p["COM_OF_LOSS_T"], 0.1),
-            station_timeout_s=max(p["COM_DL_LOSS_T"], 1.0),
-            station_action=station,
-            station_holds_s=p["COM_FAIL_ACT_T"] if station is not Behaviour.HOLD else 0.0,
-            battery=_battery_steps(p),
             sticks=StickLimits(
                 tilt_rad=math.radians(min(max(p["MPC_MAN_TILT_MAX"], 1.0), 45.0)),
                 speed_mps=max(p["MPC_VEL_MANUAL"], 0.5),
@@ -206,6 +196,9 @@ class Px4(Personality):
             circle_radps=0.05,
             thrust_is_climb=False,
         )
+
+    def failsafes(self, parameters: ParameterStore) -> Failsafes:
+        return failsafes(parameters)
 
     def ready(self, flight: Flight) -> bool:
         return flight.time_s >= READY_S and _armable(flight) and not flight.crashed
@@ -306,15 +299,3 @@ class Px4(Personality):
 
 def _armable(flight: Flight) -> bool:
     return flight.mode.armable or (flight.mode.behaviour is Behaviour.PILOT and flight.sticks is not None)
-
-
-def _battery_steps(p: ParameterStore) -> tuple[BatteryStep, ...]:
-    """COM_LOW_BAT_ACT: 0 warns; 2 lands at the critical level; 3 returns when critical, lands in the emergency."""
-    action, hold_s = int(p["COM_LOW_BAT_ACT"]), max(p["COM_FAIL_ACT_T"], 0.0)
-    critical = {2: Behaviour.LAND, 3: Behaviour.RETURN}.get(action)
-    emergency = Behaviour.LAND if action in (2, 3) else None
-    return (
-        BatteryStep(p["BAT_LOW_THR"], Event.BATTERY_LOW),
-        BatteryStep(p["BAT_CRIT_THR"], Event.BATTERY_CRITICAL, critical, hold_s),
-        BatteryStep(p["BAT_EMERGEN_THR"], Event.BATTERY_EMERGENCY, emergency),
-    )

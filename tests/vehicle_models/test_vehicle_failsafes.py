@@ -1,0 +1,213 @@
+"""Failsafes of both autopilots: when they come, what they do and say, and what ends them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from vehicle_client import Client, simspec
+
+from vehicle_models.controller._dialect import dialect as mavlink
+
+Make = Callable[..., Client]
+
+
+def px4(make: Make, **parameters: float) -> Client:
+    return make(simspec(vehicle={"parameters": parameters}))
+
+
+def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
+    """An ArduCopter in GUIDED at a height."""
+    client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.fly(42.0, lambda: beat(client))
+    assert client.command(176, 1, 4) == [0]
+    assert client.command(400, 1) == [0]
+    assert client.command(22, 0, 0, 0, 0, 0, 0, height_m) == [0]
+    client.fly(12.0, lambda: beat(client))
+    return client
+
+
+def beat(client: Client) -> None:
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+
+
+def put(client: Client, name: str, value: float) -> None:
+    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+
+
+def state(client: Client) -> tuple[str, str]:
+    condition = client.vehicle.condition()
+    return condition.mode, condition.failsafe
+
+
+def until(client: Client, mode: str, most_s: float) -> float:
+    """Seconds until the vehicle is in a mode."""
+    for tenth in range(round(most_s * 10)):
+        if client.vehicle.condition().mode == mode:
+            return tenth / 10
+        client.fly(0.1)
+    raise AssertionError(f"still {client.vehicle.condition().mode} after {most_s} s")
+
+
+def test_a_station_that_comes_back_during_the_hold_ends_it(make: Make) -> None:
+    """NAV_DLL_ACT 2: the Hold before the action is the station's time to come back; the mode before goes on."""
+    client = px4(make, NAV_DLL_ACT=2)
+    client.airborne(3.0)
+    beat(client)
+    client.fly(13.2)
+    assert state(client) == ("AUTO_LOITER", "link")
+    assert client.last("HEARTBEAT").system_status == 5
+    beat(client)
+    client.fly(6.0)
+    assert state(client) == ("AUTO_LOITER", "")
+
+
+def test_a_return_for_a_lost_station_goes_on_when_it_is_back(make: Make) -> None:
+    """Once it has acted, the failsafe lasts until another mode is chosen."""
+    client = px4(make, NAV_DLL_ACT=2)
+    client.airborne(3.0)
+    beat(client)
+    client.fly(17.2)
+    assert state(client) == ("AUTO_RTL", "link")
+    assert [one.strip() for one in client.texts() if "Failsafe" in one] == [
+        "Failsafe activated: entering Hold for 5 seconds",
+        "Failsafe activated",
+    ]
+    beat(client)
+    client.fly(0.5)
+    assert state(client) == ("AUTO_RTL", "link")
+    assert client.command(176, 1, 4, 3)[-1] == 0
+    assert state(client) == ("AUTO_LOITER", "")
+
+
+def test_by_default_a_lost_station_changes_nothing(make: Make) -> None:
+    client = px4(make)
+    client.airborne(3.0)
+    beat(client)
+    client.fly(20.0)
+    assert state(client) == ("AUTO_LOITER", "")
+
+
+def test_lost_sticks_hold_and_return(make: Make) -> None:
+    """A joystick that falls silent in POSCTL: after 1 s Hold, after 5 s more RTL."""
+    client = px4(make)
+    client.airborne(3.0)
+
+    def sticks() -> None:
+        client.say(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+
+    client.fly(0.5, sticks)
+    client.command(176, 1, 3)
+    client.fly(1.0, sticks)
+    assert state(client) == ("POSCTL", "")
+    assert until(client, "AUTO_LOITER", 2.0) == pytest.approx(1.0, abs=0.15)
+    assert client.vehicle.condition().failsafe == "sticks"
+    assert until(client, "AUTO_RTL", 7.0) == pytest.approx(5.0, abs=0.15)
+
+
+def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
+    """COM_LOW_BAT_ACT 3: warning, Hold for 5 s, and a landing because the emergency came meanwhile."""
+    client = make(
+        simspec(vehicle={"parameters": {"COM_LOW_BAT_ACT": 3}, "battery": {"capacity_wh": 6.0, "initial_fraction": 0.32}})
+    )
+    client.airborne(3.0)
+    client.command(511, 147, 100_000)
+    assert client.vehicle.condition().battery_fraction > 0.16
+    until(client, "AUTO_LAND", 60.0)
+    texts = [one.strip() for one in client.texts()]
+    places = [
+        texts.index(one) for one in ("Low battery", "Failsafe activated: entering Hold for 5 seconds", "Emergency battery level")
+    ]
+    assert places == sorted(places)
+    assert "Critical battery" not in texts
+    states = [one.charge_state for one in client.heard if one.get_type() == "BATTERY_STATUS"]
+    assert sorted(set(states)) == [1, 2, 3, 4]
+
+
+def test_copter_needs_ten_seconds_of_low_voltage(make: Make) -> None:
+    """BATT_LOW_VOLT 11 with action 2: after BATT_LOW_TIMER RTL and CRITICAL; at 9.5 V with action 1 LAND."""
+    client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2, BATT_CRT_VOLT=10.0, BATT_FS_CRT_ACT=1)
+    put(client, "SIM_BATT_VOLTAGE", 10.5)
+    client.fly(9.8)
+    assert state(client) == ("GUIDED", "")
+    client.fly(1.3)
+    assert state(client) == ("RTL", "battery")
+    assert client.last("HEARTBEAT").system_status == 5
+    assert any(one.startswith("Battery 1 is low 10.") and one.endswith(" mAh") for one in client.texts())
+    put(client, "SIM_BATT_VOLTAGE", 9.5)
+    client.fly(10.3)
+    assert state(client) == ("LAND", "battery")
+    assert client.texts().count("Battery Failsafe") == 2
+
+
+def test_copter_says_that_the_battery_is_low_and_flies_on_by_default(make: Make) -> None:
+    client = copter(make)
+    put(client, "SIM_BATT_VOLTAGE", 9.0)
+    client.fly(11.0)
+    assert state(client) == ("GUIDED", "battery")
+    assert "Battery Failsafe" in client.texts()
+
+
+def test_copter_radio(make: Make) -> None:
+    """SIM_RC_FAIL 1: 0.8 s later RTL and CRITICAL; back: the text, and the mode stays."""
+    client = copter(make)
+    put(client, "SIM_RC_FAIL", 1)
+    client.fly(0.7)
+    assert state(client) == ("GUIDED", "")
+    client.fly(0.2)
+    assert state(client) == ("RTL", "radio")
+    put(client, "SIM_RC_FAIL", 0)
+    client.fly(0.2)
+    assert state(client) == ("RTL", "")
+    assert [one for one in client.texts() if "Radio" in one] == ["Radio Failsafe", "Radio Failsafe Cleared"]
+
+
+def test_copter_stays_critical_while_the_station_is_lost(make: Make) -> None:
+    """GUIDED can be chosen again, but the failsafe lasts until the station is back: then ACTIVE."""
+    client = copter(make, FS_GCS_ENABLE=1)
+    client.fly(5.2)
+    assert state(client) == ("RTL", "link")
+    assert client.command(176, 1, 4) == [0]
+    assert state(client) == ("GUIDED", "link")
+    beat(client)
+    client.fly(1.1)
+    assert state(client) == ("GUIDED", "")
+    assert client.last("HEARTBEAT").system_status == 4
+    assert [one for one in client.texts() if "GCS" in one] == ["GCS Failsafe", "GCS Failsafe Cleared"]
+
+
+def test_another_system_is_not_the_ground_station(make: Make) -> None:
+    """Heartbeats of SYSID_MYGCS alone keep the failsafe away."""
+    client = copter(make, FS_GCS_ENABLE=1)
+    client.mav.srcSystem = 42
+    client.fly(5.2, lambda: beat(client))
+    assert state(client) == ("RTL", "link")
+
+
+def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
+    client = make(simspec("ardupilot", vehicle={"parameters": {"FS_GCS_ENABLE": 1, "DISARM_DELAY": 60}}), system=255)
+    client.fly(42.0)
+    client.command(176, 1, 4)
+    assert client.command(400, 1) == [0]
+    beat(client)
+    client.fly(5.2)
+    assert not client.vehicle.condition().armed
+    assert "GCS Failsafe - Disarming" in client.texts()
+
+
+@pytest.mark.parametrize(("autopilot", "mode"), [("px4", "AUTO_LAND"), ("ardupilot", "LAND")])
+def test_without_satellites_it_lands(make: Make, autopilot: str, mode: str) -> None:
+    """Five seconds without fixes, and the position is given up; modes that need one end in a landing."""
+    client = copter(make) if autopilot == "ardupilot" else make()
+    if autopilot == "px4":
+        client.airborne(5.0)
+    flight = client.vehicle._flight  # type: ignore[attr-defined]
+    flight.gps_lost_ns = flight.time_ns
+    client.fly(4.8)
+    assert client.vehicle.condition().failsafe == ""
+    client.fly(0.4)
+    assert state(client) == (mode, "position")
+    flight.gps_lost_ns = None
+    client.fly(0.1)
+    assert state(client) == (("AUTO_LOITER", "") if autopilot == "px4" else ("LAND", ""))
