@@ -36,8 +36,12 @@ class Battery:
         power = _ELECTRONICS_W
         for one in thrust_n:
             power += _PER_THRUST15 * one * math.sqrt(one)
-        self.power_w = power
-        self._left_j = max(0.0, self._left_j - power * span_s)
+        self.spend(power, span_s)
+
+    def spend(self, power_w: float, span_s: float) -> None:
+        """Take `power_w` for `span_s`."""
+        self.power_w = power_w
+        self._left_j = max(0.0, self._left_j - power_w * span_s)
 
     @property
     def fraction(self) -> float:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import ClassVar, Protocol
 
 from bench.contracts import (
     START,
@@ -15,13 +17,26 @@ from bench.contracts import (
     VehiclePlan,
     VehicleState,
 )
+from bench.errors import Fault, SetupError
 from bench.simspec import generator
 
 from ._battery import Battery
 from ._geodesy import TangentPlane
 from ._gusts import Gusts, mean_wind_ned_mps
 from ._navigation import Navigation
-from .controller import PERSONALITIES, Attitude, Controller, Flight, Home, Link, Target, open_links
+from .controller import (
+    PERSONALITIES,
+    Airframe,
+    Attitude,
+    Controller,
+    Flight,
+    Home,
+    Link,
+    Manoeuvres,
+    Personality,
+    Target,
+    open_links,
+)
 from .x500 import FULL_THRUST_N, HOVER_THRUST, Motion, Place, X500Plant
 
 _YAW_MAX_RADPS = 1.0
@@ -38,6 +53,27 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[X500
     """Yield an X500 standing at home, its links open. Raises SetupError for a link or a parameter that cannot be."""
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
+
+
+class Plant(Protocol):
+    """What the vehicle asks of any flight dynamics."""
+
+    @property
+    def motion(self) -> Motion: ...
+
+    def set_wind_ned_mps(self, wind: Vector) -> None: ...
+
+    def set_gust_ned_mps(self, gust: Vector) -> None: ...
+
+    def advance(self) -> None: ...
+
+    def specific_force_mps2(self) -> Vector: ...
+
+
+class SteeredAirframe(Airframe, Protocol):
+    """An airframe that steers by an estimate, which is the truth plus this error."""
+
+    error_enu_m: Vector
 
 
 class X500Airframe:
@@ -141,8 +177,16 @@ class X500Airframe:
         self._plant.write("target-yawrate-radps", rate)
 
 
-class X500:
-    """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks."""
+class Aircraft(ABC):
+    """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks.
+
+    Each kind says what its plant is, what steers it, which autopilots it can carry, and what it does not survive.
+    """
+
+    personalities: ClassVar[Mapping[str, Personality]] = PERSONALITIES
+    manoeuvres: ClassVar[Manoeuvres] = Manoeuvres()
+    hover_thrust: ClassVar[float]  # share of full thrust that carries it, or keeps it at its speed
+    rotors: ClassVar[int]
 
     def __init__(self, plan: VehiclePlan, links: list[Link], tap: MavlinkTap | None = None) -> None:
         simspec = plan.simspec
@@ -161,24 +205,25 @@ class X500:
             home.north_m,
             math.radians(home.heading_deg),
         )
-        self._plant = X500Plant(place, self.step_s)
+        self._plant, self._airframe = self._build(place)
         wind = simspec.environment.wind
         self._plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
         self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
         self._navigation = Navigation(simspec.vehicle.gps, self.step_s, generator(simspec.seeds, "sensors"))
         self._battery = Battery(simspec.vehicle.battery)
-        self._airframe = X500Airframe(self._plant, self._plane, self._home, self.step_s)
-        personality = PERSONALITIES[simspec.vehicle.autopilot]
+        personality = self._personality(simspec.vehicle.autopilot)
         latitude_e7, longitude_e7 = self._plane.geodetic_e7(*self._home)
         self._flight = Flight(
             step_s=self.step_s,
             origin=Home(latitude_e7, longitude_e7, origin.altitude_m),
             mode=personality.mode(personality.first_mode),
-            hover_thrust=HOVER_THRUST,
+            hover_thrust=self.hover_thrust,
             unix_start_us=round(simspec.environment.start_utc.timestamp() * 1e6),
         )
         self._sense()
-        self._controller = Controller(personality, self._flight, self._airframe, links, simspec.vehicle.parameters, tap)
+        self._controller = Controller(
+            personality, self._flight, self._airframe, links, simspec.vehicle.parameters, tap, self.manoeuvres
+        )
         self._links = links
 
     def endpoints(self) -> Mapping[str, str]:
@@ -224,7 +269,7 @@ class X500:
             self._plant.set_gust_ned_mps(self._gusts.step(motion.up_m, motion.airspeed_mps))
 
     def _power(self) -> None:
-        self._battery.drain(self._plant.thrust_n(), self.step_s)
+        self._drain(self._battery)
         if self._battery.fraction <= 0.0:
             self._airframe.disarm()  # nothing turns without power, whatever the flight controller wants
 
@@ -232,13 +277,24 @@ class X500:
         motion = self._plant.motion
         return math.sqrt(motion.vn_mps**2 + motion.ve_mps**2 + motion.vd_mps**2)
 
+    @abstractmethod
+    def _build(self, place: Place) -> tuple[Plant, SteeredAirframe]:
+        """The plant standing at `place`, and what steers it."""
+
+    @abstractmethod
+    def _drain(self, battery: Battery) -> None:
+        """Take what one step used."""
+
+    @abstractmethod
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Hitting the ground at more than 3 m/s, or lying on its side near it."""
-        motion = self._plant.motion
-        if motion.up_m > _NEAR_GROUND_M:
-            return False
-        tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
-        return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)
+        """Whether what just happened is more than the airframe bears; the speed is that before the step."""
+
+    def _personality(self, autopilot: str) -> Personality:
+        try:
+            return self.personalities[autopilot]
+        except KeyError:
+            known = ", ".join(self.personalities)
+            raise SetupError(Fault("vehicle.autopilot", f"this aircraft does not carry {autopilot!r}", f"use {known}")) from None
 
     def _sense(self) -> None:
         """Write what the vehicle believes and feels into the state that its services read."""
@@ -274,6 +330,28 @@ class X500:
             yaw_rad=_half_turn(motion.yaw_rad),
             rates_body_radps=(motion.p_radps, motion.q_radps, motion.r_radps),
         )
+
+
+class X500(Aircraft):
+    """The quadrotor."""
+
+    hover_thrust = HOVER_THRUST
+    rotors = 4
+
+    def _build(self, place: Place) -> tuple[Plant, SteeredAirframe]:
+        self._x500 = X500Plant(place, self.step_s)
+        return self._x500, X500Airframe(self._x500, self._plane, self._home, self.step_s)
+
+    def _drain(self, battery: Battery) -> None:
+        battery.drain(self._x500.thrust_n(), self.step_s)
+
+    def _crashed(self, speed_before_mps: float) -> bool:
+        """Hitting the ground at more than 3 m/s, or lying on its side near it."""
+        motion = self._plant.motion
+        if motion.up_m > _NEAR_GROUND_M:
+            return False
+        tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
+        return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)
 
 
 def _clipped(value: float, most: float) -> float:

@@ -8,10 +8,15 @@ from ._flight import Attitude as Attitude
 from ._flight import Flight as Flight
 from ._flight import Home as Home
 from ._flight import Target as Target
+from ._guidance import Manoeuvres as Manoeuvres
 from ._links import Link as Link
 from ._links import open_links as open_links
 from ._personality import Personality as Personality
+from ._wing import WingManoeuvres as WingManoeuvres
+from ._wing import WingTarget as WingTarget
 from .ardupilot import ArduPilot as ArduPilot
 from .px4 import Px4 as Px4
+from .px4 import Px4Wing as Px4Wing
 
 PERSONALITIES: dict[str, Personality] = {"px4": Px4(), "ardupilot": ArduPilot()}
+WING_PERSONALITIES: dict[str, Personality] = {"px4": Px4Wing()}

@@ -3,3 +3,4 @@
 from __future__ import annotations
 
 from ._personality import Px4 as Px4
+from ._wing import Px4Wing as Px4Wing

@@ -1,0 +1,226 @@
+"""The fixed wing: the same flight controller around an aircraft that cannot stand still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+from vehicle_client import NAN, Client, simspec
+
+from bench.contracts import LinkSpec, VehiclePlan, load_plugin
+from bench.errors import SetupError
+from bench.simspec import SimSpec
+from vehicle_models import open_wing
+
+TRIM_MPS = 15.0
+WIND = {"wind": {"speed_mps": 5.0, "from_deg": 240.0, "turbulence_mps": 3.0}}
+MakeWing = Callable[..., Client]
+
+
+def wing_spec(autopilot: str = "px4", parameters: dict[str, float] | None = None, **changes: Any) -> SimSpec:
+    return simspec(autopilot, vehicle={"model": "wing", "parameters": parameters or {}}, **changes)
+
+
+@pytest.fixture
+def make_wing() -> Iterator[MakeWing]:
+    """Build a client and the fixed wing that talks to it."""
+    with ExitStack() as stack:
+
+        def build(spec: SimSpec | None = None, streams: str = "none") -> Client:
+            client = Client()
+            stack.callback(client.socket.close)
+            link = LinkSpec("onboard", "udp_out", port=client.port, streams=streams)
+            client.vehicle = stack.enter_context(open_wing(VehiclePlan(spec or wing_spec(), (link,))))
+            client.fly(1.1)
+            return client
+
+        yield build
+
+
+def take_off(client: Client, height_m: float = 50.0) -> None:
+    """Arm, off the catapult, up to a height, and around there."""
+    client.fly(5.0)
+    assert client.command(400, 1) == [0]
+    assert client.command(22, 0, 0, 0, NAN, NAN, NAN, 488.0 + height_m) == [0]
+    for _ in range(60):
+        client.fly(1.0)
+        if client.vehicle.condition().mode == "AUTO_LOITER":
+            return
+    raise AssertionError("it did not get up")
+
+
+def circle(client: Client, east_m: float, north_m: float, radius_m: float, height_m: float = 60.0) -> None:
+    """DO_REPOSITION with a radius."""
+    place = client.vehicle_goal(east_m, north_m)
+    assert client.command_int(192, 0, -1, 1, radius_m, NAN, *place, 488.0 + height_m) == [0]
+
+
+def away_m(client: Client, east_m: float, north_m: float) -> float:
+    east, north, _ = client.vehicle.truth().position_enu_m
+    return math.hypot(east - east_m, north - north_m)
+
+
+def watch(client: Client, seconds: float, look: Callable[[], float]) -> list[float]:
+    seen: list[float] = []
+    client.fly(seconds, lambda: seen.append(look()))
+    return seen
+
+
+def airspeed_mps(client: Client) -> float:
+    return float(client.last("VFR_HUD").airspeed)
+
+
+def hear_hud(client: Client) -> None:
+    assert client.command(511, 74, 100_000) == [0]
+    client.fly(0.2)
+
+
+def test_it_is_a_plugin_and_says_that_it_is_a_fixed_wing(make_wing: MakeWing) -> None:
+    """The entry point opens it; the heartbeat has MAV_TYPE_FIXED_WING and the parameter says the same."""
+    with load_plugin("rebar.vehicles", "wing")(VehiclePlan(wing_spec(), ())) as vehicle:
+        assert vehicle.condition().landed
+    client = make_wing()
+    assert client.last("HEARTBEAT").type == 1
+    assert client.last("HEARTBEAT").autopilot == 12
+
+
+def test_an_autopilot_that_it_does_not_carry_is_a_fault_of_the_setup() -> None:
+    """There is no ArduPlane: asking for ardupilot says so instead of flying a plane as a copter."""
+    with pytest.raises(SetupError, match="ardupilot"), open_wing(VehiclePlan(wing_spec("ardupilot"), ())):
+        pass
+
+
+@pytest.mark.parametrize("from_deg", [0.0, 90.0, 180.0])
+def test_takes_off_from_the_catapult_and_climbs_to_height(make_wing: MakeWing, from_deg: float) -> None:
+    """Thrown into, across and with a wind of 5 m/s it climbs without touching again, and circles within 2 m of its height."""
+    client = make_wing(wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg}}))
+    assert client.vehicle.truth().position_enu_m[2] < 0.02
+    take_off(client)
+    client.fly(20.0)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(50.0, abs=2.0)
+    condition = client.vehicle.condition()
+    assert condition.mode == "AUTO_LOITER"
+    assert not condition.landed
+    assert not condition.crashed
+
+
+@pytest.mark.parametrize("radius_m", [80.0, -60.0])
+def test_circles_within_a_tenth_of_its_radius_in_wind(make_wing: MakeWing, radius_m: float) -> None:
+    """In 5 m/s of gusty wind DO_REPOSITION's radius is held within 10 %, height within 2 m, airspeed within 2 m/s; its sign is the direction."""
+    client = make_wing(wing_spec(environment=WIND))
+    take_off(client)
+    circle(client, 150.0, 100.0, radius_m)
+    client.fly(50.0)
+    hear_hud(client)
+    truth = client.vehicle.truth()
+    right_of_centre = (truth.position_enu_m[0] - 150.0, truth.position_enu_m[1] - 100.0)
+    clockwise = right_of_centre[1] * truth.velocity_enu_mps[0] - right_of_centre[0] * truth.velocity_enu_mps[1]
+    assert math.copysign(1.0, clockwise) == math.copysign(1.0, radius_m)
+    heights: list[float] = []
+    speeds: list[float] = []
+
+    def look() -> float:
+        heights.append(client.vehicle.truth().position_enu_m[2])
+        speeds.append(airspeed_mps(client))
+        return away_m(client, 150.0, 100.0)
+
+    radii = watch(client, 45.0, look)
+    assert max(abs(one - abs(radius_m)) for one in radii) < 0.1 * abs(radius_m)
+    assert max(abs(one - 60.0) for one in heights) < 2.0
+    assert max(abs(one - TRIM_MPS) for one in speeds) < 2.0
+
+
+def test_a_change_of_speed_is_flown(make_wing: MakeWing) -> None:
+    """DO_CHANGE_SPEED sets the airspeed of the circle, and it is held within 1 m/s."""
+    client = make_wing()
+    take_off(client)
+    hear_hud(client)
+    assert client.command(178, 0, 18.0, -1) == [0]
+    client.fly(15.0)
+    assert max(abs(one - 18.0) for one in watch(client, 15.0, lambda: airspeed_mps(client))) < 1.0
+
+
+def test_flies_a_triangle(make_wing: MakeWing) -> None:
+    """Three places by reposition, one after the other: each is reached to within its circle in the time that 12 m/s would take."""
+    client = make_wing(wing_spec(environment=WIND))
+    take_off(client)
+    for east, north in ((300.0, 0.0), (150.0, 300.0), (-150.0, 0.0)):
+        circle(client, east, north, 60.0)
+        most_s = away_m(client, east, north) / 12.0 + 10.0
+        distances = watch(client, most_s, lambda e=east, n=north: away_m(client, e, n))  # type: ignore[misc]
+        assert min(distances) < 66.0
+    assert not client.vehicle.condition().crashed
+
+
+def test_velocity_setpoints_are_a_course_and_a_climb(make_wing: MakeWing) -> None:
+    """Offboard: a velocity is flown as a course within 3 degrees at its sink rate; silence ends in a return."""
+    client = make_wing()
+    take_off(client)
+    mask = 0b0000_1101_1100_0111
+
+    def give() -> None:
+        client.setpoint(0, 0, 0, mask=mask, vn=10.6, ve=10.6, vd=-1.0)
+
+    client.fly(0.3, give)
+    assert client.command(176, 1, 6) == [0, 0]
+    client.fly(15.0, give)
+    begun = client.vehicle.truth()
+    client.fly(5.0, give)
+    now = client.vehicle.truth()
+    east, north, up = (now.position_enu_m[axis] - begun.position_enu_m[axis] for axis in range(3))
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(45.0, abs=3.0)
+    assert up == pytest.approx(5.0, abs=1.0)
+    client.fly(2.0)
+    assert client.vehicle.condition().mode == "AUTO_RTL"
+
+
+def test_returns_and_lands_near_home_against_the_wind(make_wing: MakeWing) -> None:
+    """RTL with RTL_LAND_DELAY 0 circles down, glides in against 5 m/s of gusty wind, flares, stops within 50 m of home, disarms."""
+    client = make_wing(wing_spec(parameters={"RTL_LAND_DELAY": 0.0}, environment=WIND))
+    take_off(client)
+    circle(client, 250.0, 150.0, 80.0)
+    client.fly(30.0)
+    assert client.command(20) == [0]
+    sinking = 0.0
+    for _ in range(300):
+        before = client.vehicle.truth()
+        client.fly(1.0)
+        if client.vehicle.truth().position_enu_m[2] < 0.05 and not sinking:
+            sinking = -before.velocity_enu_mps[2]
+        if not client.vehicle.condition().armed:
+            break
+    condition = client.vehicle.condition()
+    assert condition.landed
+    assert not condition.armed
+    assert not condition.crashed
+    assert 0.0 < sinking < 1.2
+    assert away_m(client, 0.0, 0.0) < 50.0
+    yaw_deg = math.degrees(client.vehicle.truth().yaw_rad) % 360.0
+    assert yaw_deg == pytest.approx(240.0, abs=25.0)
+
+
+def test_returns_and_circles_where_no_landing_is_wanted(make_wing: MakeWing) -> None:
+    """By default (RTL_LAND_DELAY -1) it circles over home at RTL_DESCEND_ALT and RTL_LOITER_RAD."""
+    client = make_wing(wing_spec(parameters={"RTL_LOITER_RAD": 60.0, "RTL_DESCEND_ALT": 45.0}))
+    take_off(client)
+    assert client.command(20) == [0]
+    client.fly(90.0)
+    assert max(abs(one - 60.0) for one in watch(client, 20.0, lambda: away_m(client, 0.0, 0.0))) < 6.0
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(45.0, abs=1.0)
+    assert client.vehicle.condition().mode == "AUTO_RTL"
+
+
+def test_two_flights_are_the_same_to_the_last_bit(make_wing: MakeWing) -> None:
+    """Same SimSpec and same words: the same trajectory and the same messages."""
+
+    def flown() -> tuple[Any, list[bytes]]:
+        client = make_wing(wing_spec(environment=WIND), streams="onboard")
+        take_off(client)
+        circle(client, 100.0, 100.0, 70.0)
+        client.fly(10.0)
+        return client.vehicle.truth(), [one.get_msgbuf() for one in client.heard]
+
+    assert flown() == flown()

@@ -1,0 +1,130 @@
+"""One aircraft in JSBSim, from its file beside this package: properties in, motion out, SI outside."""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+
+import jsbsim
+
+from bench.contracts import Vector
+from bench.errors import Fault, SetupError, VehicleFault
+
+from ._geodesy import TangentPlane
+from .x500 import Motion, Place
+
+_FT = 0.3048
+_READ = (
+    "position/lat-geod-rad",
+    "position/long-gc-rad",
+    "position/h-sl-ft",
+    "velocities/v-north-fps",
+    "velocities/v-east-fps",
+    "velocities/v-down-fps",
+    "attitude/phi-rad",
+    "attitude/theta-rad",
+    "attitude/psi-rad",
+    "velocities/p-rad_sec",
+    "velocities/q-rad_sec",
+    "velocities/r-rad_sec",
+    "velocities/vt-fps",
+)
+
+
+class JsbsimPlant:
+    """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a time.
+
+    `written` are the properties under `ap/` that the flight controller may set. Raises SetupError when the step is not a
+    whole number of physics steps.
+    """
+
+    def __init__(
+        self, name: str, place: Place, feet_m: float, written: Iterable[str], step_s: float, physics_hz: int = 200
+    ) -> None:
+        self.runs = round(step_s * physics_hz)
+        if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
+            raise SetupError(
+                Fault("controller_hz", f"{1 / step_s:g} Hz does not divide {physics_hz} Hz", "use 25, 50, 100 or 200")
+            )
+        self._plane = TangentPlane(place.latitude_deg, place.longitude_deg)
+        self._ground_m = place.altitude_m + feet_m
+        self._fdm = _load(name, place, self._plane, feet_m, physics_hz)
+        self._run: Callable[[], bool] = self._fdm.run
+        self._get = [self.node(one).get_double_value for one in _READ]
+        self._force = [self.node(f"accelerations/a-pilot-{axis}-ft_sec2").get_double_value for axis in "xyz"]
+        self._put = {one: self.node(f"ap/{one}").set_double_value for one in written}
+        self._wind = [self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
+        self._gust = [self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
+        self.motion = Motion()
+        self._read()
+
+    def write(self, name: str, value: float) -> None:
+        """Set one of the properties that the aircraft file lists under "target"."""
+        self._put[name](value)
+
+    def set_wind_ned_mps(self, wind: Vector) -> None:
+        for put, value in zip(self._wind, wind, strict=True):
+            put(value / _FT)
+
+    def set_gust_ned_mps(self, gust: Vector) -> None:
+        for put, value in zip(self._gust, gust, strict=True):
+            put(value / _FT)
+
+    def specific_force_mps2(self) -> Vector:
+        """What an accelerometer at the centre of gravity feels, body FRD; (0, 0, -9.81) at rest."""
+        x, y, z = (get() * _FT for get in self._force)
+        return x, y, z
+
+    def advance(self) -> None:
+        """Fly one step. Raises VehicleFault when the state is no longer finite."""
+        run = self._run
+        try:
+            for _ in range(self.runs):
+                run()
+        except Exception as error:  # JSBSim has no exception of its own for a state that ran away
+            raise VehicleFault(f"the flight dynamics stopped: {error}") from error
+        self._read()
+
+    def node(self, name: str) -> jsbsim.FGPropertyNode:
+        """A property of JSBSim; created when it is missing."""
+        node = self._fdm.get_property_manager().get_node(name, True)
+        assert node is not None
+        return node
+
+    def _read(self) -> None:
+        (lat, lon, height, vn, ve, vd, phi, theta, psi, p, q, r, airspeed) = [get() for get in self._get]
+        motion = self.motion
+        motion.east_m, motion.north_m = east, north = self._plane.east_north_m(lat, lon)
+        motion.up_m = height * _FT - self._ground_m
+        motion.vn_mps, motion.ve_mps, motion.vd_mps = vn * _FT, ve * _FT, vd * _FT
+        motion.roll_rad, motion.pitch_rad, motion.yaw_rad = phi, theta, psi
+        motion.p_radps, motion.q_radps, motion.r_radps = p, q, r
+        motion.airspeed_mps = airspeed * _FT
+        if not math.isfinite(east + north + motion.up_m + vn + ve + vd + phi + theta + psi + p + q + r):
+            raise VehicleFault("the state of the flight dynamics is no longer finite")
+
+
+def _load(name: str, place: Place, plane: TangentPlane, feet_m: float, physics_hz: int) -> jsbsim.FGFDMExec:
+    """A fresh, silent JSBSim standing on the ground. Fresh, because a reset one does not repeat its first flight."""
+    jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))  # holds for this thread alone
+    with ExitStack() as stack:
+        folder = stack.enter_context(importlib.resources.as_file(importlib.resources.files("vehicle_models")))
+        fdm = jsbsim.FGFDMExec(str(folder))
+        fdm.set_debug_level(0)
+        fdm.set_dt(1.0 / physics_hz)
+        fdm.set_aircraft_path(".")
+        if not fdm.load_model(name):
+            raise SetupError(Fault(f"{name}.xml", "JSBSim does not take the aircraft", "reinstall the package"))
+    fdm.disable_output()
+    fdm["simulation/randomseed"] = 1  # nothing here draws from it; unseeded it would read the host's clock
+    latitude, longitude = plane.geodetic_rad(place.east_m, place.north_m)
+    fdm["ic/lat-geod-deg"], fdm["ic/long-gc-deg"] = math.degrees(latitude), math.degrees(longitude)
+    fdm["ic/terrain-elevation-ft"] = place.altitude_m / _FT
+    fdm["ic/h-agl-ft"] = feet_m / _FT
+    fdm["ic/psi-true-deg"] = math.degrees(place.heading_rad)
+    fdm["simulation/gravity-model"] = 1  # WGS84
+    fdm["atmosphere/turb-type"] = 0
+    fdm.run_ic()
+    return fdm

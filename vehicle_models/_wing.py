@@ -1,0 +1,54 @@
+"""The fixed wing as a vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bench.contracts import MavlinkTap, VehiclePlan
+
+from ._battery import Battery
+from ._vehicle import Aircraft, Plant, SteeredAirframe
+from .controller import WING_PERSONALITIES, WingManoeuvres, open_links
+from .wing import WingAirframe, WingPlant
+from .x500 import Place
+
+_NEAR_GROUND_M, _TOUCH_M = 0.5, 0.05
+_CRASH_SINK_MPS = 2.5
+_CRASH_MPS = 18.0  # faster than this it breaks, however flat it slides in
+_CRASH_TILT_RAD = math.radians(50.0)
+
+
+@contextmanager
+def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing]:
+    """Yield a fixed wing on its belly at home, its links open. Raises SetupError for a link or a parameter that cannot be."""
+    with open_links(plan.links) as links:
+        yield Wing(plan, links, tap)
+
+
+class Wing(Aircraft):
+    """The fixed wing."""
+
+    personalities = WING_PERSONALITIES
+    manoeuvres = WingManoeuvres()
+    hover_thrust = 0.27
+    rotors = 1
+
+    def _build(self, place: Place) -> tuple[Plant, SteeredAirframe]:
+        self._wing = WingPlant(place, self.step_s)
+        self._sinking_mps = 0.0
+        return self._wing, WingAirframe(self._wing, self._plane, self._home, self.step_s)
+
+    def _drain(self, battery: Battery) -> None:
+        battery.spend(self._wing.electric_w(), self.step_s)
+
+    def _crashed(self, speed_before_mps: float) -> bool:
+        """Hitting the ground at more than 2.5 m/s of sink or 18 m/s of speed, or lying on its side or nose near it."""
+        motion, sinking = self._wing.motion, self._sinking_mps
+        self._sinking_mps = motion.vd_mps
+        if motion.up_m > _NEAR_GROUND_M:
+            return False
+        if max(abs(motion.roll_rad), abs(motion.pitch_rad)) > _CRASH_TILT_RAD:
+            return True
+        return motion.up_m < _TOUCH_M and (sinking > _CRASH_SINK_MPS or (sinking > 0.3 and speed_before_mps > _CRASH_MPS))
