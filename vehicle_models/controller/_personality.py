@@ -150,6 +150,7 @@ class Personality(ABC):
     piloted_landing_disarms: ClassVar[bool]  # landing by sticks is a landing like any other
     any_component: ClassVar[bool]  # hears what is addressed to components that do not exist
     axis_groups: ClassVar[bool]  # a masked axis masks its group; else each axis is for itself
+    speed_command_binds_setpoints: ClassVar[bool]  # DO_CHANGE_SPEED holds for positions of a companion
     setpoints_face_motion: ClassVar[bool]  # without a heading of their own
     echo_modes: ClassVar[tuple[Behaviour, ...] | None]  # POSITION_TARGET_* are said in these alone; None: in all
     echo_position_mask: ClassVar[int | None]  # type_mask of the echo of a position; None: bits of what is NaN

@@ -180,7 +180,8 @@ class Setpoints:
         has_vz, has_az = not math.isnan(wish.velocity[2]), not math.isnan(wish.acceleration[2])
         limits, personality = self._guidance.limits, self._board.personality
         has_yaw, turns = not math.isnan(wish.yaw_rad), not math.isnan(wish.yawrate_radps)
-        goes = limits.goto_mps if has_xy else limits.speed_max_mps
+        asked = self._guidance.speed_mps if personality.speed_command_binds_setpoints else None
+        goes = (asked or limits.goto_mps) if has_xy else limits.speed_max_mps
         target = Target(
             north_east_m=(x, y) if has_xy else None,
             down_m=z if has_z else None,
@@ -188,7 +189,7 @@ class Setpoints:
             acceleration_ned_mps2=(a[0] if has_axy else 0.0, a[1] if has_axy else 0.0, a[2]),
             yaw_rad=wish.yaw_rad if has_yaw else None,
             yawrate_radps=wish.yawrate_radps if turns else 0.0,
-            speed_max_mps=self._guidance.speed_mps or goes,
+            speed_max_mps=goes,
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
             faces_motion=personality.setpoints_face_motion and not has_yaw and not turns,

@@ -122,7 +122,7 @@ class ArduPilot(Personality):
     piloted_landing_disarms = False
     any_component = True
     axis_groups = True
-    setpoints_face_motion = True
+    setpoints_face_motion = speed_command_binds_setpoints = True
     echo_modes = (Behaviour.FOLLOW,)
     echo_position_mask = 0xFDF8
     echo_velocity_mask = 0xFDC7

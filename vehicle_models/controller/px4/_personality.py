@@ -150,7 +150,7 @@ class Px4(Personality):
     piloted_landing_disarms = True
     any_component = False
     axis_groups = False
-    setpoints_face_motion = False
+    setpoints_face_motion = speed_command_binds_setpoints = False
     echo_modes = None
     echo_position_mask = echo_velocity_mask = None
     bad_speed = Result.ACCEPTED
