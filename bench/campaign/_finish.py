@@ -19,9 +19,19 @@ from decompositions import Decomposition
 
 from ._asked import load_asked
 from ._document import Campaign
-from ._folder import RECORDING, CampaignFolder, open_lock, read_result, write_manifest, write_result, write_whole
+from ._folder import (
+    RECORDING,
+    RESULT,
+    CampaignFolder,
+    digest_of,
+    open_lock,
+    read_result,
+    write_manifest,
+    write_result,
+    write_whole,
+)
 from ._journal import Entry, open_journal
-from ._rescore import rescore
+from ._rescore import changed_since, rescore
 from ._versions import versions
 
 
@@ -66,13 +76,16 @@ def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
     """
     folder, _, asked = read_campaign_folder(path, decomposition)
     with open_lock(path), open_journal(folder.journal) as journal:
-        for entry in journal.entries():
-            run = folder.run(entry.id)
-            if (run / RECORDING).is_file():
-                result = rescore(run, asked)
-                digest = write_result(run, result)
-                journal.forget(entry.id)
-                journal.finish(result, digest)
+        runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
+        recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
+        faults = [fault for run in recorded.values() for fault in changed_since(run)]
+        if faults:  # all of them, before any result is written
+            raise SetupError(faults)
+        for name, run in recorded.items():
+            result = rescore(run, asked)
+            digest = write_result(run, result)
+            journal.forget(name)
+            journal.finish(result, digest)
     return finish_campaign(path, decomposition)
 
 
@@ -98,7 +111,7 @@ def _scored_runs(
     outcomes: Counter[str] = Counter()
     rated: dict[tuple[str, int], Difficulty] = {}
     for entry in entries:
-        result = read_result(folder.run(entry.id), entry.id)
+        result = _result(folder, entry)
         outcomes[str(result.outcome) if result else "not finished"] += 1
         if result is not None:
             scene = (entry.design_point, entry.replicate)
@@ -106,6 +119,15 @@ def _scored_runs(
                 rated[scene] = difficulty_of(decomposition, load_document(folder.simspec(entry.id), SimSpec))
             runs.append(_scored_run(entry, result, rated[scene]))
     return runs, dict(outcomes)
+
+
+def _result(folder: CampaignFolder, entry: Entry) -> SessionResult | None:
+    """The result as the journal noted it; one that somebody changed since is none."""
+    run = folder.run(entry.id)
+    result = read_result(run, entry.id)
+    if result is not None and entry.result_sha256 is not None and digest_of(run / RESULT) != entry.result_sha256:
+        return None
+    return result
 
 
 def _scored_run(entry: Entry, result: SessionResult, difficulty: Difficulty) -> ScoredRun:

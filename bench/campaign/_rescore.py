@@ -20,16 +20,36 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     """The result of the run in `folder`, its observations measured anew from `recording.mcap`.
 
     How the session ended is taken from `result.json` where that is left, and from the recording otherwise. Raises SetupError
-    when the folder holds no recording that can be read.
+    when the folder holds no recording that can be read, or one that is not the one that its result speaks of.
     """
     recording = folder / RECORDING
     if not recording.is_file():
         raise SetupError(Fault(str(folder), f"there is no {RECORDING} here", "name the folder of a run or of a campaign"))
+    faults = changed_since(folder)
+    if faults:
+        raise SetupError(faults)
     tape = read_tape(recording)
     kept = folder / RESULT
     result = load_document(kept, SessionResult) if kept.is_file() else _from_recording(folder.name, tape)
     observations = measure_all(measures_of(decomposition), tape, read_simspec(recording)) if result.outcome.counts else ()
     return result.model_copy(update={"observations": observations, "recording_sha256": digest_of(recording)})
+
+
+def changed_since(folder: Path) -> list[Fault]:
+    """Whether the recording is another than the one that `result.json` beside it was made of: cut off, edited, exchanged."""
+    kept = folder / RESULT
+    if not kept.is_file():
+        return []
+    stated = load_document(kept, SessionResult).recording_sha256
+    if stated is None or digest_of(folder / RECORDING) == stated:
+        return []
+    return [
+        Fault(
+            str(folder / RECORDING),
+            f"has changed since its session: {RESULT} speaks of other bytes",
+            f"put the recording back, or remove {RESULT} to score what is there",
+        )
+    ]
 
 
 def _from_recording(realization: str, tape: Tape) -> SessionResult:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome, SessionResult
+from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
 from ._document import Campaign
@@ -38,6 +40,9 @@ AGAIN = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR})
 """Faults of the bench's own: flown once more, because the agent is not to answer for them."""
 
 TRIES = 2
+
+ROOM_BYTES = 1024 * 1024
+"""With less than this left on the disk, a fault of the bench's own is the disk's, and no result to keep."""
 
 Finish = Callable[[CampaignFolder], None]
 """Makes scores and report of a campaign that has all its results; `manifest.json` is written after it."""
@@ -134,7 +139,7 @@ def _reconcile(folder: CampaignFolder, journal: Journal) -> None:
     for entry in journal.entries():
         run = folder.run(entry.id)
         result = read_result(run, entry.id)
-        if result is None and entry.state is State.DONE:
+        if entry.state is State.DONE and (result is None or digest_of(run / RESULT) != entry.result_sha256):
             journal.forget(entry.id)
         elif result is not None and entry.state is not State.DONE:
             journal.finish(result, digest_of(run / RESULT))
@@ -208,6 +213,8 @@ class _Run:
 
     def _settle(self, ended: Ended) -> None:
         result = ended.result
+        if result.outcome is Outcome.BENCH_ERROR and shutil.disk_usage(self._folder.path).free < ROOM_BYTES:
+            raise SetupError(Fault(str(self._folder.path), "its disk is full", "make room and run again; nothing is lost"))
         if result.outcome in AGAIN and self._journal.faults(result.realization) + 1 < TRIES:
             self._journal.again(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)

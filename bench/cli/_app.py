@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import sqlite3
 import sys
 from collections.abc import Sequence
 
@@ -20,6 +22,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+_THE_DISK_SAYS_NO = frozenset(
+    {errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS}
+)
+
 for commands in (_campaigns, _sessions, _scores, _look, _fly, _machine):
     commands.register(app)
 
@@ -36,6 +42,17 @@ def run(arguments: Sequence[str]) -> int:
         return 2
     except RebarError as error:
         print(f"rebar: {error}", file=sys.stderr)
+        return 1
+    except sqlite3.OperationalError as error:
+        print(f"rebar: the journal cannot be written: {error} (make room or mend the rights, and run again)", file=sys.stderr)
+        return 1
+    except OSError as error:
+        if error.errno not in _THE_DISK_SAYS_NO:
+            raise
+        print(
+            f"rebar: {error.filename or 'writing'}: {error.strerror} (make room or mend the rights, and run again)",
+            file=sys.stderr,
+        )
         return 1
     except KeyboardInterrupt:
         print("rebar: interrupted", file=sys.stderr)

@@ -73,7 +73,11 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")])
     """Score what lies in a campaign's folder and write its report. Example: rebar report out/demo"""
     from bench.campaign import finish_campaign
 
-    print(finish_campaign(folder).report)
+    finished = finish_campaign(folder)
+    missing = finished.outcomes.get("not finished", 0)
+    if missing:
+        print(f"{missing} realizations have no result, or none that fits its recording: `rebar run` flies them again")
+    print(finished.report)
 
 
 def verify(

@@ -48,6 +48,9 @@ def _score_campaign(folder: Path, decomposition: str | None, as_json: bool) -> N
         print(json.dumps(finished.summary.to_dicts(), indent=1))
         return
     Console().print(score_table(finished.summary, finished.study))
+    missing = finished.outcomes.get("not finished", 0)
+    if missing:
+        print(f"{missing} realizations have no result, or none that fits its recording: `rebar run` flies them again")
     print(f"{finished.report}")
 
 

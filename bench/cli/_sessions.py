@@ -23,6 +23,7 @@ def simulate(
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
     from bench.campaign import fly_realization, load_asked, write_result
+    from bench.contracts import Outcome
     from bench.documents import dump_json
     from bench.simspec import load_simspec
 
@@ -41,6 +42,7 @@ def simulate(
             evidence = "; ".join(f"{item.time_s:.1f} s {item.text}" for item in one.evidence[:2])
             table.add_row(one.observable, "yes" if one.considered else "no", "" if one.x is None else f"{one.x:.3f}", evidence)
         console.print(table)
-        console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
+        if (out / "recording.mcap").is_file():
+            console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
     if not result.outcome.counts:
-        raise typer.Exit(1)
+        raise typer.Exit(2 if result.outcome is Outcome.SETUP_INVALID else 1)

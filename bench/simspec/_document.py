@@ -90,6 +90,9 @@ def _as_utc(moment: object) -> object:
     return moment
 
 
+FIRST_YEAR, YEAR_AFTER_LAST = 1981, 2100
+
+
 class Environment(Document):
     """Light and weather. Levels are the paper's: 0 none, 9 the worst."""
 
@@ -104,6 +107,10 @@ class Environment(Document):
     def _moment_has_a_zone(self) -> Self:
         if self.start_utc.tzinfo is None:
             raise ValueError("start_utc needs a zone, for example 2026-06-21T11:30:00Z")
+        if not FIRST_YEAR <= self.start_utc.year < YEAR_AFTER_LAST:
+            raise ValueError(
+                f"start_utc must lie from {FIRST_YEAR} to {YEAR_AFTER_LAST - 1}: satellite navigation counts from there"
+            )
         return self
 
 

@@ -11,8 +11,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from bench.campaign import fly_realization, load_asked, rescore
+from bench.campaign import fly_realization, load_asked, rescore, write_result
 from bench.contracts import Outcome, SessionResult
+from bench.errors import SetupError
 from bench.realization import place
 from bench.simspec import AgentSpec, Perception, SimSpec, load_simspec
 from bench.testing import BEHAVIOURS
@@ -176,3 +177,18 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
     assert found["OBS-201"].considered
     assert found["OBS-201"].x == 0.0
     assert rescore(tmp_path / "run", ASKED).observations == result.observations
+
+
+def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_path: Path) -> None:
+    """Cut off or edited, it is another recording than the result speaks of; without that result it speaks for itself."""
+    manifest = tmp_path / "crash.yaml"
+    manifest.write_text("name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n")
+    run = tmp_path / "run"
+    write_result(run, fly_realization(scene(str(manifest)), ASKED, run, "crash"))
+    assert rescore(run, ASKED).outcome is Outcome.AGENT_CRASHED
+    recording = run / "recording.mcap"
+    recording.write_bytes(recording.read_bytes()[:-100])
+    with pytest.raises(SetupError, match="has changed since its session"):
+        rescore(run, ASKED)
+    (run / "result.json").unlink()
+    assert rescore(run, ASKED).realization == "run"

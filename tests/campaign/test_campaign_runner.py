@@ -317,3 +317,26 @@ def test_importing_is_light() -> None:
     )
 
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_result_that_somebody_changed_is_flown_again(tmp_path: Path) -> None:
+    """The journal knows the result that was noted: another one in its place is none, however well formed."""
+    fly(tmp_path)
+    file = CampaignFolder(tmp_path).run("p002-r1-fake") / "result.json"
+    before = file.read_bytes()
+    file.write_bytes(before.replace(b'"simulated_s": 1.0', b'"simulated_s": 9.0'))
+    assert file.read_bytes() != before
+    assert fly(tmp_path).flown == 1
+    assert file.read_bytes() != before.replace(b'"simulated_s": 1.0', b'"simulated_s": 9.0')
+    assert verify_folder(tmp_path) == []
+
+
+def test_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faults on a disk without room stop the campaign with a sentence; with room again, everything is flown."""
+    with monkeypatch.context() as full:
+        full.setattr("bench.campaign._runner.ROOM_BYTES", 2**60)
+        with pytest.raises(SetupError, match="its disk is full"):
+            fly(tmp_path, script=Script({"p001-r1-fake": "raise"}))
+    assert outcomes(tmp_path)["p001-r1-fake"] is None
+    ended = fly(tmp_path)
+    assert (ended.complete, ended.outcomes) == (True, {Outcome.COMPLETED: 6})

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -173,3 +175,33 @@ def test_killing_the_runner_and_running_again_gives_the_full_set(tmp_path: Path)
     assert again.returncode == 0, again.stderr
     assert len(list(out.glob("runs/*/result.json"))) == 2
     assert "2 completed" in again.stdout
+
+
+def test_an_agent_that_does_not_exist_is_a_matter_of_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing was flown: exit 2, the name that is wrong, and no recording is spoken of."""
+    simspec = tmp_path / "search.yaml"
+    simspec.write_text(EXAMPLE.read_text().replace("reference-naive", "no-such-agent"))
+    assert run(["simulate", str(simspec), "--out", str(tmp_path / "out")]) == 2
+    text = capsys.readouterr().out
+    assert "no-such-agent" in text
+    assert "recording:" not in text
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "out/recording.mcap"), "out/recording.mcap: No space left on device"),
+        (sqlite3.OperationalError("database or disk is full"), "the journal cannot be written: database or disk is full"),
+    ],
+)
+def test_a_disk_that_refuses_is_answered_with_a_sentence(
+    trouble: Exception, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No room, no rights: exit 1, what could not be written and what to do; never a traceback."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise trouble
+
+    monkeypatch.setattr("bench.campaign.finish_campaign", refuse)
+    assert run(["report", "out"]) == 1
+    assert words in capsys.readouterr().err

@@ -144,3 +144,12 @@ def test_failures_have_the_fields_of_their_kind() -> None:
     ):
         assert words in faults(f"name: a\n{SQUARE}vehicle: {{failures: [{wrong}]}}\n")[0]
     assert "keeps the camera level" in faults(f"name: a\n{SQUARE}vehicle: {{camera: {{gimbal: true, stabilized: false}}}}\n")[0]
+
+
+@pytest.mark.parametrize("moment", ["0001-01-01T00:00:00Z", "1980-12-31T23:59:59Z", "2100-01-01T00:00:00Z"])
+def test_a_moment_that_satellite_navigation_cannot_count_is_refused(tmp_path: Path, moment: str) -> None:
+    """Before 1981 and after 2099 no flight controller has a clock; said when read, not in the middle of a flight."""
+    file = tmp_path / "old.yaml"
+    file.write_text(f"name: old\n{SQUARE}environment: {{start_utc: '{moment}'}}\n")
+    with pytest.raises(SetupError, match="start_utc must lie from 1981 to 2099"):
+        load_simspec(file)
