@@ -303,14 +303,3 @@ def test_a_lost_station_holds_and_returns_when_asked_to(make: Make) -> None:
     assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("AUTO_LOITER", "link")
     client.fly(5.2)
     assert client.vehicle.condition().mode == "AUTO_RTL"
-
-
-def test_missions_are_empty_and_uploads_are_refused(make: Make) -> None:
-    client = make()
-    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
-    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-    heard = client.fly(0.1)
-    assert [one.count for one in heard if one.get_type() == "MISSION_COUNT"] == [0]
-    assert [one.type for one in heard if one.get_type() == "MISSION_ACK"] == [14, 0]
-    assert client.command(300) == [DENIED]

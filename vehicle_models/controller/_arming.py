@@ -89,6 +89,16 @@ class Arming:
         self.disarm(Event.DISARMED)
         return Result.ACCEPTED
 
+    def arm(self) -> bool:
+        """Arm if that may be; whether it could."""
+        personality, flight = self._board.personality, self._board.flight
+        refusal = personality.refuse_arming(flight, self._board.parameters, False, self._has_setpoints())
+        if refusal:
+            self._refused(refusal)
+            return False
+        self._arm()
+        return True
+
     def _arm(self) -> Result:
         board = self._board
         board.flight.armed = True

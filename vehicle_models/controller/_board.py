@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -58,6 +58,10 @@ CommandHandler = Callable[[Command], "Result | None"]
 """Does what a command says and returns the result to acknowledge; None answers nothing."""
 
 
+def _anywhere(north_m: float, east_m: float, down_m: float) -> bool:
+    return True
+
+
 @dataclass(slots=True)
 class Board:
     """The things every service stands on."""
@@ -68,6 +72,8 @@ class Board:
     radio: Radio
     texts: Texts
     parameters: ParameterStore
+    allows: Callable[[float, float, float], bool] = field(default=_anywhere)
+    """Whether the fence lets the vehicle fly to a place of the local frame: north, east, down in metres."""
 
 
 class Service(Protocol):

@@ -12,6 +12,7 @@ from ._board import Board, Handler, Sender, Service
 from ._clock import Clock
 from ._commands import Commands
 from ._failsafe import Failsafe
+from ._fence import Fence, Rally
 from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
 from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
@@ -19,7 +20,9 @@ from ._home import HomeKeeper
 from ._identity import Identity
 from ._links import Link
 from ._manual import Manual
-from ._missions import Missions
+from ._mission_flight import MissionFlight
+from ._mission_protocol import MissionProtocol
+from ._mission_store import Plans
 from ._modes import Modes
 from ._navigator import Navigator
 from ._parameters import Parameters, ParameterStore
@@ -73,20 +76,27 @@ class Controller:
         telemetry.orbit = navigator.orbit_status
         failsafe = Failsafe(board, modes, self._setpoints, lambda: self._arming.disarm(Event.DISARMED))
         telemetry.charge_state = failsafe.charge_state
+        plans = Plans()
+        fence = Fence(board, modes, plans)
+        self._guidance.refuge = Rally(board, plans).refuge
+        missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm)
+        telemetry.mission_current, telemetry.fence_status = missions.current, fence.status
         # The order of this list is the order in which services work; a failsafe has the last word.
         self._services: list[Service] = [
             commands,
             Parameters(board),
             Clock(board),
             identity,
-            Missions(board),
+            MissionProtocol(board, plans),
             home,
             self._setpoints,
             self._arming,
             Manual(board, self._guidance),
             navigator,
             modes,
+            missions,
             self._streams,
+            fence,
             failsafe,
         ]
         self._handlers: dict[int, list[Handler]] = {}
@@ -218,7 +228,7 @@ class Controller:
             rising = isinstance(manoeuvre, Takeoff)
             if manoeuvre.done(flight) if rising else flight.height_m > 0.5:
                 flight.landed = Landed.IN_AIR
-                if rising and not self._board.personality.takeoff_mode:
+                if rising and flight.mode.behaviour is Behaviour.FOLLOW and not self._board.personality.takeoff_mode:
                     self._guidance.begin(Behaviour.FOLLOW, flight)
         elif flight.landed is Landed.LANDING:
             flight.landed = Landed.IN_AIR

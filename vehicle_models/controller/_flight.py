@@ -173,6 +173,7 @@ class Flight:
     on_ground: bool = True  # the feet touch
     # Everything else.
     armed: bool = False
+    mission_ready: bool = False  # there is a mission, and it can be flown
     landed: Landed = Landed.ON_GROUND
     crashed: bool = False
     failsafe: str = ""

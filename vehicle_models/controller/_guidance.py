@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, Protocol
 
@@ -449,6 +450,8 @@ class Guidance:
         self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
         self.heading: Heading | None = None  # of CONDITION_YAW or a region of interest: before any heading of the manoeuvre
 
+        self.refuge: Callable[[Flight], Home | None] = lambda flight: flight.home  # where a return leads
+
     def begin(self, behaviour: Behaviour, flight: Flight) -> None:
         """Start what a behaviour flies by default."""
         self.speed_mps = None
@@ -459,7 +462,7 @@ class Guidance:
             case Behaviour.LAND:
                 self.manoeuvre = self.manoeuvres.land(flight, ground_down_m=flight.home.down_m if flight.home else 0.0)
             case Behaviour.RETURN if flight.home:
-                self.manoeuvre = self.manoeuvres.go_home(flight, flight.home, self.limits)
+                self.manoeuvre = self.manoeuvres.go_home(flight, self.refuge(flight) or flight.home, self.limits)
             case Behaviour.FOLLOW:
                 self.manoeuvre = self.manoeuvres.follow(flight)
             case Behaviour.PILOT if flight.mode.stick:

@@ -98,6 +98,8 @@ class Navigator:
         down = None
         if math.isfinite(altitude):
             down = flight.origin.altitude_m - board.personality.altitude_amsl_m(flight, command.frame, altitude)
+        if not board.allows(*(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down):
+            return self._refused(Refusal(*board.personality.fence.outside))
         keep = self._guidance.speed_mps
         self._modes.switch(board.personality.mode(board.personality.reposition_mode))
         self._guidance.manoeuvre = self._guidance.manoeuvres.hold(

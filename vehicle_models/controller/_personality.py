@@ -10,7 +10,9 @@ from typing import ClassVar, Literal
 
 from ._board import Command, Result
 from ._failsafe_policy import Failsafes
+from ._fence_policy import FencePolicy
 from ._flight import Behaviour, Flight, Mode
+from ._mission_policy import MissionPolicy
 from ._parameters import Parameter, ParameterStore, ParameterStyle
 
 Seconds = float
@@ -128,6 +130,8 @@ class Personality(ABC):
     first_mode: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     parameter_style: ClassVar[ParameterStyle]
+    missions: ClassVar[MissionPolicy]
+    fence: ClassVar[FencePolicy]
     stream_sets: ClassVar[Mapping[str, Mapping[str, float]]]  # set name -> message -> Hz
     stream_groups: ClassVar[Mapping[int, tuple[str, ...]]]  # REQUEST_DATA_STREAM id -> messages
     messages: ClassVar[frozenset[str]]  # everything that may be streamed or requested

@@ -77,7 +77,8 @@ class Telemetry:
             "SYSTEM_TIME": lambda: (self._flight.unix_start_us + self._flight.time_us, self._flight.time_ms),
             "PING": self._say_ping,
             "SCALED_PRESSURE": self._pressure,
-            "MISSION_CURRENT": lambda: (0, board.personality.no_mission_total, 1, 2, 0, 0, 0),
+            "MISSION_CURRENT": lambda: self.mission_current(),
+            "FENCE_STATUS": lambda: self.fence_status(),
             "ESTIMATOR_STATUS": self._estimator,
             "BATTERY_STATUS": self._battery,
             "HOME_POSITION": self._home,
@@ -95,6 +96,8 @@ class Telemetry:
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
         self.orbit: Callable[[], Values | None] = lambda: None
         self.has_setpoints: Callable[[], bool] = lambda: False
+        self.mission_current: Callable[[], Values] = lambda: (0, board.personality.no_mission_total, 1, 2, 0, 0, 0)
+        self.fence_status: Callable[[], Values | None] = lambda: None
         self.charge_state: Callable[[], int] = lambda: 1
 
     def _heartbeat(self) -> Values:

@@ -13,6 +13,8 @@ from .._parameters import ParameterStore, ParameterStyle, Push
 from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO, WARNING
 from ._failsafes import failsafes
+from ._fence import ArduPilotFence
+from ._missions import ArduPilotMissions
 from ._modes import MODES, REFUSING
 from ._parameters import PARAMETERS
 
@@ -24,7 +26,7 @@ FULL_V = 16.6
 
 _GROUPS: dict[int, tuple[str, ...]] = {
     1: ("RAW_IMU", "SCALED_PRESSURE"),
-    2: ("SYS_STATUS", "POWER_STATUS", "MEMINFO", "NAV_CONTROLLER_OUTPUT", "MISSION_CURRENT", "GPS_RAW_INT"),
+    2: ("SYS_STATUS", "POWER_STATUS", "MEMINFO", "NAV_CONTROLLER_OUTPUT", "MISSION_CURRENT", "GPS_RAW_INT", "FENCE_STATUS"),
     3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
     10: ("ATTITUDE", "AHRS2"),
@@ -54,6 +56,8 @@ class ArduPilot(Personality):
     takeoff_mode = None
     mode_after_landing = None
     parameters = read_parameters(Path(__file__).with_name("parameters.csv"), PARAMETERS)
+    missions = ArduPilotMissions()
+    fence = ArduPilotFence()
     parameter_style = ParameterStyle(
         bytewise=False,
         hash_first=False,
@@ -204,7 +208,7 @@ class ArduPilot(Personality):
         return None if value in (0.0, 1.0) else Refusal(Result.UNSUPPORTED)
 
     def refuse_arming(self, flight: Flight, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
-        if flight.mode.behaviour is Behaviour.MISSION:
+        if flight.mode.behaviour is Behaviour.MISSION and not flight.mission_ready:
             return Refusal(Result.FAILED, ((CRITICAL, "Arm: Mode requires mission"),))
         if not flight.mode.armable:
             return Refusal(Result.FAILED, ((CRITICAL, f"Arm: {flight.mode.name} mode not armable"),))
@@ -225,7 +229,7 @@ class ArduPilot(Personality):
             name, why = known
             texts = ((WARNING, f"Mode change to {name} failed: init failed"),)
             return Refusal(Result.FAILED, (*(((WARNING, why),) if why else ()), *texts))
-        if wanted.behaviour is Behaviour.MISSION and flight.armed:
+        if wanted.behaviour is Behaviour.MISSION and flight.armed and not flight.mission_ready:
             return Refusal(Result.FAILED, ((WARNING, "Mode change to AUTO failed: init failed"),))
         return None
 

@@ -13,6 +13,8 @@ from .._parameters import ParameterStore, ParameterStyle
 from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO
 from ._failsafes import failsafes
+from ._fence import Px4Fence
+from ._missions import Px4Missions
 from ._modes import MODES
 from ._parameters import PARAMETERS
 
@@ -89,6 +91,8 @@ class Px4(Personality):
     first_mode = hold_mode = reposition_mode = mode_after_landing = "AUTO_LOITER"
     takeoff_mode, land_mode, return_mode, follow_mode = "AUTO_TAKEOFF", "AUTO_LAND", "AUTO_RTL", "OFFBOARD"
     parameters = read_parameters(Path(__file__).with_name("parameters.csv"), PARAMETERS, by_name=True)
+    missions = Px4Missions()
+    fence = Px4Fence()
     parameter_style = ParameterStyle(
         bytewise=True,
         hash_first=True,
@@ -242,7 +246,7 @@ class Px4(Personality):
     def refuse_mode(self, flight: Flight, wanted: Mode | None, number: int, has_setpoints: bool) -> Refusal | None:
         if wanted is None or wanted.behaviour is Behaviour.TERMINATE:
             return Refusal(Result.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
-        if not flight.armed:
+        if not flight.armed or (wanted.behaviour is Behaviour.MISSION and flight.mission_ready):
             return None
         lacks = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith("EXTERNAL")
         lacks = lacks or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
@@ -298,4 +302,7 @@ class Px4(Personality):
 
 
 def _armable(flight: Flight) -> bool:
-    return flight.mode.armable or (flight.mode.behaviour is Behaviour.PILOT and flight.sticks is not None)
+    behaviour = flight.mode.behaviour
+    if behaviour is Behaviour.MISSION:
+        return flight.mission_ready
+    return flight.mode.armable or (behaviour is Behaviour.PILOT and flight.sticks is not None)

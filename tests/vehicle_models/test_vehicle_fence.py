@@ -1,0 +1,153 @@
+"""Fences and rally points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from test_vehicle_missions import Row, download, item, ready_ardupilot, step, to, upload
+from vehicle_client import NAN, Client, simspec
+
+Make = Callable[..., Client]
+__all__ = ["item"]
+
+
+def corner(client: Client, east: float, north: float, count: int = 4, command: int = 5001) -> Row:
+    return (command, 0, count, 0, 0, 0, *client.vehicle_goal(east, north), 0)
+
+
+def square(client: Client, middle: tuple[float, float], half: float, command: int = 5001) -> list[Row]:
+    east, north = middle
+    return [corner(client, east + e * half, north + n * half, 4, command) for e, n in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+
+
+def airborne_ardupilot(make: Make) -> Client:
+    client = ready_ardupilot(make)
+    client.command(176, 1, 4)
+    client.command(400, 1)
+    assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [0]
+    client.fly(15.0)
+    return client
+
+
+def outwards(client: Client, seconds: float) -> None:
+    """A velocity of 5 m/s to the north."""
+    client.fly(seconds, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vn=5.0))
+
+
+def test_px4_reposition_outside_is_a_text(make: Make) -> None:
+    """Accepted, said, and not flown; inside it is."""
+    client = make(simspec(vehicle={"parameters": {"GF_MAX_HOR_DIST": 40.0}}))
+    client.airborne()
+    assert client.command_int(192, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 60), 498.0) == [0]
+    client.fly(8.0)
+    assert "Reposition is outside geofence\t" in client.texts()
+    assert client.vehicle.truth().position_enu_m[1] < 0.5
+    assert client.command_int(192, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 30), 498.0) == [0]
+    client.fly(12.0)
+    assert client.vehicle.truth().position_enu_m[1] == pytest.approx(30.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("action", "mode"), [(1, "OFFBOARD"), (2, "AUTO_LOITER"), (3, "AUTO_RTL"), (5, "AUTO_LAND")])
+def test_px4_polygon_and_its_action(make: Make, action: int, mode: str) -> None:
+    """Flying out of an inclusion polygon under offboard control leads to GF_ACTION."""
+    client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
+    client.airborne()
+    rows = square(client, (0, 0), 20.0)
+    assert upload(client, rows, 1) == 0
+    assert [one.frame for one in download(client, 1)] == [5] * 4
+    client.offboard(0, 0, -10)
+    client.fly(8.0, lambda: client.setpoint(50, 0, -10))
+    assert client.vehicle.condition().mode == mode
+    assert "Geofence violated\t" in client.texts()
+    assert client.vehicle.condition().failsafe == ("fence" if action != 1 else "")
+
+
+def test_px4_exclusions_and_missions(make: Make) -> None:
+    """A mission with a waypoint inside an exclusion is none, until the fence is gone."""
+    client = make()
+    client.fly(5.0)
+    assert upload(client, [(5004, 0, 10, 0, 0, 0, *client.vehicle_goal(0, 30), 0)], 1) == 0
+    assert upload(client, [to(client, 0, 30, 10)]) == 0
+    assert "Geofence violation for waypoint 1\t" in client.texts()
+    assert client.command(300) == [2]
+    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
+    step(client)
+    assert client.command(300) == [0]
+
+
+def test_ardupilot_circle_as_observed(make: Make) -> None:
+    """Beyond 40 m: RTL, both texts, FENCE_STATUS; GUIDED set outside is granted."""
+    client = airborne_ardupilot(make)
+    for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.command(511, 162, 200_000)
+    client.fly(0.1)
+    outwards(client, 12.0)
+    assert client.vehicle.condition().mode == "RTL"
+    assert client.texts()[-2:] == ["Circle fence breached", "Manual recovery started"]
+    north = client.vehicle.truth().position_enu_m[1]
+    assert 38.0 < north < 50.0
+    status = [one for one in client.heard if one.get_type() == "FENCE_STATUS"]
+    assert {(one.breach_status, one.breach_type) for one in status} == {(0, 0), (1, 3)}
+    assert client.last("FENCE_STATUS").breach_count == 1
+    assert client.command(176, 1, 4) == [0]
+    assert client.last("HEARTBEAT").system_status == 4
+
+
+def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
+    """DO_FENCE_ENABLE turns the fence on and off; a ceiling and a polygon lead home; other values fail."""
+    client = airborne_ardupilot(make)
+    client.say(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_ALT_MAX", 15.0, 9))
+    client.fly(0.1)
+    assert client.command(207, 7) == [4]
+    client.fly(6.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
+    assert client.vehicle.truth().position_enu_m[2] > 16.0
+    assert client.command(207, 1) == [0]
+    client.fly(0.3)
+    assert client.texts()[-2:] == ["Max Alt fence breached", "Manual recovery started"]
+    assert client.vehicle.condition().mode == "RTL"
+
+
+def test_ardupilot_polygons(make: Make) -> None:
+    """A polygon of two corners is no fence, with both texts; one of four holds."""
+    client = airborne_ardupilot(make)
+    assert upload(client, [corner(client, 0, 0, 2), corner(client, 9, 9, 2)], 1) == 1
+    assert client.texts()[-2:] == ["Invalid vertex count (2)", "Fence validation failed"]
+    assert upload(client, square(client, (0, 0), 20.0), 1) == 0
+    assert client.texts()[-1] == "Fence Indexed OK"
+    assert client.command(207, 1) == [0]
+    latitude, longitude = client.vehicle_goal(0, 60)
+    assert client.command_int(192, 6, -1, 1, 0, NAN, latitude, longitude, 10.0) == [4]
+    outwards(client, 7.0)
+    assert "Polygon fence breached" in client.texts()
+
+
+@pytest.mark.parametrize(("kind", "east"), [(0, 60.0), (3, 0.0)])
+def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: float) -> None:
+    """RTL_TYPE 0 counts rally points and home; another type goes home."""
+    client = make(simspec(vehicle={"parameters": {"RTL_TYPE": kind}}))
+    client.airborne()
+    rally = (5100, 3, 0, 0, 0, 0, *client.vehicle_goal(60, 0), 20)
+    assert upload(client, [rally], 2) == 0
+    client.command_int(192, 0, 8, 1, 0, NAN, *client.vehicle_goal(45, 0), 498.0)
+    client.fly(12.0)
+    assert client.command(20) == [0]
+    client.fly(80.0)
+    assert client.vehicle.condition().landed
+    assert math.dist(client.vehicle.truth().position_enu_m[:2], (east, 0.0)) < 1.0
+
+
+def test_ardupilot_rally_points(make: Make) -> None:
+    """Accepted without a text; RTL goes to the nearest, home among them."""
+    client = airborne_ardupilot(make)
+    said = len(client.texts())
+    assert upload(client, [(5100, 3, 0, 0, 0, 0, *client.vehicle_goal(0, 50), 15)], 2) == 0
+    assert len(client.texts()) == said
+    outwards(client, 8.0)
+    assert client.command(20) == [0]
+    client.fly(50.0)
+    assert client.vehicle.condition().landed
+    assert math.dist(client.vehicle.truth().position_enu_m[:2], (0.0, 50.0)) < 1.0

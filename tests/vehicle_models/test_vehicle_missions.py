@@ -1,0 +1,454 @@
+"""Missions: the protocol as each personality speaks it, and the flight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import NAN, Client, simspec
+
+Make = Callable[..., Client]
+Row = tuple[Any, ...]  # command, frame, params 1 to 4, x, y, z
+
+
+def item(seq: int, row: Row, kind: int = 0) -> Any:
+    command, frame, one, two, three, four, x, y, z = row
+    message = mavlink.MAVLink_mission_item_int_message
+    return message(1, 1, seq, frame, command, int(seq == 0), 1, one, two, three, four, x, y, z, kind)
+
+
+def step(client: Client) -> list[Any]:
+    """What the vehicle says of missions in one step."""
+    return [one for one in client.fly(0.02) if one.get_type().startswith("MISSION_") and one.get_type() != "MISSION_CURRENT"]
+
+
+def upload(client: Client, rows: Sequence[Row], kind: int = 0) -> int:
+    """Upload as a ground station does; the verdict."""
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, len(rows), kind))
+    for _ in range(4 * len(rows) + 4):
+        for said in step(client):
+            if said.get_type() == "MISSION_ACK":
+                verdict: int = said.type
+                return verdict
+            client.say(item(said.seq, rows[said.seq], kind))
+    raise AssertionError("no end of the upload")
+
+
+def download(client: Client, kind: int = 0) -> list[Any]:
+    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
+    (count,) = step(client)
+    found = []
+    for seq in range(count.count):
+        client.say(mavlink.MAVLink_mission_request_int_message(1, 1, seq, kind))
+        found += step(client)
+    client.say(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
+    client.fly(0.02)
+    return found
+
+
+def to(client: Client, east: float, north: float, height: float, command: int = 16, hold: float = 0.0, yaw: float = NAN) -> Row:
+    return (command, 3, hold, 0, 0, yaw, *client.vehicle_goal(east, north), height)
+
+
+def bare(command: int, *params: float) -> Row:
+    return (command, 2, *[*params, *[0.0] * (4 - len(params))], 0, 0, 0)
+
+
+def ready_px4(make: Make) -> Client:
+    client = make()
+    client.fly(5.0)
+    return client
+
+
+def ready_ardupilot(make: Make) -> Client:
+    client = make(simspec("ardupilot"), system=255)
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.fly(43.0)
+    return client
+
+
+def flown_ardupilot(make: Make, rows: Sequence[Row]) -> Client:
+    """In AUTO and on its way, as a ground station starts it."""
+    client = ready_ardupilot(make)
+    assert upload(client, rows) == 0
+    assert client.command(176, 1, 4) == [0]
+    assert client.command(400, 1) == [0]
+    assert client.command(176, 1, 3) == [0]
+    client.fly(1.0)
+    assert client.vehicle.condition().landed
+    assert client.command(300) == [0]
+    return client
+
+
+def reached(client: Client) -> list[int]:
+    seen: list[int] = []
+    for one in client.heard:
+        if one.get_type() == "MISSION_ITEM_REACHED" and (not seen or seen[-1] != one.seq):
+            seen.append(one.seq)
+    return seen
+
+
+def test_px4_stores_what_it_was_given(make: Make) -> None:
+    """Frames come back in the INT notation, the first item is current, the same plan is the same."""
+    client = ready_px4(make)
+    rows = [to(client, 0, 20, 10, yaw=0.0), bare(178, 1, 3.0, -1), (21, 0, 0, 0, 0, 0, *client.vehicle_goal(0, 0), 488.0)]
+    assert upload(client, rows) == 0
+    got = download(client)
+    assert [one.frame for one in got] == [6, 2, 5]
+    assert [one.command for one in got] == [16, 178, 21]
+    assert [one.current for one in got] == [1, 0, 0]
+    assert (got[0].x, got[0].y, got[0].z) == rows[0][6:]
+    client.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
+    (as_float,) = step(client)
+    assert as_float.get_type() == "MISSION_ITEM"
+    assert as_float.frame == 3
+    assert as_float.x == pytest.approx(rows[0][6] * 1e-7, abs=1e-5)
+    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    (ack,) = step(client)
+    assert (ack.type, ack.mission_type) == (0, 255)
+    assert download(client) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "kind", "verdict"),
+    [
+        ((31999, 3, 0, 0, 0, 0, 0, 0, 0), 0, 3),
+        ((16, 1, 0, 0, 0, 0, 0, 0, 0), 0, 2),
+        ((5001, 3, 2, 0, 0, 0, 0, 0, 0), 1, 1),
+        ((16, 3, 0, 0, 0, 0, 2000000000, 0, 10), 0, 0),
+        ((16, 3, 0, 0, 0, 0, 470000000, 80000000, NAN), 0, 0),
+    ],
+)
+def test_px4_refuses_the_items_that_the_real_one_does(make: Make, row: Row, kind: int, verdict: int) -> None:
+    """Unknown command, wrong frame, too few vertices; not a latitude of 200 degrees, nor an altitude of NaN."""
+    client = ready_px4(make)
+    assert upload(client, [row], kind) == verdict
+    assert ("IGN MISSION_ITEM: Invalid item\t" in client.texts()) == (verdict in (2, 3))
+
+
+def test_px4_asks_again_and_gives_up_without_an_answer(make: Make) -> None:
+    """Every 0.26 s for 5.1 s, then a text, no acknowledgement, and the old plan stays."""
+    client = ready_px4(make)
+    assert upload(client, [to(client, 0, 20, 10)]) == 0
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    said = client.fly(7.0)
+    asked = [one for one in said if one.get_type() == "MISSION_REQUEST_INT"]
+    assert 19 <= len(asked) <= 22
+    assert not [one for one in said if one.get_type() == "MISSION_ACK"]
+    assert "Operation timeout\t" in client.texts()
+    assert len(download(client)) == 1
+
+
+def test_px4_type_that_is_none_and_item_that_nobody_asked_for(make: Make) -> None:
+    """NO_SPACE and ERROR; a count during an unfinished download is an ERROR; a request out of range is silence."""
+    client = ready_px4(make)
+    assert upload(client, [to(client, 0, 20, 10)]) == 0
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 99))
+    assert [one.type for one in step(client)] == [4]
+    client.say(item(7, to(client, 0, 20, 10)))
+    assert [one.type for one in step(client)] == [1]
+    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    step(client)
+    client.say(mavlink.MAVLink_mission_request_int_message(1, 1, 5, 0))
+    assert step(client) == []
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    assert [one.type for one in step(client)] == [1]
+
+
+def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
+    """Waypoints and speeds, no takeoff item, started by the mode: climbs, flies, returns; reports as the real one."""
+    client = make(streams="onboard")
+    client.fly(5.0)
+    rows = [to(client, 0, 30, 10), bare(178, 1, 3.0, -1), to(client, 30, 30, 10), bare(178, 1, 8.0, -1), bare(20)]
+    assert upload(client, rows) == 0
+    assert client.command(400, 1) == [0]
+    assert client.command(176, 1, 4, 4) == [0, 0]
+    client.fly(12.0)
+    assert client.vehicle.condition().mode == "AUTO_MISSION"
+    assert client.last("MISSION_CURRENT").mission_state == 3
+    client.fly(20.0)
+    assert reached(client)[:2] == [0, 1]
+    client.fly(90.0)
+    texts = client.texts()
+    wanted = [
+        "Executing Mission\t",
+        "Climb to 10.0 meters above home\t",
+        "Mission finished, loitering\t",
+        "Returning to launch\t",
+    ]
+    assert [one for one in texts if one in wanted] == wanted
+    currents = [one.seq for one in client.heard if one.get_type() == "MISSION_CURRENT"]
+    assert sorted(set(currents)) == [0, 2, 4]
+    assert client.last("MISSION_CURRENT").mission_state == 5
+    east, north, up = client.vehicle.truth().position_enu_m
+    assert math.hypot(east, north) < 1.0
+    assert up < 0.1
+    assert not client.vehicle.condition().armed
+
+
+def test_px4_without_a_mission(make: Make) -> None:
+    """The start is denied with a text; the mode is granted on the ground and refused in the air."""
+    client = ready_px4(make)
+    assert client.command(300) == [2]
+    assert "Mission start denied! No valid mission\t" in client.texts()
+    assert client.command(176, 1, 4, 4) == [0, 0]
+    client = make()
+    client.airborne()
+    assert client.command(176, 1, 4, 4) == [0, 1]
+    assert "Switching to Mission is currently not available\t" in client.texts()
+
+
+def test_px4_start_arms_and_set_current_jumps(make: Make) -> None:
+    """MISSION_START arms; MISSION_SET_CURRENT in flight goes to that item; out of range it says so."""
+    client = ready_px4(make)
+    assert upload(client, [to(client, 0, 20, 5, 22), to(client, 0, 40, 10), to(client, 40, 0, 10)]) == 0
+    assert client.command(300) == [0]
+    assert client.vehicle.condition().armed
+    client.fly(15.0)
+    client.say(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    client.fly(0.02)
+    client.say(mavlink.MAVLink_mission_set_current_message(1, 1, 9))
+    client.fly(25.0)
+    east, north, up = client.vehicle.truth().position_enu_m
+    assert math.dist((east, north, up), (40, 0, 10)) < 1.0
+    assert "WPM: WP CURR CMD: Not in list\t" in client.texts()
+    assert client.texts()[-1] == "Mission finished, loitering\t"
+
+
+def test_px4_pauses_and_goes_on(make: Make) -> None:
+    """Hold stops it on its way; back in the mission it flies on to where it was going."""
+    client = make()
+    client.airborne()
+    assert upload(client, [to(client, 0, 60, 10, hold=1.0)]) == 0
+    assert client.command(176, 1, 4, 4) == [0, 0]
+    client.fly(6.0)
+    assert client.command(176, 1, 4, 3) == [0, 0]
+    client.fly(6.0)
+    held = client.vehicle.truth().position_enu_m[1]
+    assert 10 < held < 50
+    assert client.command(176, 1, 4, 4) == [0, 0]
+    client.fly(20.0)
+    assert client.vehicle.truth().position_enu_m[1] == pytest.approx(60.0, abs=0.5)
+
+
+def test_passing_waypoints_keeps_the_speed(make: Make) -> None:
+    """Straight through a waypoint without a hold: never slower than 4 m/s; with one it stops."""
+    client = make()
+    client.airborne()
+    assert upload(client, [to(client, 0, 25, 10), to(client, 0, 50, 10), to(client, 0, 90, 10)]) == 0
+    client.command(176, 1, 4, 4)
+    slowest = 99.0
+    while client.vehicle.truth().position_enu_m[1] < 60.0:
+        client.fly(0.1)
+        if client.vehicle.truth().position_enu_m[1] > 10.0:
+            slowest = min(slowest, client.vehicle.truth().velocity_enu_mps[1])
+    assert slowest > 4.0
+
+
+def test_jumps_turns_nothing_and_far_away(make: Make) -> None:
+    """A jump is taken twice and no more; a ring of jumps ends the mission; 100 km away is flown to, not fallen over."""
+    client = make()
+    client.airborne()
+    rows = [to(client, 0, 0, 10), to(client, 0, 12, 10), bare(177, 0, 2)]
+    assert upload(client, rows) == 0
+    client.command(176, 1, 4, 4)
+    client.fly(40.0)
+    assert reached(client) == [0, 1, 0, 1, 0, 1]
+    assert client.texts()[-1] == "Mission finished, loitering\t"
+    assert upload(client, [bare(177, 1, -1), bare(177, 0, -1)]) == 0
+    client.fly(1.0)
+    assert upload(client, [to(client, 100_000, 0, 10)]) == 0
+    client.fly(10.0)
+    assert client.vehicle.truth().position_enu_m[0] > 15.0
+    assert not client.vehicle.condition().crashed
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> None:
+    """NaN, infinities and huge numbers in every field, stored or refused, flown or not."""
+    client = ready_px4(make) if autopilot == "px4" else ready_ardupilot(make)
+    big = 2**31 - 1
+    for value in (NAN, math.inf, -math.inf, 3e38, -3e38):
+        for command in (16, 17, 18, 19, 20, 21, 22, 31, 93, 112, 115, 177, 178, 195, 201, 5001, 5003, 5100):
+            for frame in (0, 2, 3, 6, 10):
+                for kind in (0, 1, 2):
+                    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, kind))
+                    client.say(item(0, (command, frame, value, value, value, value, big, -big, value), kind))
+                    client.say(item(1, (command, frame, value, value, value, value, 473000000, 85000000, value), kind))
+        client.fly(1.0)
+    client.fly(10.0)
+    if autopilot == "px4":
+        assert client.command(400, 1) == [0]
+        client.command(300)
+    client.fly(5.0)
+    assert not client.vehicle.condition().crashed
+
+
+def test_ardupilot_upload_and_download(make: Make) -> None:
+    """MISSION_REQUEST without INT, home as item 0, frames 3 and 0, the text; a partial write; the end of the list."""
+    client = ready_ardupilot(make)
+    rows = [to(client, 5, 5, 0), to(client, 0, 20, 10, yaw=0.0), bare(178, 1, 3.0)]
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    assert step(client)[0].get_type() == "MISSION_REQUEST"
+    assert upload(client, rows) == 0
+    assert "Flight plan received" in client.texts()
+    got = download(client)
+    assert [one.frame for one in got] == [0, 3, 0]
+    assert [one.current for one in got] == [0, 0, 0]
+    home = client.last("HOME_POSITION")
+    assert (got[0].x, got[0].y) == (home.latitude, home.longitude)
+    client.say(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 1, 1, 0))
+    (asked,) = step(client)
+    client.say(item(asked.seq, to(client, 0, 44, 12, yaw=0.0)))
+    assert step(client)[0].type == 0
+    assert [one.z for one in download(client)][1:] == [12.0, 0.0]
+    client.say(mavlink.MAVLink_mission_request_int_message(1, 1, 9, 0))
+    assert step(client)[0].type == 1
+    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    assert step(client)[0].type == 3
+
+
+def test_ardupilot_upload_times_out_and_has_lost_the_old_plan(make: Make) -> None:
+    """Asked again every second, cancelled after 8 s; the store was cleared as it began."""
+    client = ready_ardupilot(make)
+    assert upload(client, [to(client, 0, 0, 0), to(client, 0, 20, 10)]) == 0
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    said = [one for one in client.fly(9.0) if one.get_type().startswith("MISSION_")]
+    assert [one.get_type() for one in said] == ["MISSION_REQUEST"] * 8 + ["MISSION_ACK"]
+    assert said[-1].type == 15
+    assert "Mission upload timeout" in client.texts()
+    assert download(client) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "verdict"),
+    [
+        ((400, 3, 0, 0, 0, 0, 0, 0, 0), 3),
+        ((16, 1, 0, 0, 0, 0, 0, 0, 0), 2),
+        ((16, 3, 0, 0, 0, 0, 950000000, 0, 0), 10),
+        ((16, 3, 0, 0, 0, 0, 0, 2000000000, 0), 11),
+        ((16, 3, 0, 0, 0, 0, 0, 0, NAN), 12),
+        ((16, 3, NAN, 0, 0, 0, 0, 0, 0), 6),
+        ((16, 3, 0, 0, 0, NAN, 0, 0, 10), 0),
+        ((177, 2, 9, 1, 0, 0, 0, 0, 0), 1),
+    ],
+)
+def test_ardupilot_refuses_field_by_field(make: Make, row: Row, verdict: int) -> None:
+    """The verdicts that the real one was seen to give."""
+    client = ready_ardupilot(make)
+    assert upload(client, [to(client, 0, 0, 0), row]) == verdict
+
+
+def test_ardupilot_counts_and_sequences(make: Make) -> None:
+    """Too many, another sequence, a type that is none, an item without an upload."""
+    client = ready_ardupilot(make)
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 5000, 0))
+    assert step(client)[0].type == 4
+    assert "Only 650 items are supported" in client.texts()
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    step(client)
+    client.say(item(2, to(client, 0, 0, 0)))
+    assert step(client)[0].type == 13
+    client.say(item(0, to(client, 0, 0, 0)))
+    assert step(client)[0].type == 1
+    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, 7))
+    assert (step(client)[0].type, client.last("MISSION_ACK").mission_type) == (3, 7)
+
+
+def test_ardupilot_flies_as_observed(make: Make) -> None:
+    """The texts and the items reached, in the order in which the real one gave them."""
+    client = make(simspec("ardupilot"), system=255)
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.fly(43.0)
+    rows = [
+        to(client, 0, 0, 0),
+        to(client, 0, 0, 10, 22),
+        to(client, 0, 20, 10),
+        bare(178, 1, 3.0),
+        to(client, 20, 20, 10),
+        bare(20),
+    ]
+    assert upload(client, rows) == 0
+    assert client.command(176, 1, 3) == [0]
+    client.fly(0.1)
+    assert client.texts()[-1] == "Mission: 1 Takeoff"
+    assert client.command(400, 1) == [4]
+    assert "Arm: AUTO mode not armable" in client.texts()
+    client.command(176, 1, 4)
+    assert client.command(400, 1) == [0]
+    client.command(176, 1, 3)
+    client.fly(2.0)
+    assert client.vehicle.condition().landed
+    assert client.command(300) == [0]
+    begun = len(client.heard)
+    client.fly(90.0)
+    log = [
+        one.text if one.get_type() == "STATUSTEXT" else one.seq
+        for one in client.heard[begun:]
+        if one.get_type() in ("STATUSTEXT", "MISSION_ITEM_REACHED")
+    ]
+    assert log == [
+        1,
+        "Mission: 2 WP",
+        "Reached command #2",
+        3,
+        "Mission: 3 ChangeSpeed",
+        "Mission: 4 WP",
+        "Reached command #4",
+        4,
+        "Mission: 5 RTL",
+        5,
+        "Disarming motors",
+    ]
+    assert client.vehicle.condition().mode == "AUTO"
+    assert math.hypot(*client.vehicle.truth().position_enu_m[:2]) < 1.0
+
+
+def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
+    """Two turns of 8 m, a loiter of 5 s, the current item by command; refused without a mission."""
+    client = ready_ardupilot(make)
+    assert client.command(224, 1) == [2]
+    client = make(simspec("ardupilot"), system=255)
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.fly(43.0)
+    turns = (18, 3, 2, 0, 8, 0, *client.vehicle_goal(0, 20), 10)
+    rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), turns, to(client, 0, 40, 10, 19, hold=5.0), to(client, 0, 0, 0, 21)]
+    assert upload(client, rows) == 0
+    client.command(176, 1, 4)
+    client.command(400, 1)
+    client.command(176, 1, 3)
+    client.command(300)
+    client.fly(15.0)
+    seen = []
+    while "Mission: 3 LoitTime" not in client.texts():
+        client.fly(0.5)
+        assert client.vehicle.time.s < 150.0
+        east, north, _ = client.vehicle.truth().position_enu_m
+        seen.append(math.hypot(east, north - 20.0))
+    assert len(seen) * 0.5 > 2 * 2 * math.pi * 8 / 10.0
+    assert 6.0 < sorted(seen)[len(seen) // 2] < 10.0
+    client.fly(4.0)
+    assert client.command(224, 2) == [0]
+    assert client.command(224, 77) == [2]
+    client.fly(2.0)
+    assert client.texts()[-1] == "Mission: 2 LoitTurns"
+    assert client.command(224, 4) == [0]
+    client.fly(45.0)
+    assert client.vehicle.condition().landed
+    assert client.texts()[-1] == "Disarming motors"
+
+
+def test_region_of_interest_turns_the_nose(make: Make) -> None:
+    """Along a leg north the vehicle looks at a place in the east, until there is none."""
+    client = make()
+    client.airborne()
+    look = (195, 3, 0, 0, 0, 0, *client.vehicle_goal(200, 0), 0)
+    assert upload(client, [look, to(client, 0, 30, 10, hold=1.0), bare(197), to(client, 0, 60, 10, hold=1.0)]) == 0
+    client.command(176, 1, 4, 4)
+    client.fly(5.0)
+    assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(95.0, abs=10.0)
+    client.fly(10.0)
+    assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(0.0, abs=10.0)

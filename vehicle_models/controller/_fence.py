@@ -1,0 +1,200 @@
+"""The fence: where the vehicle may be, what happens when it is elsewhere; and the places to which it may return."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ._board import Board, Command, CommandHandler, Handler, Result
+from ._fence_policy import Breach, FenceLimits
+from ._flight import Airframe, Behaviour, Flight, Home
+from ._mission_store import Item, Plan, Plans
+from ._modes import Modes
+
+FENCE_ENABLE = 207
+INCLUSION, EXCLUSION, CIRCLE_INCLUSION, CIRCLE_EXCLUSION = 5001, 5002, 5003, 5004
+_LOOKS_NS = 100_000_000  # ten looks a second are enough for what moves at 20 m/s
+_BACK_M = 1.0  # so far inside a breach is over
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A polygon, or a circle around its one corner; north and east metres."""
+
+    corners: tuple[Place, ...]
+    radius_m: float
+    keeps_in: bool
+
+    def contains(self, place: Place) -> bool:
+        if len(self.corners) == 1:
+            return math.dist(place, self.corners[0]) <= self.radius_m
+        inside, (north, east) = False, place
+        before = self.corners[-1]
+        for corner in self.corners:
+            if (corner[1] > east) != (before[1] > east):
+                crossing = corner[0] + (east - corner[1]) * (before[0] - corner[0]) / (before[1] - corner[1])
+                inside ^= north < crossing
+            before = corner
+        return inside
+
+
+def areas(plan: Plan, airframe: Airframe) -> tuple[Area, ...]:
+    """The areas of a fence plan; what is incomplete or not on Earth is left out."""
+    found: list[Area] = []
+    at = 0
+    while at < len(plan.items):
+        item = plan.items[at]
+        polygon = item.command in (INCLUSION, EXCLUSION)
+        count = int(min(max(item.params[0], 1.0), 1e5)) if polygon and math.isfinite(item.params[0]) else 1
+        corners = [_local(one, airframe) for one in plan.items[at : at + count]]
+        known = tuple(one for one in corners if one is not None)
+        keeps_in = item.command in (INCLUSION, CIRCLE_INCLUSION)
+        whole = len(known) == count
+        if polygon and whole and count >= 3:
+            found.append(Area(known, 0.0, keeps_in))
+        elif item.command in (CIRCLE_INCLUSION, CIRCLE_EXCLUSION) and known and item.params[0] > 0.0:
+            found.append(Area(known, item.params[0], keeps_in))
+        at += count
+    return tuple(found)
+
+
+def _local(item: Item, airframe: Airframe) -> Place | None:
+    degrees = item.place_deg
+    return airframe.to_local_m(*degrees) if degrees else None
+
+
+class Fence:
+    """Watches the fence while the vehicle is armed; DO_FENCE_ENABLE where there is one. One action a breach."""
+
+    def __init__(self, board: Board, modes: Modes, plans: Plans) -> None:
+        self._board, self._modes, self._plan = board, modes, plans.fence
+        self._policy = board.personality.fence
+        self._areas: tuple[Area, ...] = ()
+        self._due_ns = 0
+        self._limits: FenceLimits = self._policy.limits(board.parameters)
+        self._enabled: bool | None = None  # as commanded; None: as the parameter says
+        self._breach, self._since_ns, self._count, self._acted = Breach.NONE, 0, 0, Breach.NONE
+        board.allows = self.allows
+        self._plan.on_change.append(self._plan_changed)
+        board.parameters.on_change(self._parameters_changed)
+
+    def handlers(self) -> Mapping[str, Handler]:
+        return {}
+
+    def commands(self) -> Mapping[int, CommandHandler]:
+        return {FENCE_ENABLE: self._enable} if self._policy.can_be_enabled else {}
+
+    @property
+    def on(self) -> bool:
+        """Whether the fence is watched."""
+        name = self._policy.enabling
+        if name is None:
+            return self._limits.action is not None
+        return bool(self._board.parameters[name]) if self._enabled is None else self._enabled
+
+    def tick(self) -> None:
+        flight = self._board.flight
+        if flight.time_ns < self._due_ns:
+            return
+        self._due_ns = flight.time_ns + _LOOKS_NS
+        if not flight.armed or not flight.flying or not self.on:
+            self._acted = self._breach = Breach.NONE
+            return
+        here = (flight.north_m, flight.east_m)
+        self._breach = self.beyond(here, flight.height_m, 0.0)
+        if self._breach is not Breach.NONE and self._acted is Breach.NONE:
+            self._act(flight)
+        elif self._acted is not Breach.NONE and self.beyond(here, flight.height_m, _BACK_M) is Breach.NONE:
+            self._acted = Breach.NONE
+
+    def beyond(self, place: Place, height_m: float, margin_m: float) -> Breach:
+        """What of the fence a place lies beyond, were the fence nearer by a margin."""
+        limits, home = self._limits, self._board.flight.home
+        if limits.ceiling_m is not None and height_m > limits.ceiling_m - margin_m:
+            return Breach.CEILING
+        away_m = math.hypot(place[0] - home.north_m, place[1] - home.east_m) if home else 0.0
+        if limits.radius_m is not None and away_m > limits.radius_m - margin_m:
+            return Breach.CIRCLE
+        return Breach.NONE if not limits.polygons or self._inside(place) else Breach.POLYGON
+
+    def allows(self, north_m: float, east_m: float, down_m: float) -> bool:
+        """Whether a place in the local frame may be flown to."""
+        home = self._board.flight.home
+        height = (home.down_m if home else 0.0) - down_m
+        return not self.on or self.beyond((north_m, east_m), height, 0.0) is Breach.NONE
+
+    def status(self) -> tuple[Any, ...] | None:
+        """Values of FENCE_STATUS in wire order; None while there is no fence."""
+        if not self.on:
+            return None
+        kind = min(self._breach, Breach.CIRCLE)  # a polygon is a boundary as well
+        return (self._since_ns // 1_000_000, self._count, int(self._breach is not Breach.NONE), int(kind), 0)
+
+    def _inside(self, place: Place) -> bool:
+        inclusions = [one for one in self._areas if one.keeps_in]
+        if any(one.contains(place) for one in self._areas if not one.keeps_in):
+            return False
+        if not inclusions:
+            return True
+        enough = any if self._policy.needs_one else all
+        return enough(one.contains(place) for one in inclusions)
+
+    def _act(self, flight: Flight) -> None:
+        policy, action = self._policy, self._limits.action
+        self._acted, self._since_ns, self._count = self._breach, flight.time_ns, min(self._count + 1, 65535)
+        if self._breach in policy.texts:
+            self._board.texts.say(*policy.texts[self._breach])
+        if action is None or action is Behaviour.FOLLOW:
+            return  # a warning only
+        self._modes.to(action)
+        if policy.marks_failsafe:
+            flight.failsafe = "fence"
+        if policy.action_text:
+            self._board.texts.say(*policy.action_text)
+
+    def _enable(self, command: Command) -> Result | None:
+        if command.params[0] not in (0.0, 1.0, 2.0):
+            return Result.FAILED
+        if command.params[0] != 2.0:  # 2 turns the floor off, which is not watched here
+            self._enabled = command.params[0] == 1.0
+        return Result.ACCEPTED
+
+    def _plan_changed(self) -> None:
+        self._areas = areas(self._plan, self._board.airframe)
+
+    def _parameters_changed(self) -> None:
+        self._limits = self._policy.limits(self._board.parameters)
+        name = self._policy.enabling
+        if name and self._enabled is not None and bool(self._board.parameters[name]) == self._enabled:
+            self._enabled = None
+
+
+class Rally:
+    """Where a return goes: home, or the nearest rally point where the autopilot counts them."""
+
+    def __init__(self, board: Board, plans: Plans) -> None:
+        self._board, self._plan = board, plans.rally
+        self._policy = board.personality.fence
+        self._points: tuple[tuple[Item, Place], ...] = ()
+        self._plan.on_change.append(self._plan_changed)
+
+    def refuge(self, flight: Flight) -> Home | None:
+        """The place to return to, with home's height for its ground."""
+        home, p = flight.home, self._board.parameters
+        if home is None or not self._points or not self._policy.uses_rally(p):
+            return home
+        away = [(math.hypot(place[0] - flight.north_m, place[1] - flight.east_m), item, place) for item, place in self._points]
+        nearest = min(away, key=lambda one: one[0])
+        if nearest[0] > self._policy.rally_limit_m(p):
+            return home
+        if self._policy.home_counts(p) and math.hypot(home.north_m - flight.north_m, home.east_m - flight.east_m) <= nearest[0]:
+            return home
+        item, (north, east) = nearest[1:]
+        return replace(home, latitude_e7=item.x, longitude_e7=item.y, north_m=north, east_m=east)
+
+    def _plan_changed(self) -> None:
+        places = [(item, _local(item, self._board.airframe)) for item in self._plan.items]
+        self._points = tuple((item, place) for item, place in places if place)

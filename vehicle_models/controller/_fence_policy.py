@@ -1,0 +1,62 @@
+"""What an autopilot's personality has to say about fences."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+from ._board import Result
+from ._flight import Behaviour
+from ._mission_policy import Text
+from ._parameters import ParameterStore
+
+
+class Breach(IntEnum):
+    """What was passed; values of FENCE_BREACH where there is one."""
+
+    NONE = 0
+    FLOOR = 1
+    CEILING = 2
+    CIRCLE = 3
+    POLYGON = 4
+
+
+@dataclass(frozen=True, slots=True)
+class FenceLimits:
+    """The fence as the parameters have it; distances from home, None for no limit."""
+
+    radius_m: float | None
+    ceiling_m: float | None
+    polygons: bool
+    action: Behaviour | None
+
+
+class FencePolicy(ABC):
+    """One autopilot's way with fences."""
+
+    texts: ClassVar[Mapping[Breach, Text]]
+    action_text: ClassVar[Text | None]
+    marks_failsafe: ClassVar[bool]
+    needs_one: ClassVar[bool]  # inside one of several inclusions is enough, else inside all
+    can_be_enabled: ClassVar[bool]  # DO_FENCE_ENABLE
+    enabling: ClassVar[str | None]  # the parameter that turns the fence on; None: it is always on
+    outside: ClassVar[tuple[Result, tuple[Text, ...]]]  # what a command to go outside gets
+
+    @abstractmethod
+    def limits(self, p: ParameterStore) -> FenceLimits:
+        """The fence as the present parameters have it."""
+
+    @abstractmethod
+    def rally_limit_m(self, p: ParameterStore) -> float:
+        """Rally points farther away than this do not count."""
+
+    @abstractmethod
+    def home_counts(self, p: ParameterStore) -> bool:
+        """Whether home is one of the places to return to beside rally points."""
+
+    @abstractmethod
+    def uses_rally(self, p: ParameterStore) -> bool:
+        """Whether a return goes to rally points at all."""

@@ -1,0 +1,52 @@
+"""ArduCopter's fence and rally points."""
+
+from __future__ import annotations
+
+from .._board import Result
+from .._fence_policy import Breach, FenceLimits, FencePolicy
+from .._flight import Behaviour
+from .._parameters import ParameterStore
+from .._texts import INFO, NOTICE
+
+_CEILING, _CIRCLE, _POLYGON = 1, 2, 4  # FENCE_TYPE
+# FENCE_ACTION: return, land, smart return, brake, smart return or land. FOLLOW stands for "nothing but a report".
+_ACTIONS = {
+    0: Behaviour.FOLLOW,
+    1: Behaviour.RETURN,
+    2: Behaviour.LAND,
+    3: Behaviour.RETURN,
+    4: Behaviour.HOLD,
+    5: Behaviour.RETURN,
+}
+
+
+class ArduPilotFence(FencePolicy):
+    texts = {
+        Breach.CEILING: (NOTICE, "Max Alt fence breached"),
+        Breach.CIRCLE: (NOTICE, "Circle fence breached"),
+        Breach.POLYGON: (NOTICE, "Polygon fence breached"),
+    }
+    action_text = (INFO, "Manual recovery started")
+    marks_failsafe = False
+    needs_one = False
+    can_be_enabled = True
+    enabling = "FENCE_ENABLE"
+    outside = (Result.FAILED, ())
+
+    def limits(self, p: ParameterStore) -> FenceLimits:
+        kinds = int(p["FENCE_TYPE"])
+        return FenceLimits(
+            radius_m=max(p["FENCE_RADIUS"], 1.0) if kinds & _CIRCLE else None,
+            ceiling_m=p["FENCE_ALT_MAX"] if kinds & _CEILING else None,
+            polygons=bool(kinds & _POLYGON),
+            action=_ACTIONS.get(int(p["FENCE_ACTION"]), Behaviour.RETURN),
+        )
+
+    def rally_limit_m(self, p: ParameterStore) -> float:
+        return p["RALLY_LIMIT_KM"] * 1000.0 if p["RALLY_LIMIT_KM"] > 0.0 else float("inf")
+
+    def home_counts(self, p: ParameterStore) -> bool:
+        return bool(p["RALLY_INCL_HOME"])
+
+    def uses_rally(self, p: ParameterStore) -> bool:
+        return True
