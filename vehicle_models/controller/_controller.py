@@ -11,10 +11,13 @@ from ._arming import Arming
 from ._board import Board, Handler, Sender, Service
 from ._clock import Clock
 from ._commands import Commands
+from ._events import Events
 from ._failsafe import Failsafe
 from ._fence import Fence, Rally
+from ._files import Files
 from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
+from ._ftp import FileTransfer
 from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
 from ._home import HomeKeeper
 from ._identity import Identity
@@ -71,6 +74,9 @@ class Controller:
             modes.on_change.append(self._streams.heartbeat_now)
         identity = Identity(board)
         self._streams.add_answers(identity.answers())
+        events = Events(board, personality.event_names)
+        telemetry.event_sequence = lambda: events.sequence
+        files = FileTransfer(board, Files(personality.files(parameters)), personality.file_sessions)
         commands = Commands(board)
         navigator = Navigator(board, modes, self._guidance)
         telemetry.orbit = navigator.orbit_status
@@ -87,6 +93,8 @@ class Controller:
             Parameters(board),
             Clock(board),
             identity,
+            events,
+            files,
             MissionProtocol(board, plans),
             home,
             self._setpoints,

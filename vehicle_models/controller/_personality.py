@@ -9,9 +9,12 @@ from enum import Enum, auto
 from typing import ClassVar, Literal
 
 from ._board import Command, Result
+from ._events import EventName
 from ._failsafe_policy import Failsafes
 from ._fence_policy import FencePolicy
+from ._files import Content
 from ._flight import Behaviour, Flight, Mode
+from ._metadata import Metadata
 from ._mission_policy import MissionPolicy
 from ._parameters import Parameter, ParameterStore, ParameterStyle
 
@@ -166,6 +169,13 @@ class Personality(ABC):
     flight_custom_version: ClassVar[bytes]
     uid: ClassVar[int]
     board_version: ClassVar[int]
+    uid2: ClassVar[bytes] = b""
+    protocol_versions: ClassVar[tuple[int, int, int] | None] = None  # spoken, least, most; None: it does not say
+    standard_modes: ClassVar[Mapping[str, int]] = {}  # MAV_STANDARD_MODE by name; empty: modes are not listed
+    event_names: ClassVar[tuple[EventName, ...]] = ()  # empty: it has no events
+    metadata: ClassVar[Metadata | None] = None
+    file_sessions: ClassVar[int] = 1  # files open at once
+    answers_after_ack: ClassVar[bool] = False  # REQUEST_MESSAGE: the message comes behind the acknowledgement
     vtol_state: ClassVar[int]
     no_mission_total: ClassVar[int]  # MISSION_CURRENT.total without a mission
     gps_fields: ClassVar[GpsFields]
@@ -274,6 +284,10 @@ class Personality(ABC):
 
     def mode_of(self, custom: int) -> Mode | None:
         return next((mode for mode in self.modes if mode.custom == custom), None)
+
+    def files(self, parameters: ParameterStore) -> Mapping[str, Content]:
+        """What MAVLink FTP serves."""
+        return self.metadata.contents() if self.metadata else {}
 
     def boot_texts(self) -> Sequence[tuple[Seconds, int, str]]:
         """What is said while starting: seconds, severity, text; in order."""

@@ -39,6 +39,7 @@ class Streams:
             self._reset(channel)
         self._extra: dict[int, Any] = {}
         self._after: list[tuple[Channel, int]] = []
+        self._answers: list[tuple[Channel, str, dict[str, Any]]] = []  # said behind their acknowledgements
 
     def handlers(self) -> Mapping[str, Handler]:
         return {"REQUEST_DATA_STREAM": self._request_group}
@@ -73,6 +74,9 @@ class Streams:
             if values is not None:
                 channel.say(number, values)
         self._after.clear()
+        for channel, name, fields in self._answers:
+            channel.tell(name, **fields)
+        self._answers.clear()
 
     def heartbeat_now(self) -> None:
         """Send a heartbeat with this step, behind what is being answered, beside those that are due."""
@@ -136,7 +140,11 @@ class Streams:
             fields = fields_of(command)
             if fields is None:
                 return self._board.personality.unknown_request
-            channel.tell(name, **fields)
+            for one in fields if isinstance(fields, list) else [fields]:
+                if self._board.personality.answers_after_ack:
+                    self._answers.append((channel, name, one))
+                else:
+                    channel.tell(name, **one)
             return Result.ACCEPTED
         if number in self._supported:
             self._after.append((channel, number))

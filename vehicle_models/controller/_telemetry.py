@@ -82,6 +82,8 @@ class Telemetry:
             "ESTIMATOR_STATUS": self._estimator,
             "BATTERY_STATUS": self._battery,
             "HOME_POSITION": self._home,
+            "CURRENT_MODE": self._current_mode,
+            "CURRENT_EVENT_SEQUENCE": lambda: (self.event_sequence(), 0),
             "GPS_GLOBAL_ORIGIN": self._origin,
             "ORBIT_EXECUTION_STATUS": lambda: self.orbit(),
             "VIBRATION": lambda: (self._flight.time_us, 0.0, 0.0, 0.0, 0, 0, 0),
@@ -96,6 +98,7 @@ class Telemetry:
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
         self.orbit: Callable[[], Values | None] = lambda: None
         self.has_setpoints: Callable[[], bool] = lambda: False
+        self.event_sequence: Callable[[], int] = lambda: 0
         self.mission_current: Callable[[], Values] = lambda: (0, board.personality.no_mission_total, 1, 2, 0, 0, 0)
         self.fence_status: Callable[[], Values | None] = lambda: None
         self.charge_state: Callable[[], int] = lambda: 1
@@ -252,6 +255,10 @@ class Telemetry:
 
     def _millivolts(self) -> int:
         return max(round(self._board.personality.battery_volts(self._flight, self._board.parameters) * 1000.0), 0)
+
+    def _current_mode(self) -> Values:
+        mode = self._flight.mode
+        return (mode.custom, mode.custom, self._board.personality.standard_modes.get(mode.name, 0))
 
     def _home(self) -> Values | None:
         home = self._flight.home

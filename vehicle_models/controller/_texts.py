@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ._radio import Radio
 
 EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)
@@ -18,8 +20,11 @@ class Texts:
         self._radio = radio
         self._ending = ending
         self._id = 0
+        self.listeners: list[Callable[[int, str], None]] = []
 
     def say(self, severity: int, text: str) -> None:
+        for listener in self.listeners:
+            listener(severity, text)
         data = (text + self._ending).encode("ascii", "replace")
         pieces = [data[at : at + _PIECE] for at in range(0, len(data), _PIECE)]
         identity = 0

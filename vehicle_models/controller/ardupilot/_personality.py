@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from .._board import Command, Result
 from .._failsafe_policy import Failsafes
+from .._files import Content
 from .._flight import Behaviour, Flight, Landed, Mode
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle, Push
@@ -16,6 +18,7 @@ from ._failsafes import failsafes
 from ._fence import ArduPilotFence
 from ._missions import ArduPilotMissions
 from ._modes import MODES, REFUSING
+from ._packed_parameters import packed_parameters
 from ._parameters import PARAMETERS
 
 BOOT_S, PLACE_S, STABILIZE_READY_S, GUIDED_READY_S = 2.9, 20.0, 23.5, 42.5
@@ -101,6 +104,9 @@ class ArduPilot(Personality):
     flight_sw_version = 0x040603FF
     flight_custom_version = b"92b0cd78"
     uid = 0
+    uid2 = b"3a5c0f7e91d24b68a"  # the real one has its machine's id here
+    file_sessions = 5
+    answers_after_ack = True
     board_version = 0
     vtol_state = 3
     no_mission_total = 0
@@ -312,6 +318,9 @@ class ArduPilot(Personality):
 
     def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
         return None if self.knows_place(flight) else Refusal(Result.FAILED)
+
+    def files(self, parameters: ParameterStore) -> Mapping[str, Content]:
+        return {"@PARAM/param.pck": lambda query: packed_parameters(parameters, query)}
 
     def boot_texts(self) -> tuple[tuple[float, int, str], ...]:
         return (

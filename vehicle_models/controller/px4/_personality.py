@@ -8,12 +8,14 @@ from pathlib import Path
 from .._board import Command, Result
 from .._failsafe_policy import Failsafes
 from .._flight import Behaviour, Flight, Mode
+from .._metadata import Metadata
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle
 from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO
 from ._failsafes import failsafes
 from ._fence import Px4Fence
+from ._identity import EVENTS, STANDARD_MODES
 from ._missions import Px4Missions
 from ._modes import MODES
 from ._parameters import PARAMETERS
@@ -35,6 +37,8 @@ _COMMON_STREAMS = {
     "MISSION_CURRENT": 1.0,
     "BATTERY_STATUS": 0.5,
     "HOME_POSITION": 0.5,
+    "CURRENT_MODE": 0.5,
+    "CURRENT_EVENT_SEQUENCE": 1.0 / 3.0,
 }
 _ONBOARD = {
     **_COMMON_STREAMS,
@@ -128,7 +132,11 @@ class Px4(Personality):
     capabilities = 59647
     flight_sw_version = 0x01110080
     flight_custom_version = b"\0" * 8
-    uid = 0
+    uid = 5283920058631409231
+    protocol_versions = (200, 100, 203)
+    standard_modes = STANDARD_MODES
+    event_names = EVENTS
+    metadata = Metadata(parameters, EVENTS)
     board_version = 1
     vtol_state = 0
     no_mission_total = 65535

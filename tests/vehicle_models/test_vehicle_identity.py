@@ -1,0 +1,187 @@
+"""Who the autopilot says it is: version, protocol, modes, events, metadata; and its files over MAVLink FTP."""
+
+from __future__ import annotations
+
+import json
+import lzma
+import struct
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+from vehicle_client import Client, mavlink, simspec
+
+from vehicle_models.controller._ftp import Error, Op
+
+Make = Callable[..., Client]
+REQUEST = 512
+
+
+def only(messages: list[Any], name: str) -> list[Any]:
+    return [one for one in messages if one.get_type() == name]
+
+
+def ask(client: Client, number: int, index: float = 0.0) -> tuple[list[int], list[Any]]:
+    """Request a message: the results, and everything else heard."""
+    begun = len(client.heard)
+    results = client.command(REQUEST, number, index)
+    return results, client.heard[begun:]
+
+
+def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[Any]:
+    """One request; the answers of three steps as (opcode, size, asked, complete, offset, data)."""
+    size = fields.get("size", len(data))
+    head = struct.pack(
+        "<HBBBBBBI", fields.get("seq", 1), fields.get("session", 0), opcode, size, 0, 0, 0, fields.get("offset", 0)
+    )
+    client.say(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))]))
+    found = []
+    for one in only(client.fly(0.06), "FILE_TRANSFER_PROTOCOL"):
+        payload = bytes(one.payload)
+        _, _, op, length, asked, complete, _, offset = struct.unpack_from("<HBBBBBBI", payload)
+        found.append((op, length, asked, complete, offset, payload[12 : 12 + length]))
+    return found
+
+
+def fetch(client: Client, path: str) -> bytes:
+    """A whole file by open, read, terminate."""
+    (opened,) = ftp(client, Op.OPEN, path.encode(), seq=10)
+    assert opened[0] == Op.ACK
+    (size,) = struct.unpack("<I", opened[5])
+    data, seq = b"", 11
+    while len(data) < size:
+        (answer,) = ftp(client, Op.READ, size=239, offset=len(data), seq=seq)
+        data, seq = data + answer[5], seq + 1
+    assert ftp(client, Op.READ, size=239, offset=len(data), seq=seq)[0][5] == bytes([Error.END_OF_FILE])
+    assert ftp(client, Op.TERMINATE, seq=seq + 1)[0][0] == Op.ACK
+    return data
+
+
+def plain_crc(data: bytes) -> int:
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def test_px4_answers_who_it_is(make: Make) -> None:
+    """Version, protocol, component metadata and modes on request; a mode out of range and an unknown message are denied."""
+    client = make()
+    results, heard = ask(client, 148)
+    assert (results, only(heard, "AUTOPILOT_VERSION")[0].capabilities) == ([0], 59647)
+    results, heard = ask(client, 300)
+    protocol = only(heard, "PROTOCOL_VERSION")[0]
+    assert (results, protocol.version, protocol.min_version, protocol.max_version) == ([0], 200, 100, 203)
+    results, heard = ask(client, 435)
+    modes = only(heard, "AVAILABLE_MODES")
+    assert results == [0]
+    assert [one.mode_index for one in modes] == list(range(1, modes[0].number_modes + 1))
+    named = {one.custom_mode: one for one in modes}
+    assert (named[3 << 24 | 4 << 16].mode_name, named[3 << 24 | 4 << 16].standard_mode) == ("Hold", 0)
+    assert (named[5 << 24 | 4 << 16].mode_name, named[5 << 24 | 4 << 16].standard_mode) == ("", 5)
+    assert sum(one.mode_name == "(Mode not available)" and one.properties == 2 for one in modes) == 8
+    assert [len(only(ask(client, 435, index)[1], "AVAILABLE_MODES")) for index in (1, 200)] == [1, 0]
+    assert [ask(client, number, index)[0] for number, index in ((435, 200), (411, 0), (437, 0), (31999, 0))] == [[2]] * 4
+    assert only(ask(client, 436)[1], "CURRENT_MODE")[0].custom_mode == 3 << 24 | 4 << 16
+
+
+def test_ardupilot_acknowledges_first_and_has_no_modes_to_list(make: Make) -> None:
+    """The acknowledgement comes before the message; what it has no slot for is FAILED."""
+    client = make(simspec("ardupilot"))
+    results, heard = ask(client, 148)
+    assert results == [0]
+    assert [one.get_type() for one in heard if one.get_type() in ("COMMAND_ACK", "AUTOPILOT_VERSION")] == [
+        "COMMAND_ACK",
+        "AUTOPILOT_VERSION",
+    ]
+    version = only(heard, "AUTOPILOT_VERSION")[0]
+    assert (version.capabilities, bytes(version.uid2)[17]) == (64495, 0)
+    assert [ask(client, number)[0] for number in (300, 397, 435, 436, 411)] == [[4]] * 5
+
+
+def test_px4_events_are_numbered_and_kept(make: Make) -> None:
+    """A text that is an event comes as EVENT too; what was missed can be asked for, what never was is an error."""
+    client = make()
+    assert client.command(400, 1) == [1]
+    (event,) = only(client.heard, "EVENT")
+    assert (event.sequence, event.id >> 24, event.log_levels) == (0, 1, 0x22)
+    client.say(mavlink.MAVLink_request_event_message(1, 1, 0, 0))
+    assert [one.id for one in only(client.fly(0.02), "EVENT")] == [event.id]
+    client.say(mavlink.MAVLink_request_event_message(1, 1, 7, 9))
+    (error,) = only(client.fly(0.02), "RESPONSE_EVENT_ERROR")
+    assert (error.sequence, error.sequence_oldest_available) == (7, 0)
+
+
+def test_px4_metadata_can_be_followed(make: Make) -> None:
+    """COMPONENT_METADATA leads to the general file, and that to parameters and events, with checksums that hold."""
+    client = make()
+    (metadata,) = only(ask(client, 397)[1], "COMPONENT_METADATA")
+    assert metadata.uri == "mftp://etc/extras/component_general.json.xz"
+    packed = fetch(client, "etc/extras/component_general.json.xz")
+    assert plain_crc(packed) == metadata.file_crc
+    files = {}
+    for one in json.loads(lzma.decompress(packed))["metadataTypes"]:
+        content = fetch(client, one["uri"].removeprefix("mftp://"))
+        assert plain_crc(content) == one["fileCrc"]
+        files[one["type"]] = json.loads(lzma.decompress(content))
+    described = {one["name"]: one for one in files[1]["parameters"]}
+    takeoff = described["MIS_TAKEOFF_ALT"]
+    assert (takeoff["type"], takeoff["default"], takeoff["units"]) == ("Float", 2.5, "m")
+    client.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    listed = {one.param_id for one in only(client.fly(1.5), "PARAM_VALUE")} - {"_HASH_CHECK"}
+    assert listed == set(described)
+    assert client.command(400, 1) == [0]
+    event = only(client.heard, "EVENT")[-1]
+    events = files[4]["components"]["1"]["event_groups"]["default"]["events"]
+    assert events[str(event.id & 0xFFFFFF)]["name"] == "commander_armed_by"
+
+
+def test_files_are_listed_burst_and_guarded(make: Make) -> None:
+    """Listings, a burst with its end marked, checksums, and a refusal with its code for everything that cannot be."""
+    client = make()
+    assert ftp(client, Op.RESET, seq=1)[0][0] == Op.ACK
+    listed = ftp(client, Op.LIST, b"/etc/extras", seq=2)[0][5]
+    assert [one.split(b"\t")[0] for one in listed.split(b"\0")[:-1]] == [
+        b"Fall_events.json.xz",
+        b"Fcomponent_general.json.xz",
+        b"Fparameters.json.xz",
+    ]
+    assert ftp(client, Op.LIST, b"/etc/extras", seq=3, offset=3)[0][5] == bytes([Error.END_OF_FILE])
+    whole = fetch(client, "/etc/extras/parameters.json.xz")
+    ftp(client, Op.OPEN, b"/etc/extras/parameters.json.xz", seq=4)
+    assert ftp(client, Op.OPEN, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes([Error.NO_SESSIONS])
+    answers = ftp(client, Op.BURST, seq=6, size=239)
+    while not answers[-1][3]:
+        answers += [
+            (op, length, asked, complete, offset, data)
+            for one in only(client.fly(0.02), "FILE_TRANSFER_PROTOCOL")
+            for (_, _, op, length, asked, complete, _, offset), data in [
+                (struct.unpack_from("<HBBBBBBI", bytes(one.payload)), bytes(one.payload)[12 : 12 + bytes(one.payload)[4]])
+            ]
+        ]
+    assert b"".join(one[5] for one in answers) == whole
+    assert [one[3] for one in answers[:-1]] == [0] * (len(answers) - 1)
+    (checksum,) = ftp(client, Op.CRC32, b"etc/extras/parameters.json.xz", seq=7)
+    assert struct.unpack("<I", checksum[5])[0] == plain_crc(whole)
+    refusals = {
+        (Op.OPEN, b"@PARAM/param.pck"): Error.NO_SESSIONS,
+        (Op.CRC32, b"nothing"): Error.NOT_FOUND,
+        (Op.LIST, b"nowhere"): Error.NOT_FOUND,
+        (Op.REMOVE, b"etc/extras/parameters.json.xz"): Error.PROTECTED,
+        (99, b""): Error.UNKNOWN_COMMAND,
+    }
+    for seq, ((opcode, data), error) in enumerate(refusals.items(), start=20):
+        assert ftp(client, opcode, data, seq=seq) == [(Op.NAK, 1, opcode, 0, 0, bytes([error]))]
+    client.fly(11.0)  # the session that nobody used is closed by now
+    assert ftp(client, Op.OPEN, b"@PARAM/param.pck", seq=40)[0][5] == bytes([Error.NOT_FOUND])
+    assert ftp(client, Op.READ, seq=41)[0][5] == bytes([Error.INVALID_SESSION])
+
+
+def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
+    """`@PARAM/param.pck` as pymavlink's own decoder reads it: every name, kind and value."""
+    from pymavlink.mavftp import MAVFTP
+
+    client = make(simspec("ardupilot"))
+    assert ftp(client, Op.RESET, seq=1)[0][0] == Op.ACK
+    decoded = MAVFTP.ftp_param_decode(fetch(client, "@PARAM/param.pck?withdefaults=1"))
+    assert decoded is not None
+    found = {name.decode(): value for name, value, _ in decoded.params}
+    assert len(found) == len(decoded.params) > 700
+    assert (found["RTL_ALT"], found["GUID_TIMEOUT"], found["DISARM_DELAY"]) == (1500, 3.0, 10)
