@@ -19,6 +19,7 @@ from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
 from ._ftp import FileTransfer
 from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
+from ._health import Health
 from ._home import HomeKeeper
 from ._identity import Identity
 from ._links import Link
@@ -105,6 +106,7 @@ class Controller:
             missions,
             self._streams,
             fence,
+            Health(board),
             failsafe,
         ]
         self._handlers: dict[int, list[Handler]] = {}
@@ -112,7 +114,7 @@ class Controller:
             commands.add(service.commands())
             for name, handler in service.handlers().items():
                 self._handlers.setdefault(KINDS[name].id, []).append(handler)
-        self._boot = list(personality.boot_texts())
+        self._boot = list(personality.boot_texts(flight))
         self._decoder = Decoder()
         self._detector = LandDetector()
         self._unheard = 0

@@ -11,6 +11,7 @@ from ._guidance import Guidance, Takeoff
 from ._personality import Event, Refusal
 
 DO_SET_MODE = 176
+_SAID = {Behaviour.LAND: Event.LANDING, Behaviour.RETURN: Event.RETURNING, Behaviour.TERMINATE: Event.TERMINATED}
 
 
 class Modes:
@@ -43,7 +44,7 @@ class Modes:
         changed = mode is not board.flight.mode
         board.flight.mode = mode
         self._guidance.begin(mode.behaviour, board.flight)
-        event = {Behaviour.LAND: Event.LANDING, Behaviour.RETURN: Event.RETURNING}.get(mode.behaviour)
+        event = _SAID.get(mode.behaviour)
         if changed and event and event in board.personality.texts:
             board.texts.say(*board.personality.texts[event])
         if changed:

@@ -33,6 +33,7 @@ class Event(Enum):
     LANDING_DETECTED = auto()
     LANDING = auto()
     RETURNING = auto()
+    TERMINATED = auto()
     CRASHED = auto()
 
 
@@ -180,6 +181,7 @@ class Personality(ABC):
     no_mission_total: ClassVar[int]  # MISSION_CURRENT.total without a mission
     gps_fields: ClassVar[GpsFields]
     mode_after_landing: ClassVar[str | None]
+    checks_when_armed: ClassVar[Result]  # RUN_PREARM_CHECKS of an armed vehicle
     mode_acks_twice: ClassVar[bool]  # DO_SET_MODE: accepted at once, then the verdict
     set_mode_message_acks: ClassVar[bool]
     answers_ping: ClassVar[bool]
@@ -206,6 +208,14 @@ class Personality(ABC):
     @abstractmethod
     def failsafes(self, parameters: ParameterStore) -> Failsafes:
         """What is done about losses, as the present parameters have it."""
+
+    def prearm(self, flight: Flight, parameters: ParameterStore) -> tuple[str, ...]:
+        """Checks that keep the vehicle from being armed, where the autopilot says them of its own accord."""
+        return ()
+
+    def estimator_flags(self, flight: Flight) -> int:
+        """EKF_STATUS_REPORT.flags."""
+        return 0
 
     def battery_volts(self, flight: Flight, parameters: ParameterStore) -> float:
         """What the battery's voltage is said to be."""
@@ -289,6 +299,6 @@ class Personality(ABC):
         """What MAVLink FTP serves."""
         return self.metadata.contents() if self.metadata else {}
 
-    def boot_texts(self) -> Sequence[tuple[Seconds, int, str]]:
+    def boot_texts(self, flight: Flight) -> Sequence[tuple[Seconds, int, str]]:
         """What is said while starting: seconds, severity, text; in order."""
         return ()

@@ -93,7 +93,7 @@ class Telemetry:
             "RC_CHANNELS": self._sticks,
             "AHRS": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
             "AHRS2": self._ahrs2,
-            "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 831 if self._flight.home else 167, 0.0),
+            "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, board.personality.estimator_flags(self._flight), 0.0),
         }
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
         self.orbit: Callable[[], Values | None] = lambda: None

@@ -16,15 +16,24 @@ from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusa
 from .._texts import CRITICAL, INFO, WARNING
 from ._failsafes import failsafes
 from ._fence import ArduPilotFence
+from ._health import (
+    GUIDED_READY_S,
+    PLACE_S,
+    STABILIZE_READY_S,
+    STANDBY_S,
+    boot_texts,
+    estimator_flags,
+    failing,
+    sensors,
+    steers,
+)
 from ._missions import ArduPilotMissions
 from ._modes import MODES, REFUSING
 from ._packed_parameters import packed_parameters
 from ._parameters import PARAMETERS
 
-BOOT_S, PLACE_S, STABILIZE_READY_S, GUIDED_READY_S = 2.9, 20.0, 23.5, 42.5
 _ARMED = 128
 _BOOTING, _STANDBY, _ACTIVE, _CRITICAL = 1, 3, 4, 5
-_PREARM = 0x10000000
 FULL_V = 16.6
 
 _GROUPS: dict[int, tuple[str, ...]] = {
@@ -111,6 +120,7 @@ class ArduPilot(Personality):
     vtol_state = 3
     no_mission_total = 0
     gps_fields = GpsFields(fix_type=6, eph=121, epv=200, h_acc_mm=300, v_acc_mm=300)
+    checks_when_armed = Result.TEMPORARILY_REJECTED
     mode_acks_twice = False
     set_mode_message_acks = False
     answers_ping = False
@@ -189,26 +199,28 @@ class ArduPilot(Personality):
         return parameters["SIM_BATT_VOLTAGE"] * flight.battery_v / FULL_V
 
     def ready(self, flight: Flight) -> bool:
-        steers = flight.mode.base == 89
-        return flight.time_s >= (GUIDED_READY_S if steers else STABILIZE_READY_S) and not flight.crashed
+        placed = flight.time_s >= GUIDED_READY_S and flight.position_ok
+        return (placed if steers(flight) else flight.time_s >= STABILIZE_READY_S) and not flight.crashed
+
+    def prearm(self, flight: Flight, parameters: ParameterStore) -> tuple[str, ...]:
+        return failing(flight, parameters, self.battery_volts(flight, parameters))
+
+    def estimator_flags(self, flight: Flight) -> int:
+        return estimator_flags(flight)
 
     def knows_place(self, flight: Flight) -> bool:
         return flight.time_s >= PLACE_S
 
     def heartbeat(self, flight: Flight, has_setpoints: bool) -> tuple[int, int]:
         base = flight.mode.base | (_ARMED if flight.armed else 0)
-        if flight.time_s < BOOT_S:
+        if flight.time_s < STANDBY_S:
             return 89, _BOOTING
         if flight.failsafe and flight.armed:
             return base, _CRITICAL
         return base, _ACTIVE if flight.armed and flight.flying else _STANDBY
 
     def sensors(self, flight: Flight) -> SensorBits:
-        ready = _PREARM if flight.armed or self.ready(flight) else 0
-        if flight.time_s < PLACE_S:
-            return SensorBits(0x5371FC0F, 0x52419C0F, 0x47519C0F)
-        enabled = 0x5361FC2F if flight.armed else 0x5261FC2F if flight.mode.base == 89 else 0x52619C2F
-        return SensorBits(0x5371FC2F, enabled, 0x47719C2F | (0x6000 if flight.mode.base == 89 else 0) | ready)
+        return sensors(flight, flight.armed or self.ready(flight))
 
     def refuse_arm_value(self, value: float) -> Refusal | None:
         return None if value in (0.0, 1.0) else Refusal(Result.UNSUPPORTED)
@@ -218,11 +230,10 @@ class ArduPilot(Personality):
             return Refusal(Result.FAILED, ((CRITICAL, "Arm: Mode requires mission"),))
         if not flight.mode.armable:
             return Refusal(Result.FAILED, ((CRITICAL, f"Arm: {flight.mode.name} mode not armable"),))
-        if self.ready(flight):
+        fails = self.prearm(flight, parameters)
+        if forced and self.ready(flight):
             return None
-        if flight.time_s < BOOT_S:
-            return Refusal(Result.FAILED, ((CRITICAL, "Arm: System not initialised"),))
-        return Refusal(Result.FAILED, ((CRITICAL, "Arm: Need Position Estimate"),))
+        return Refusal(Result.FAILED, tuple((CRITICAL, f"Arm: {text}") for text in fails)) if fails or flight.crashed else None
 
     def refuse_disarming(self, flight: Flight, forced: bool) -> Refusal | None:
         return None if forced or not flight.flying else Refusal(Result.FAILED)
@@ -248,8 +259,6 @@ class ArduPilot(Personality):
         first = command.params[0]
         accepted, failed = Answer((Result.ACCEPTED,)), Answer((Result.FAILED,))
         match command.number:
-            case 401:
-                return Answer((Result.TEMPORARILY_REJECTED,)) if flight.armed else accepted
             case 207:
                 return accepted if first in (0.0, 1.0, 2.0) else failed
             case 183 if first in (1.0, 2.0, 3.0, 4.0):
@@ -322,15 +331,5 @@ class ArduPilot(Personality):
     def files(self, parameters: ParameterStore) -> Mapping[str, Content]:
         return {"@PARAM/param.pck": lambda query: packed_parameters(parameters, query)}
 
-    def boot_texts(self) -> tuple[tuple[float, int, str], ...]:
-        return (
-            (0.2, INFO, "Calibrating barometer"),
-            (1.8, INFO, "Barometer 1 calibration complete"),
-            (1.8, INFO, "Barometer 2 calibration complete"),
-            (2.35, INFO, "ArduPilot Ready"),
-            (2.35, INFO, "AHRS: DCM active"),
-            (4.4, INFO, "EKF3 IMU0 initialised"),
-            (4.4, INFO, "AHRS: EKF3 active"),
-            (20.0, INFO, "EKF3 IMU0 origin set"),
-            (41.5, INFO, "EKF3 IMU0 is using GPS"),
-        )
+    def boot_texts(self, flight: Flight) -> tuple[tuple[float, int, str], ...]:
+        return boot_texts(flight.origin.altitude_m)

@@ -126,6 +126,7 @@ class Px4(Personality):
         Event.LANDING_DETECTED: (INFO, "Landing detected"),
         Event.LANDING: (INFO, "Landing at current position"),
         Event.RETURNING: (INFO, "Returning to launch"),
+        Event.TERMINATED: (CRITICAL, "Preflight Fail: Flight termination active"),
         Event.CRASHED: (CRITICAL, "Disarmed by failure detector"),
     }
     fixed_results = {**dict.fromkeys(_ACCEPTED, Result.ACCEPTED), **dict.fromkeys(_SILENT), 189: Result.CANCELLED}
@@ -141,6 +142,7 @@ class Px4(Personality):
     vtol_state = 0
     no_mission_total = 65535
     gps_fields = GpsFields(fix_type=3, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780)
+    checks_when_armed = Result.ACCEPTED
     mode_acks_twice = True
     set_mode_message_acks = True
     answers_ping = True
@@ -313,4 +315,4 @@ def _armable(flight: Flight) -> bool:
     behaviour = flight.mode.behaviour
     if behaviour is Behaviour.MISSION:
         return flight.mission_ready
-    return flight.mode.armable or (behaviour is Behaviour.PILOT and flight.sticks is not None)
+    return (flight.mode.armable and flight.position_ok) or (behaviour is Behaviour.PILOT and flight.sticks is not None)

@@ -1,0 +1,154 @@
+"""From power-up to readiness: bits, flags, texts and refusals at their times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from vehicle_client import Client, simspec
+
+from vehicle_models.controller._dialect import dialect as mavlink
+
+Make = Callable[..., Client]
+PREARM = 0x10000000
+
+
+@pytest.fixture
+def copter(make: Make) -> Client:
+    client = make(simspec("ardupilot"), system=255)
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    return client
+
+
+def until(client: Client, second: float) -> None:
+    client.fly(second - client.vehicle.time.ns * 1e-9)
+
+
+def bits(client: Client) -> tuple[int, int, int]:
+    client.command(512, 1)
+    m = client.last("SYS_STATUS")
+    return (
+        m.onboard_control_sensors_present,
+        m.onboard_control_sensors_enabled,
+        m.onboard_control_sensors_health,
+    )
+
+
+def test_copter_bits_through_the_start(copter: Client) -> None:
+    """present, enabled and health as the SITL showed them at 2.5, 5, 10, 22.6 and 24 s, and in GUIDED when armed."""
+    until(copter, 2.5)
+    assert bits(copter) == (0x5331FC0F, 0x52019C0F, 0x45119C0B)
+    until(copter, 5.0)
+    assert bits(copter) == (0x5371FC0F, 0x52419C0F, 0x47519C0F)
+    until(copter, 10.0)
+    assert bits(copter) == (0x5371FC2F, 0x52419C2F, 0x47519C2F)
+    until(copter, 22.6)
+    assert bits(copter) == (0x5371FC2F, 0x52619C2F, 0x47719C2F)
+    until(copter, 24.0)
+    assert bits(copter) == (0x5371FC2F, 0x52619C2F, 0x57719C2F)
+    assert copter.command(176, 1, 4) == [0]
+    assert bits(copter)[2] & PREARM == 0
+    until(copter, 43.0)
+    assert bits(copter) == (0x5371FC2F, 0x5261FC2F, 0x57719C2F)
+    assert copter.command(400, 1) == [0]
+    assert bits(copter)[1] == 0x5361FC2F
+
+
+def test_copter_estimator_flags(copter: Client) -> None:
+    """Without the receiver a constant position, with it 831."""
+    until(copter, 10.0)
+    copter.command(512, 193)
+    assert copter.last("EKF_STATUS_REPORT").flags == 167
+    until(copter, 42.0)
+    copter.command(512, 193)
+    assert copter.last("EKF_STATUS_REPORT").flags == 831
+
+
+@pytest.mark.parametrize(
+    ("second", "mode", "texts"),
+    [
+        (1.2, 0, ["System not initialised"]),
+        (5.0, 0, ["Accels inconsistent", "EKF attitude is bad", "AHRS: EKF3 still initialising"]),
+        (8.0, 0, ["AHRS: EK3 sources require GPS"]),
+        (15.0, 0, ["AHRS: waiting for home"]),
+        (25.0, 4, ["Need Position Estimate"]),
+    ],
+)
+def test_copter_says_each_check_that_keeps_it_from_arming(copter: Client, second: float, mode: int, texts: list[str]) -> None:
+    """FAILED and a text for each; by force likewise, since these checks are mandatory."""
+    until(copter, second)
+    if mode:
+        assert copter.command(176, 1, mode) == [0]
+        copter.fly(1.1)
+    for force in (0, 21196):
+        copter.heard.clear()
+        assert copter.command(400, 1, force) == [4]
+        assert [one for one in copter.texts() if one.startswith("Arm: ")] == [f"Arm: {one}" for one in texts]
+
+
+def test_copter_repeats_what_fails(copter: Client) -> None:
+    """A mode in which checks fail is said at once, then every 30 s; asked for, at any time."""
+    until(copter, 30.5)
+    assert not [one for one in copter.texts() if one.startswith("PreArm")]
+    copter.command(176, 1, 4)
+    copter.fly(1.1)
+    assert [one for one in copter.texts() if one.startswith("PreArm")] == ["PreArm: Need Position Estimate"]
+    assert copter.command(401) == [0]
+    assert copter.texts().count("PreArm: Need Position Estimate") == 2
+    until(copter, 43.0)
+    assert copter.command(401) == [0]
+    assert copter.texts().count("PreArm: Need Position Estimate") == 2
+    assert copter.command(400, 1) == [0]
+    assert copter.command(401) == [1]
+
+
+def test_a_low_battery_keeps_a_copter_from_arming(copter: Client) -> None:
+    until(copter, 43.0)
+    copter.say(mavlink.MAVLink_param_set_message(1, 1, b"SIM_BATT_VOLTAGE", 9.0, 9))
+    copter.fly(0.1)
+    assert copter.command(400, 1) == [4]
+    assert [one for one in copter.texts() if one.startswith("Arm: ")] == [
+        "Arm: Battery 1 low voltage failsafe",
+        "Arm: Battery failsafe",
+    ]
+
+
+def test_copter_boot_texts(copter: Client) -> None:
+    """Heard from 1.1 s on, where this client first spoke."""
+    until(copter, 42.0)
+    assert copter.texts() == [
+        "Barometer 1 calibration complete",
+        "Barometer 2 calibration complete",
+        "ArduPilot Ready",
+        "AHRS: DCM active",
+        "RC7: SaveWaypoint LOW",
+        "EKF3 IMU0 initialised",
+        "EKF3 IMU1 initialised",
+        "AHRS: EKF3 active",
+        "EKF3 IMU0 tilt alignment complete",
+        "EKF3 IMU1 tilt alignment complete",
+        "EKF3 IMU0 MAG0 initial yaw alignment complete",
+        "EKF3 IMU1 MAG0 initial yaw alignment complete",
+        "GPS 1: probing for u-blox at 230400 baud",
+        "GPS 1: detected u-blox",
+        "EKF3 IMU0 origin set",
+        "Field Elevation Set: 488m",
+        "EKF3 IMU1 origin set",
+        "EKF3 IMU0 is using GPS",
+        "EKF3 IMU1 is using GPS",
+    ]
+
+
+def test_px4_is_ready_after_four_seconds(make: Make) -> None:
+    """The PREARM bit of health alone, from 4.2 s on; without satellites for long it goes again."""
+    client = make()
+    until(client, 4.1)
+    assert bits(client)[2] & PREARM == 0
+    until(client, 4.3)
+    present, enabled, health = bits(client)
+    assert (present & PREARM, enabled & PREARM, health & PREARM) == (0, 0, PREARM)
+    flight = client.vehicle._flight  # type: ignore[attr-defined]
+    flight.gps_lost_ns = flight.time_ns
+    client.fly(5.1)
+    assert bits(client)[2] & PREARM == 0
+    assert client.command(400, 1) == [1]
