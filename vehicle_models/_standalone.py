@@ -20,7 +20,7 @@ DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
         LinkSpec("gcs", "udp_out", port=14550, streams="gcs"),
         LinkSpec("onboard", "udp_out", port=14540, streams="onboard"),
     ),
-    "ardupilot": (LinkSpec("serial0", "tcp_in", port=5760, streams="onboard"),),
+    "ardupilot": tuple(LinkSpec(f"serial{number}", "tcp_in", port=port) for number, port in enumerate((5760, 5762, 5763))),
 }
 _LATE_S = 0.25  # behind by more than this, lost time is let go instead of being flown in a burst
 
@@ -38,7 +38,7 @@ def run_standalone(
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
     `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees). Without
-    links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, a TCP server on 5760 for ardupilot. `say`
+    links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762, 5763 for ardupilot. `say`
     gets a line for each link. Raises SetupError for anything that cannot be opened or does not exist.
     """
     simspec = standalone_simspec(autopilot, home, parameters or {})

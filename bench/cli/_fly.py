@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import typer
@@ -20,20 +22,26 @@ def register(app: typer.Typer) -> None:
 def fly(
     autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
     mavlink: Annotated[
-        list[str] | None, typer.Option(help="A link, as udpout:HOST:PORT, udpin:HOST:PORT or tcpin:HOST:PORT; may be repeated")
+        list[str] | None,
+        typer.Option(
+            help="A link, as udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or serial:PATH (serial:auto); may be repeated"
+        ),
     ] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds for each second")] = 1.0,
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
+    signing_key: Annotated[str, typer.Option(help="Sign messages by this key, 64 hexadecimal digits")] = "",
+    signing: Annotated[str, typer.Option(help="What becomes of unsigned messages: require (not heard) or accept")] = "require",
     duration: Annotated[float | None, typer.Option(help="Stop after so many simulated seconds")] = None,
 ) -> None:
     """A simulated flight controller by itself, a drop-in for a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
-    from vehicle_models import run_standalone
+    from vehicle_models import DEFAULT_LINKS, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
         raise SetupError(Fault("--autopilot", f"{autopilot!r} is not known", "px4 or ardupilot"))
+    links: Sequence[LinkSpec] = [parse_link(one, index) for index, one in enumerate(mavlink or ())]
     run_standalone(
         autopilot,
-        links=[parse_link(one, index) for index, one in enumerate(mavlink or ())],
+        links=signed(links or DEFAULT_LINKS[autopilot], signing_key, signing),
         home=parse_home(home),
         speed=speed,
         duration_s=duration,
@@ -58,9 +66,19 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
     return latitude, longitude, altitude, heading
 
 
+def signed(links: Sequence[LinkSpec], key: str, unsigned: str) -> list[LinkSpec]:
+    """The same links with a key for signing; `unsigned` is `accept` or `require`."""
+    if unsigned not in ("accept", "require"):
+        raise SetupError(Fault("--signing", f"{unsigned!r} is not known", "accept or require"))
+    policy: Literal["accept", "require"] = "accept" if unsigned == "accept" else "require"
+    return [replace(link, signing_key=key, signing=policy) for link in links]
+
+
 def parse_link(text: str, index: int) -> LinkSpec:
     """A LinkSpec from its text."""
     kind, _, rest = text.partition(":")
+    if kind == "serial" and rest:
+        return LinkSpec(name=f"link{index}", kind="serial", path=rest)
     host, _, port = rest.rpartition(":")
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise SetupError(

@@ -132,7 +132,12 @@ def test_messages_for_others_are_forwarded_between_links() -> None:
         other = bytes(mavlink.MAVLink_command_long_message(77, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav))
         one.sendto(beat(9) + private + other, ("127.0.0.1", ports["a"]))
         run(vehicle, 1)
-        assert two.recv(65535) == beat(9) + other
+        assert two.recv(65535) == beat(9)  # nobody has ever heard of system 77 there
+        two.sendto(beat(77), ("127.0.0.1", ports["b"]))
+        run(vehicle, 1)
+        one.sendto(private + other, ("127.0.0.1", ports["a"]))
+        run(vehicle, 1)
+        assert two.recv(65535) == other
 
 
 def test_the_tap_has_both_directions_whole() -> None:

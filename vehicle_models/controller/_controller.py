@@ -33,11 +33,12 @@ from ._parameters import Parameters, ParameterStore
 from ._personality import Event, Personality
 from ._radio import Channel, Radio
 from ._setpoints import Setpoints
+from ._signing import KeyKeeper, open_signing
 from ._streams import Streams
 from ._telemetry import Telemetry
 from ._texts import Texts
 
-MESSAGES_PER_STEP = 500  # of one link; the rest waits, so that a flood costs its own link only
+MESSAGES_PER_STEP = 200  # of one link; the rest waits, so that a flood costs its own link only
 SYSTEM, COMPONENT = 1, 1
 
 
@@ -55,9 +56,10 @@ class Controller:
         manoeuvres: Manoeuvres | None = None,
     ) -> None:
         packer = Packer(SYSTEM, COMPONENT)
+        self._signing = open_signing([link.spec for link in links], flight.unix_start_us)
         self._flight = flight
         self._tap = tap
-        self.channels = [Channel(link, packer) for link in links]
+        self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
         radio = Radio(self.channels, tap, personality.speaks_when_spoken_to)
         parameters = ParameterStore(personality.parameters, given)
         texts = Texts(radio, personality.text_ending)
@@ -93,6 +95,7 @@ class Controller:
             commands,
             Parameters(board),
             Clock(board),
+            KeyKeeper(self._signing),
             identity,
             events,
             files,
@@ -126,6 +129,7 @@ class Controller:
 
     def control(self) -> Target | None:
         """Messages, services and guidance of one step; the target flown, or None on the ground."""
+        self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)
         self._board.radio.begin()
         for channel in self.channels:
             if channel.link.inbox:
@@ -160,6 +164,7 @@ class Controller:
             "mavlink_malformed": self._decoder.malformed,
             "mavlink_unheard": self._unheard,
             "setpoints_ignored": self._setpoints.ignored,
+            **{f"mavlink_{name}": self._signing.rejected[name] for name in sorted(self._signing.rejected)},
         }
 
     def _limits_changed(self) -> None:
@@ -168,11 +173,11 @@ class Controller:
     def _hear(self, channel: Channel) -> None:
         inbox = channel.link.inbox
         frames = [inbox.popleft() for _ in range(min(len(inbox), MESSAGES_PER_STEP))]
-        channel.heard = True
         if self._tap:
             self._tap(channel.name, "from_agent", b"".join(frames))
         for frame in frames:
-            self._hear_frame(channel, frame)
+            if channel.admits(frame):
+                self._hear_frame(channel, frame)
 
     def _hear_frame(self, channel: Channel, frame: bytes) -> None:
         handlers = self._handlers.get(message_id(frame))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
 from fastcrc.crc16 import mcrf4xx
@@ -11,6 +12,7 @@ from fastcrc.crc16 import mcrf4xx
 from ._dialect import dialect
 
 MAX_FRAME = 10 + 255 + 2 + 13
+PATIENCE_BYTES = 4096
 _MESSAGES: dict[int, Any] = dialect.mavlink_map
 _CRC_EXTRA = {number: bytes([kind.crc_extra]) for number, kind in _MESSAGES.items()}
 _V1, _V2 = 0xFE, 0xFD
@@ -24,16 +26,21 @@ class FrameReader:
         self._rest = b""
         self.garbage_bytes = 0
 
-    def feed(self, data: bytes, last: bool = False) -> list[bytes]:
+    def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES) -> list[bytes]:
         """Every frame that is complete now, in order. What may be the beginning of another one waits for more.
 
         `last` says that no more will come, as at the end of a datagram: then what is incomplete is garbage, and the
-        search goes on behind its first byte.
+        search goes on behind its first byte. Behind `patience` bytes of garbage the rest is given up as garbage unread,
+        because looking through it costs time.
         """
         data = self._rest + data if self._rest else data
         frames: list[bytes] = []
-        at, end = 0, len(data)
+        at, end, enough = 0, len(data), self.garbage_bytes + patience
         while at < end:
+            if self.garbage_bytes > enough:
+                self.garbage_bytes += end - at
+                at = end
+                break
             length = _length(data, at, end)
             if length > 0 and _intact(data, at, length):
                 frames.append(data[at : at + length])
@@ -102,6 +109,64 @@ class Decoder:
             return None
 
 
+def target_system(frame: bytes) -> int:
+    """The system that a frame is for, without decoding the rest of it; 0 for everybody, and where it names nobody."""
+    place = _target_place(message_id(frame))
+    head = 6 if frame[0] == _V1 else 10
+    return frame[head + place] if place is not None and place < frame[1] else 0
+
+
+@cache
+def _target_place(number: int) -> int | None:
+    """Where in its payload a message names the target system."""
+    kind = _MESSAGES.get(number)
+    fields = _wire_fields(kind) if kind else []
+    for wanted in ("target_system", "target"):
+        for place, (name, _, _) in enumerate(fields):
+            if name == wanted:
+                return _bytes(fields[:place])
+    return None
+
+
+def _wire_fields(kind: Any) -> list[tuple[str, str, int]]:
+    """Name, type and length (0 for no array) of every field, in the order of the wire."""
+    return list(zip(kind.ordered_fieldnames, _types(kind), kind.array_lengths, strict=True))
+
+
+def _bytes(fields: Sequence[tuple[str, str, int]]) -> int:
+    return sum(_SIZES[kind] * max(length, 1) for _, kind, length in fields)
+
+
+@cache
+def v1_length(number: int) -> int | None:
+    """Bytes of a message's payload in MAVLink 1, that is without the fields that were added later; None where the
+    message has no place in MAVLink 1.
+
+    The dialect does not say which fields those are, but its CRC_EXTRA covers the others alone.
+    """
+    kind = _MESSAGES.get(number)
+    if kind is None or number > 255:
+        return None
+    fields = _wire_fields(kind)
+    for count in range(len(fields), 0, -1):
+        sizes = [_SIZES[one] for _, one, _ in fields[:count]]
+        if sizes == sorted(sizes, reverse=True) and _crc_extra(kind.msgname, fields[:count]) == kind.crc_extra:
+            return _bytes(fields[:count])
+    return None
+
+
+def _crc_extra(name: str, fields: Sequence[tuple[str, str, int]]) -> int:
+    """MAVLink's checksum over a message's name and its fields."""
+    data = f"{name} ".encode()
+    for field, kind, length in fields:
+        data += f"{kind} {field} ".encode() + (bytes([length]) if length else b"")
+    crc: int = mcrf4xx(data)
+    return (crc & 0xFF) ^ (crc >> 8)
+
+
+_SIZES = {"char": 1, "uint8_t": 1, "int8_t": 1, "uint16_t": 2, "int16_t": 2, "uint32_t": 4, "int32_t": 4, "float": 4}
+_SIZES |= {"uint64_t": 8, "int64_t": 8, "double": 8}
+_HEAD_V1 = struct.Struct("<BBBBB")
 _HEAD = struct.Struct("<BBBBBBHB")
 _CRC = struct.Struct("<H")
 
@@ -115,6 +180,25 @@ class Packer:
     def __init__(self, system: int, component: int) -> None:
         self.system, self.component = system, component
         self._kinds = {number: (kind.unpacker.pack, _CRC_EXTRA[number]) for number, kind in _MESSAGES.items()}
+
+    def pack_signed(self, number: int, sequence: int, values: Iterable[Any], sign: Callable[[bytes], bytes]) -> bytes:
+        """As `pack`, with the signature that `sign` makes of the frame."""
+        pack, extra = self._kinds[number]
+        payload = pack(*values).rstrip(b"\0") or b"\0"
+        head = _HEAD.pack(len(payload), _SIGNED, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16)
+        body = head + payload
+        frame = b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
+        return frame + sign(frame)
+
+    def pack_v1(self, number: int, sequence: int, values: Iterable[Any]) -> bytes | None:
+        """MAVLink 1; None for what cannot be said in it."""
+        length = v1_length(number)
+        if length is None:
+            return None
+        pack, extra = self._kinds[number]
+        payload: bytes = pack(*values)[:length]
+        body = _HEAD_V1.pack(length, sequence, self.system, self.component, number) + payload
+        return b"\xfe" + body + _CRC.pack(mcrf4xx(body + extra))
 
     def pack(self, number: int, sequence: int, values: Iterable[Any]) -> bytes:
         pack, extra = self._kinds[number]

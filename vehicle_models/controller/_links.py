@@ -1,16 +1,22 @@
 """Links: sockets that never make the simulation wait.
 
-Everything is non-blocking and bounded. A link reads at most `READ_BYTES` in one `poll`; a TCP client that does not take
-its data is dropped once `BACKLOG_BYTES` wait for it; a datagram that the kernel refuses is lost, as on a radio.
+Everything is non-blocking and bounded. A link reads at most `READ_BYTES` from a client in one `poll`, and little more of
+one that has sent garbage; what clients say waits in a queue of each, and they are heard in turn. A TCP client that does
+not take its data is dropped once `BACKLOG_BYTES` wait for it; what a datagram socket or a serial line does not take is
+lost, as on a radio.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
+import termios
+import tty
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Protocol
 
 from bench.contracts import LinkSpec
@@ -22,6 +28,9 @@ READ_BYTES = 256 * 1024
 BACKLOG_BYTES = 1024 * 1024
 INBOX_FRAMES = 4096
 MAX_CLIENTS = 8
+_GARBAGE_BYTES = 4096  # of one client in one poll; then it is not listened to until the next
+_DATAGRAMS = 2048  # taken from a socket in one poll
+_SERIAL_BYTES = 16 * 1024  # what waits for a serial line; more is lost, as on a line without flow control
 _DATAGRAM = 1200  # what goes out in one datagram: several whole messages, never half of one
 
 
@@ -30,7 +39,7 @@ class Link(Protocol):
 
     spec: LinkSpec
     endpoint: str
-    inbox: deque[bytes]
+    inbox: Inbox
     received: int
     garbage_bytes: int
     dropped: int
@@ -47,28 +56,67 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
-class _Inbox:
+class Inbox:
+    """Frames that wait, a queue for each client. They are taken in turn, so that nobody's flood delays another's message."""
+
+    def __init__(self) -> None:
+        self._queues: dict[object, deque[bytes]] = {}
+        self._waiting = 0
+
+    def __len__(self) -> int:
+        return self._waiting
+
+    def put(self, source: object, frame: bytes) -> bool:
+        """False when too much of this client waits, or of too many clients."""
+        queue = self._queues.get(source)
+        if queue is None:
+            if len(self._queues) >= 4 * MAX_CLIENTS:
+                return False
+            queue = self._queues[source] = deque()
+        if len(queue) >= INBOX_FRAMES:
+            return False
+        queue.append(frame)
+        self._waiting += 1
+        return True
+
+    def popleft(self) -> bytes:
+        """The next client's eldest frame; IndexError when nothing waits."""
+        source = next(iter(self._queues), None)
+        queue = self._queues.pop(source) if self._waiting else deque()
+        frame = queue.popleft()
+        self._waiting -= 1
+        if queue:
+            self._queues[source] = queue  # behind the others
+        return frame
+
+    def clear(self) -> None:
+        self._queues.clear()
+        self._waiting = 0
+
+
+class _Counted:
     """What the kinds of link share: frames that wait, and what was lost."""
 
     def __init__(self, spec: LinkSpec) -> None:
         self.spec = spec
-        self.inbox: deque[bytes] = deque()
+        self.inbox = Inbox()
         self.received = 0
         self.garbage_bytes = 0
         self.dropped = 0
 
-    def _take(self, reader: FrameReader, data: bytes, last: bool = False) -> None:
+    def _take(self, source: object, reader: FrameReader, data: bytes, last: bool = False) -> int:
+        """Put what is whole into the inbox; the bytes of garbage met."""
         before = reader.garbage_bytes
-        for frame in reader.feed(data, last):
+        for frame in reader.feed(data, last, _GARBAGE_BYTES):
             self.received += 1
-            if len(self.inbox) < INBOX_FRAMES:
-                self.inbox.append(frame)
-            else:
+            if not self.inbox.put(source, frame):
                 self.dropped += 1
-        self.garbage_bytes += reader.garbage_bytes - before
+        garbage = reader.garbage_bytes - before
+        self.garbage_bytes += garbage
+        return garbage
 
 
-class UdpLink(_Inbox):
+class UdpLink(_Counted):
     """`udp_out` sends to one address; `udp_in` to everybody who has written to it."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -87,22 +135,28 @@ class UdpLink(_Inbox):
         self._reader = FrameReader()
 
     def poll(self) -> None:
-        left = READ_BYTES
-        while left > 0:
+        """Everything that waits is taken from the socket, or one that floods it would push the others out of it; but of
+        each peer only so much is looked at."""
+        left: dict[object, int] = {}
+        for _ in range(_DATAGRAMS):
             try:
                 data, peer = self._socket.recvfrom(65535)
             except (BlockingIOError, InterruptedError):
                 return
             except OSError:  # an answer of the network to something sent earlier
-                left -= 1024
                 continue
-            left -= max(len(data), 64)
-            if self._learns and peer not in self._peers:
+            if self._learns:
                 self._learn(peer)
-            self._take(self._reader, data, last=True)
+            share = left.get(peer, READ_BYTES)
+            if share <= 0 or len(left) > 4 * MAX_CLIENTS:
+                self.dropped += 1
+                continue
+            garbage = self._take(peer, self._reader, data, last=True)
+            left[peer] = share - max(len(data), 64) - garbage * (READ_BYTES // _GARBAGE_BYTES)
 
     def _learn(self, peer: tuple[str, int]) -> None:
-        """The eldest peer gives way, so that somebody who comes and goes cannot fill the list."""
+        """Who has not written for longest gives way, so that somebody who comes and goes cannot fill the list."""
+        self._peers.pop(peer, None)
         if len(self._peers) >= MAX_CLIENTS:
             del self._peers[next(iter(self._peers))]
         self._peers[peer] = None
@@ -144,7 +198,7 @@ class _Client:
         return len(self.backlog) <= BACKLOG_BYTES
 
 
-class TcpLink(_Inbox):
+class TcpLink(_Counted):
     """`tcp_in`: listens, and serves several clients the same messages."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -181,8 +235,8 @@ class TcpLink(_Inbox):
             if not data:
                 self._drop(client)
                 return
-            left -= len(data)
-            self._take(client.reader, data)
+            garbage = self._take(client, client.reader, data)
+            left -= len(data) + garbage * (READ_BYTES // _GARBAGE_BYTES)
 
     def _drop(self, client: _Client) -> None:
         self._clients.remove(client)
@@ -204,6 +258,76 @@ class TcpLink(_Inbox):
         self._socket.close()
 
 
+class SerialLink(_Counted):
+    """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or a device that exists.
+
+    `auto` as a path names whatever the system gives; any other path of no device becomes a link to it. The line is raw,
+    it has no flow control and no speed: as on a UART, what is not read is lost.
+    """
+
+    def __init__(self, spec: LinkSpec) -> None:
+        super().__init__(spec)
+        self._link: Path | None = None
+        self._open_ends: list[int] = []
+        path = Path(spec.path)
+        if spec.path not in ("", "auto") and path.is_char_device():
+            self._line = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            self._open_ends = [self._line]
+            self.endpoint = spec.path
+        else:
+            self._line, there = os.openpty()
+            self._open_ends = [self._line, there]  # ours stays open, or the line would break when the companion leaves
+            os.set_blocking(self._line, False)
+            self.endpoint = os.ttyname(there)
+            if spec.path not in ("", "auto"):
+                self._name(path)
+        with contextlib.suppress(termios.error):
+            tty.setraw(self._open_ends[-1])
+        self._reader = FrameReader()
+        self._backlog = bytearray()
+
+    def _name(self, path: Path) -> None:
+        try:
+            if path.is_symlink() and not path.exists():
+                path.unlink()  # of a run that was ended by force
+            path.symlink_to(self.endpoint)
+        except OSError:
+            self.close()
+            raise
+        self._link = path
+        self.endpoint = str(path)
+
+    def poll(self) -> None:
+        left = READ_BYTES
+        while left > 0:
+            try:
+                data = os.read(self._line, 4096)
+            except OSError:  # nothing there, or nobody
+                return
+            if not data:
+                return
+            left -= len(data) + self._take(None, self._reader, data) * (READ_BYTES // _GARBAGE_BYTES)
+
+    def connected(self) -> bool:
+        return True
+
+    def send(self, frames: list[bytes]) -> None:
+        for frame in frames:
+            if len(self._backlog) < _SERIAL_BYTES:
+                self._backlog += frame
+            else:
+                self.dropped += 1
+        with contextlib.suppress(OSError):
+            while self._backlog:
+                del self._backlog[: os.write(self._line, self._backlog)]
+
+    def close(self) -> None:
+        if self._link:
+            self._link.unlink(missing_ok=True)
+        for one in self._open_ends:
+            os.close(one)
+
+
 @contextmanager
 def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
     """Yield every link, opened; leaving the block closes them all. Raises SetupError with one fault for each that fails."""
@@ -212,18 +336,27 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
         faults: list[Fault] = []
         for spec in specs:
             try:
-                link: Link = TcpLink(spec) if spec.kind == "tcp_in" else UdpLink(spec)
+                link = _KINDS[spec.kind](spec)
             except SetupError as error:
                 faults += error.faults
             except OSError as error:
                 mend = "choose a free port and an address of this machine"
-                faults.append(Fault(f"link {spec.name}", f"{spec.host}:{spec.port} cannot be opened: {error.strerror}", mend))
+                where = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
+                faults.append(Fault(f"link {spec.name}", f"{where} cannot be opened: {error.strerror}", mend))
             else:
                 stack.callback(link.close)
                 links.append(link)
         if faults:
             raise SetupError(faults)
         yield links
+
+
+_KINDS: Mapping[str, Callable[[LinkSpec], Link]] = {
+    "udp_out": UdpLink,
+    "udp_in": UdpLink,
+    "tcp_in": TcpLink,
+    "serial": SerialLink,
+}
 
 
 def _bound(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:

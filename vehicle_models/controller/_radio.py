@@ -7,15 +7,22 @@ from typing import Any
 
 from bench.contracts import MavlinkTap
 
-from ._frames import Packer, wire_values
+from ._frames import Packer, message_id, sender, target_system, wire_values
 from ._links import Link
+from ._signing import Signing
+
+_V1, _V2 = 0xFE, 0xFD
 
 
 class Channel:
     """One link as the services see it: a name, a sequence number, what waits to be sent."""
 
-    def __init__(self, link: Link, packer: Packer) -> None:
+    def __init__(self, link: Link, packer: Packer, signing: Signing, number: int = 0) -> None:
         self.link = link
+        self._signing = signing
+        self._number = number
+        self._speaks_v1 = False
+        self._seen: set[int] = set()  # systems that have spoken here
         self.name = link.spec.name
         self.sent = 0
         self.heard = False  # whether anybody has spoken here
@@ -31,18 +38,40 @@ class Channel:
 
     def say(self, number: int, values: Iterable[Any]) -> None:
         """Queue a message for everybody on this channel; values in wire order."""
-        if self._on:
-            self._waiting.append(self._packer.pack(number, self._sequence, values))
+        if not self._on:
+            return
+        frame: bytes | None
+        if self._speaks_v1:
+            frame = self._packer.pack_v1(number, self._sequence, values)
+        elif self._signing.on:
+            frame = self._packer.pack_signed(number, self._sequence, values, self._sign)
+        else:
+            frame = self._packer.pack(number, self._sequence, values)
+        if frame is not None:
+            self._waiting.append(frame)
             self._sequence = (self._sequence + 1) & 0xFF
 
     def tell(self, name: str, **fields: Any) -> None:
         """Queue a message given by field names."""
         self.say(*wire_values(name, **fields))
 
+    def admits(self, frame: bytes) -> bool:
+        """Whether what came in may be heard. From it the channel learns who is there, and which MAVLink they speak: 2,
+        unless nothing but 1 has ever been heard."""
+        if not self._signing.admits(frame, message_id(frame)):
+            return False
+        self._speaks_v1 = frame[0] == _V1 and (self._speaks_v1 or not self.heard)
+        self.heard = True
+        self._seen.add(sender(frame)[0])
+        return True
+
     def forward(self, frame: bytes) -> None:
-        """Queue somebody else's frame as it is."""
-        if self._on:
+        """Queue somebody else's frame as it is; one for a system that has never spoken here is not for this channel."""
+        if self._on and target_system(frame) in (0, *self._seen) and not (self._speaks_v1 and frame[0] == _V2):
             self._waiting.append(frame)
+
+    def _sign(self, unsigned: bytes) -> bytes:
+        return self._signing.sign(unsigned, self._number)
 
     def begin(self) -> None:
         """A step begins."""

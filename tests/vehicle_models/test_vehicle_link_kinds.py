@@ -1,0 +1,283 @@
+"""Serial lines, MAVLink 1, signing, and clients that would like to have the vehicle for themselves."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import simspec
+
+from bench.contracts import LinkSpec, Vehicle, VehiclePlan
+from bench.errors import SetupError
+from vehicle_models import open_x500
+
+Open = Callable[..., Vehicle]
+KEY = bytes(range(32))
+
+
+@pytest.fixture
+def opened() -> Iterator[Open]:
+    with ExitStack() as stack:
+        yield lambda *links, autopilot="px4": stack.enter_context(open_x500(VehiclePlan(simspec(autopilot), links)))
+
+
+@pytest.fixture
+def peer(opened: Open) -> Iterator[Callable[..., Peer]]:
+    with ExitStack() as stack:
+
+        def build(vehicle: Vehicle, name: str = "air", system: int = 255) -> Peer:
+            one = Peer(vehicle, name, system)
+            stack.callback(one.socket.close)
+            return one
+
+        yield build
+
+
+class Peer:
+    """One client of a `udp_in` link."""
+
+    def __init__(self, vehicle: Vehicle, name: str, system: int) -> None:
+        self.vehicle = vehicle
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setblocking(False)
+        self.socket.connect(("127.0.0.1", int(vehicle.endpoints()[name].split(":")[2])))
+        self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=190)
+        self.mav.robust_parsing = True
+
+    def say(self, message: Any, v1: bool = False) -> None:
+        self.socket.send(bytes(message.pack(self.mav, force_mavlink1=v1)))
+
+    def beat(self, v1: bool = False) -> None:
+        self.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), v1)
+
+    def fly(self, steps: int = 1) -> list[Any]:
+        data = b""
+        for _ in range(steps):
+            self.vehicle.receive()
+            self.vehicle.step()
+            data += self.read()
+        return self.mav.parse_buffer(data) or []
+
+    def read(self) -> bytes:
+        data = b""
+        while True:
+            try:
+                data += self.socket.recv(65535)
+            except BlockingIOError:
+                return data
+
+
+def names(messages: list[Any]) -> set[str]:
+    return {message.get_type() for message in messages}
+
+
+def test_a_companion_on_a_serial_line(opened: Open, tmp_path: Path) -> None:
+    """The other end of the line is a device of the name asked for; what is written there is heard, and answered there."""
+    device = tmp_path / "ttyCompanion"
+    vehicle = opened(LinkSpec("telem2", "serial", path=str(device)))
+    assert vehicle.endpoints() == {"telem2": str(device)}
+    line = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    mav.robust_parsing = True
+    os.write(line, bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
+    heard: list[Any] = []
+    for _ in range(60):
+        vehicle.receive()
+        vehicle.step()
+        heard += mav.parse_buffer(os.read(line, 1 << 16)) or []
+    assert {"HEARTBEAT", "ATTITUDE", "PARAM_VALUE"} <= names(heard)
+    os.close(line)
+
+
+def test_a_serial_line_that_nobody_reads_loses_what_it_cannot_hold(opened: Open) -> None:
+    """It does not stop the vehicle, and what is lost is counted; whoever reads later finds whole messages again."""
+    vehicle = opened(LinkSpec("telem2", "serial"))
+    for _ in range(300):
+        vehicle.receive()
+        vehicle.step()
+    assert vehicle.counters()["mavlink_dropped"] > 100
+    line = os.open(vehicle.endpoints()["telem2"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    mav = mavlink.MAVLink(None)
+    mav.robust_parsing = True
+    heard: list[Any] = []
+    for _ in range(100):
+        vehicle.receive()
+        vehicle.step()
+        heard += mav.parse_buffer(os.read(line, 1 << 16)) or []
+    assert mav.total_receive_errors == 0
+    assert [one.time_boot_ms for one in heard if one.get_type() == "ATTITUDE"][-1] > 7900
+    os.close(line)
+
+
+def test_the_device_goes_with_the_vehicle(tmp_path: Path) -> None:
+    device = tmp_path / "tty"
+    with open_x500(VehiclePlan(simspec(), (LinkSpec("telem2", "serial", path=str(device)),))):
+        assert device.exists()
+    assert not device.is_symlink()
+    taken = tmp_path / "file"
+    taken.write_text("mine")
+    with (
+        pytest.raises(SetupError, match="cannot be opened"),
+        open_x500(VehiclePlan(simspec(), (LinkSpec("telem2", "serial", path=str(taken)),))),
+    ):
+        pass
+    assert taken.read_text() == "mine"
+
+
+def test_who_speaks_mavlink_1_is_answered_in_it(opened: Open, peer: Callable[..., Peer]) -> None:
+    """Payloads of their old length, nothing that has no place in it; a word of MAVLink 2 changes that for good."""
+    vehicle = opened(LinkSpec("air", "udp_in"))
+    old = peer(vehicle)
+    old.beat(v1=True)
+    vehicle.receive()
+    vehicle.step()
+    data = b""
+    for _ in range(60):
+        vehicle.step()
+        data += old.read()
+    assert data[0] == 0xFE
+    heard = mavlink.MAVLink(None).parse_buffer(data)
+    assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS"} <= names(heard)
+    assert {message.get_msgbuf()[0] for message in heard} == {0xFE}
+    assert max(message.get_msgId() for message in heard) < 256
+    old.beat()
+    old.fly()
+    old.beat(v1=True)
+    assert {message.get_msgbuf()[0] for message in old.fly(50)} == {0xFD}
+
+
+def test_lengths_of_mavlink_1_are_those_of_its_own_dialect() -> None:
+    """All messages that are in both, against the dialect generated without extensions."""
+    from pymavlink.dialects.v10 import all as old
+
+    from vehicle_models.controller._frames import KINDS, v1_length
+
+    both = [kind for kind in KINDS.values() if kind.id < 256 and kind.id in old.mavlink_map]
+    assert len(both) > 150
+    assert {kind.id: v1_length(kind.id) for kind in both} == {kind.id: old.mavlink_map[kind.id].unpacker.size for kind in both}
+
+
+def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -> None:
+    """Unsigned, wrongly signed and repeated messages are not heard, and counted; ours carry a signature that holds."""
+    vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex()))
+    client = peer(vehicle)
+    client.beat()
+    assert vehicle.counters().get("mavlink_unsigned") is None
+    ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
+    client.say(ask)
+    heard = client.fly(60)
+    assert vehicle.counters()["mavlink_unsigned"] == 2
+    assert "PARAM_VALUE" not in names(heard)
+    client.mav.signing.secret_key = bytes(32)
+    client.mav.signing.link_id = 3
+    client.mav.signing.sign_outgoing = True
+    client.mav.signing.timestamp = heard[-1].get_msgbuf() and int.from_bytes(bytes(heard[-1].get_msgbuf())[-12:-6], "little")
+    client.say(ask)
+    client.fly()
+    assert vehicle.counters()["mavlink_bad_signature"] == 1
+    client.mav.signing.secret_key = KEY
+    refused = client.mav.signing.badsig_count
+    said = bytes(ask.pack(client.mav))
+    client.socket.send(said)
+    client.socket.send(said)
+    heard = client.fly(5)
+    assert len([one for one in heard if one.get_type() == "PARAM_VALUE"]) == 1
+    assert vehicle.counters()["mavlink_old_timestamp"] == 1
+    assert all(one.get_signed() for one in heard)
+    assert client.mav.signing.badsig_count == refused
+
+
+def test_signing_where_unsigned_is_accepted(opened: Open, peer: Callable[..., Peer]) -> None:
+    """An unsigned request is answered, in a signed frame; a bad signature is still refused."""
+    vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex(), signing="accept"))
+    client = peer(vehicle)
+    client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
+    heard = client.fly(3)
+    (answer,) = [one for one in heard if one.get_type() == "PARAM_VALUE"]
+    assert answer.get_msgbuf()[2] == 1
+    assert "mavlink_unsigned" not in vehicle.counters()
+
+
+def test_setup_signing_brings_a_key_and_takes_it_away(opened: Open, peer: Callable[..., Peer]) -> None:
+    """With it, what is unsigned falls silent; a key of zeros, signed by the old one, ends it. Nobody else gets to see the key."""
+    vehicle = opened(LinkSpec("air", "udp_in", streams="none"), LinkSpec("ground", "udp_in", streams="none"))
+    client, other = peer(vehicle), peer(vehicle, "ground", 7)
+    other.beat()
+    client.fly()
+    client.say(mavlink.MAVLink_setup_signing_message(1, 1, list(KEY), 0))
+    client.fly()
+    client.say(mavlink.MAVLink_ping_message(0, 1, 0, 0))
+    client.beat()
+    client.fly()
+    assert vehicle.counters()["mavlink_unsigned"] == 2
+    assert "SETUP_SIGNING" not in names(other.mav.parse_buffer(other.read()) or [])
+    client.mav.signing.secret_key, client.mav.signing.sign_outgoing = KEY, True
+    client.mav.signing.timestamp = 10**14
+    client.say(mavlink.MAVLink_setup_signing_message(1, 1, [0] * 32, 0))
+    client.fly()
+    client.mav.signing.sign_outgoing = False
+    client.beat()
+    client.fly()
+    assert vehicle.counters()["mavlink_unsigned"] == 2
+
+
+@pytest.mark.parametrize("key", ["xyz", "00" * 31])
+def test_a_key_that_is_none_is_named(opened: Open, key: str) -> None:
+    with pytest.raises(SetupError, match="not a key"):
+        opened(LinkSpec("air", "udp_in", signing_key=key))
+
+
+def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[..., Peer]) -> None:
+    """While one client sends far more than is heard in a step, the other's every request is answered in the step it came."""
+    vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
+    flood, client = peer(vehicle, system=9), peer(vehicle)
+    flood.beat()
+    client.beat()
+    client.fly()
+    beat = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(flood.mav))
+    ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
+    for _ in range(30):
+        for _ in range(10):
+            flood.socket.send(beat * 50)
+        client.say(ask)
+        assert [one.get_type() for one in client.fly()].count("PARAM_VALUE") == 1
+    assert vehicle.counters()["mavlink_dropped"] > 0
+
+
+def test_clients_that_come_and_go_do_not_push_out_who_speaks(opened: Open, peer: Callable[..., Peer]) -> None:
+    """Forty that say one thing and vanish; the one that goes on speaking goes on hearing."""
+    vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
+    client = peer(vehicle)
+    for number in range(40):
+        client.beat()
+        client.fly()
+        gone = Peer(vehicle, "air", number)
+        gone.beat()
+        gone.socket.close()
+        client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
+        assert "PARAM_VALUE" in names(client.fly(2))
+
+
+@pytest.mark.parametrize("rubbish", [b"\xfd\xff\x00" * 400, b"\x00" * 1400, b"\xfe\x21\x00\x01\x01\x00" * 200])
+def test_garbage_costs_little(opened: Open, peer: Callable[..., Peer], rubbish: bytes) -> None:
+    """A second of steps, each with as much rubbish as a socket holds, takes less than half a second of CPU time."""
+    vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
+    flood = peer(vehicle)
+    spent = 0.0
+    for _ in range(50):
+        for _ in range(100):
+            flood.socket.send(rubbish)
+        begun = time.process_time()
+        vehicle.receive()
+        vehicle.step()
+        spent += time.process_time() - begun
+    assert spent < 0.5
+    counters = vehicle.counters()
+    assert counters["mavlink_garbage_bytes"] + counters["mavlink_dropped"] > 0
