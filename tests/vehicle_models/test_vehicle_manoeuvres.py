@@ -260,3 +260,29 @@ def test_copter_return_keeps_its_heading_and_lands_at_home(copter: Client) -> No
     copter.fly(45.0)
     assert math.dist(copter.vehicle.truth().position_enu_m, (0, 0, 0)) < 1.0
     assert not copter.vehicle.condition().armed
+
+
+def lead(client: Client, north: float, east: float, capabilities: int = 1, vn: float = 0.0) -> None:
+    """FOLLOW_TARGET, so far from home."""
+    latitude, longitude = client.vehicle_goal(east, north)
+    still = (0.0, 0.0, 0.0)
+    if capabilities == 2:
+        latitude = longitude = 0
+    message = mavlink.MAVLink_follow_target_message
+    client.say(message(0, capabilities, latitude, longitude, 488.0, (vn, 0.0, 0.0), still, (1, 0, 0, 0), still, still, 0))
+
+
+def test_px4_follows_a_leader(px4: Client) -> None:
+    """Eight metres behind somebody walking north at 2 m/s, eight above home, looking at them; they stop, it stops."""
+    assert px4.command(176, 1, 4, 8) == [ACCEPTED, ACCEPTED]
+    px4.fly(2.0, lambda: lead(px4, 0, 0, capabilities=2, vn=5.0))
+    assert speed(px4) < 0.1, "a velocity alone leads nowhere"
+    begun = px4.vehicle.time.s
+    px4.fly(20.0, lambda: lead(px4, 2.0 * (px4.vehicle.time.s - begun), 0.0, capabilities=3, vn=2.0))
+    east, north, up = px4.vehicle.truth().position_enu_m
+    assert (east, north, up) == pytest.approx((0.0, 32.0, 8.0), abs=0.7)
+    assert px4.vehicle.truth().yaw_rad == pytest.approx(0.0, abs=0.1)
+    assert speed(px4) == pytest.approx(2.0, abs=0.2)
+    px4.fly(5.0)
+    assert speed(px4) < 0.2, "three seconds without news"
+    assert px4.vehicle.condition().mode == "AUTO_FOLLOW"

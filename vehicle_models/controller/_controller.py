@@ -9,6 +9,7 @@ from bench.contracts import MavlinkTap
 
 from ._arming import Arming
 from ._board import Board, Handler, Sender, Service
+from ._chase import FollowMe
 from ._clock import Clock
 from ._commands import Commands
 from ._events import Events
@@ -104,6 +105,7 @@ class Controller:
             self._setpoints,
             self._arming,
             Manual(board, self._guidance),
+            FollowMe(board, self._guidance),
             navigator,
             modes,
             missions,

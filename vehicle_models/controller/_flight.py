@@ -31,6 +31,7 @@ class Behaviour(Enum):
     MISSION = auto()
     PILOT = auto()  # sticks, of a radio or a joystick
     CIRCLE = auto()
+    CHASE = auto()  # after somebody who says where they are
     TERMINATE = auto()  # rotors off, for good
 
 

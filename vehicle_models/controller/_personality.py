@@ -60,6 +60,16 @@ class StickLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class ChaseLimits:
+    """How somebody is followed: above home, away from them, at an angle to their course."""
+
+    height_m: float
+    distance_m: float
+    angle_rad: float
+    speed_mps: float
+
+
+@dataclass(frozen=True, slots=True)
 class Answer:
     """Results of a command that does nothing else here: the first at once, the others a second apart; and texts.
 
@@ -95,6 +105,7 @@ class Limits:
     idle_disarm_s: Seconds | None
     setpoint_timeout_s: Seconds
     sticks: StickLimits
+    chase: ChaseLimits
     goto_mps: float  # positions that a companion gives
     faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: wherever it moves
     return_faces_home: bool

@@ -12,7 +12,7 @@ from .._files import Content
 from .._flight import Behaviour, Flight, Landed, Mode
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle, Push
-from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
+from .._personality import Answer, ChaseLimits, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO, WARNING
 from ._failsafes import failsafes
 from ._fence import ArduPilotFence
@@ -182,6 +182,7 @@ class ArduPilot(Personality):
                 dead=0.05,
                 lost_after_s=p["RC_OVERRIDE_TIME"] if p["RC_OVERRIDE_TIME"] > 0 else math.inf,
             ),
+            chase=ChaseLimits(height_m=8.0, distance_m=8.0, angle_rad=math.pi, speed_mps=5.0),
             goto_mps=cruise,
             faces_beyond_m=None,
             return_faces_home=False,

@@ -28,7 +28,7 @@ MODES = (
     _mode("AUTO_MISSION", 4, 4, _AUTO, Behaviour.MISSION, "Mission"),
     _mode("AUTO_RTL", 4, 5, _AUTO, Behaviour.RETURN, "RTL"),
     _mode("AUTO_LAND", 4, 6, _AUTO, Behaviour.LAND, "Land"),
-    _mode("AUTO_FOLLOW", 4, 8, _OFFBOARD, Behaviour.HOLD, "Follow Target"),
+    _mode("AUTO_FOLLOW", 4, 8, _OFFBOARD, Behaviour.CHASE, "Follow Target"),
     _mode("AUTO_PRECLAND", 4, 9, _AUTO, Behaviour.LAND, "Precision Land"),
     *(_mode(f"EXTERNAL{one}", 4, 10 + one, _OFFBOARD, Behaviour.HOLD, f"External {one}") for one in range(1, 9)),
     _sticks("ACRO", 5, 0, _ACRO, Stick.RATES, "Acro"),

@@ -11,7 +11,7 @@ from .._flight import Behaviour, Flight, Mode
 from .._metadata import Metadata
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle
-from .._personality import Answer, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
+from .._personality import Answer, ChaseLimits, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
 from .._texts import CRITICAL, INFO
 from ._failsafes import failsafes
 from ._fence import Px4Fence
@@ -201,6 +201,12 @@ class Px4(Personality):
                 rates_radps=math.radians(100.0),
                 dead=0.1,
                 lost_after_s=max(p["COM_RC_LOSS_T"], 0.1),
+            ),
+            chase=ChaseLimits(
+                height_m=max(p["FLW_TGT_HT"], 1.0),
+                distance_m=max(p["FLW_TGT_DST"], 1.0),
+                angle_rad=math.radians(p["FLW_TGT_FA"]),
+                speed_mps=max(p["FLW_TGT_MAX_VEL"], 0.5),
             ),
             goto_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
             faces_beyond_m=max(p["NAV_ACC_RAD"], 0.5) if p["MPC_YAW_MODE"] == 0 else math.inf,
