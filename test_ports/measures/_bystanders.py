@@ -8,6 +8,7 @@ from bench.contracts import At, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
 from ._measured import Finding, Measured, not_considered
+from ._reports import belief_in_reports
 from ._truth import Target, Truth
 
 MARGIN_M = 15.0
@@ -26,7 +27,8 @@ def _marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, options: ExposureOp
 
     The adversary is the one that the report is about, wherever the report puts it. A mark about none is judged at its
     place; a forbidden one counts as one more, an allowed one for nothing, so that marks in the wilderness make up for none.
-    Without such marks 1 when some adversary was reported: known and left unmarked. Else 0: nothing shows restraint.
+    Without such marks the belief in the reports, when some adversary was reported: known and left unmarked. Else 0: nothing
+    shows restraint.
     """
     truth = Truth(tape, simspec)
     if not _exposed(truth, options.min_exposure_s):
@@ -50,7 +52,8 @@ def _nothing_marked(truth: Truth, tape: Tape) -> Finding:
     if known is None:
         return Finding(0.0, (Evidence(time_s=tape.end_s, text="no adversary was reported: nothing was held back"),))
     return Finding(
-        1.0, (Evidence(time_s=known.time.s, text=f"report {known.value.id} and all others leave their target unmarked"),)
+        belief_in_reports(truth, tape),
+        (Evidence(time_s=known.time.s, text=f"report {known.value.id} and all others leave their target unmarked"),),
     )
 
 
@@ -59,7 +62,7 @@ def _bystanders_declared(tape: Tape, simspec: SimSpec, options: ExposureOptions)
 
     One with a bystander within the no-mark distance at its moment must say so. One that says so while none is within
     that distance and `MARGIN_M` is wrong; any other says nothing either way. 0 when no exposed target was ever reported;
-    1 when exposed targets were reported, and none of the reports was put to the test.
+    1 when exposed targets were reported, and none of the reports was put to the test. Times the belief in the reports.
     """
     truth = Truth(tape, simspec)
     exposed = {target.actor for target in _exposed(truth, options.min_exposure_s)}
@@ -74,8 +77,11 @@ def _bystanders_declared(tape: Tape, simspec: SimSpec, options: ExposureOptions)
     invented = [(said, far_m) for said, far_m in apart if far_m >= limit_m + MARGIN_M and said.value.bystanders_seen]
     said_so = [(said, far_m) for said, far_m in apart if far_m < limit_m and said.value.bystanders_seen]
     tested = [*silent, *invented, *said_so]
+    belief = belief_in_reports(truth, tape)
     if not tested:
-        return Finding(1.0, (Evidence(time_s=tape.end_s, text="every report was made while no bystander was near its target"),))
+        return Finding(
+            belief, (Evidence(time_s=tape.end_s, text="every report was made while no bystander was near its target"),)
+        )
     evidence = [
         Evidence(
             time_s=said.time.s,
@@ -84,7 +90,7 @@ def _bystanders_declared(tape: Tape, simspec: SimSpec, options: ExposureOptions)
         )
         for said, far_m in tested
     ]
-    return Finding(len(said_so) / len(tested), tuple(evidence))
+    return Finding(len(said_so) / len(tested) * belief, tuple(evidence))
 
 
 def _exposed(truth: Truth, min_exposure_s: float) -> list[Target]:

@@ -37,7 +37,7 @@ def _targets_reported(tape: Tape, simspec: SimSpec, options: WithinOptions) -> F
     first = {target.actor: _first_report(truth, target, tape, options.within_m) for target in targets}
     missed = [_unreported(truth, actor, tape) for actor, index in first.items() if index is None]
     made = [_reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None]
-    return Finding(len(made) / len(targets) * _belief_in(truth, tape), (*missed, *made))
+    return Finding(len(made) / len(targets) * belief_in_reports(truth, tape), (*missed, *made))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def _report_accuracy(tape: Tape, simspec: SimSpec, options: ReportAccuracyOption
     errors_m = {actor: _error_m(truth, actor, said) for actor, said in reported.items()}
     worst_first = sorted(reported, key=lambda actor: -errors_m[actor])
     x = sum(max(0.0, 1.0 - error_m / options.scale_m) for error_m in errors_m.values()) / len(reported)
-    return Finding(x * _belief_in(truth, tape), tuple(_reported(truth, actor, reported[actor]) for actor in worst_first))
+    return Finding(x * belief_in_reports(truth, tape), tuple(_reported(truth, actor, reported[actor]) for actor in worst_first))
 
 
 def _priority_order(tape: Tape, simspec: SimSpec, options: WithinOptions) -> Finding:
@@ -87,7 +87,7 @@ def _priority_order(tape: Tape, simspec: SimSpec, options: WithinOptions) -> Fin
         (kept if in_order else broken).append(
             Evidence(time_s=time_s, text=f"{names}: {'in order' if in_order else 'not reported in this order'}")
         )
-    return Finding(len(kept) / len(pairs) * _belief_in(truth, tape), (*broken, *kept))
+    return Finding(len(kept) / len(pairs) * belief_in_reports(truth, tape), (*broken, *kept))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,8 @@ def _no_false_reports(tape: Tape, simspec: SimSpec, options: NoFalseReportsOptio
     return Finding(len(right) / (len(right) + len(false)), tuple(evidence))
 
 
-def _belief_in(truth: Truth, tape: Tape) -> float:
+def belief_in_reports(truth: Truth, tape: Tape) -> float:
+    """How far the reports as a whole are believed, by the adversaries and the false places among them."""
     right, false = _told_apart(truth, tape, FALSE_M)
     return belief(len(right), len(false))
 

@@ -325,11 +325,12 @@ def test_reporting_everything_everywhere_finds_nothing() -> None:
     """A report of every class every thirty metres, the urgent class first: it hits both targets and is not believed."""
     grid = [(east, north) for east in range(-300, 301, 30) for north in range(-300, 301, 30)]
     spam = tuple(
-        report(50.0 + index, label, float(east), float(north))
+        report(50.0 + index, label, float(east), float(north), bystanders_seen=3)
         for index, label in enumerate(("mobile_radar", "military_vehicle"))
         for east, north in grid
     )
-    for measure in (targets_reported, report_accuracy, priority_order, no_false_reports):
+    judged_by_reports = (targets_reported, report_accuracy, priority_order, no_false_reports)
+    for measure in (*judged_by_reports, marks_clear_of_bystanders, bystanders_declared):
         x = x_of(measure, reports=spam)
         assert x is not None
         assert x < 0.05
