@@ -7,11 +7,10 @@ from collections.abc import Callable
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from test_vehicle_missions import Row, download, item, ready_ardupilot, step, to, upload
+from test_vehicle_missions import Row, download, ready_ardupilot, step, to, upload
 from vehicle_client import NAN, Client, simspec
 
 Make = Callable[..., Client]
-__all__ = ["item"]
 
 
 def corner(client: Client, east: float, north: float, count: int = 4, command: int = 5001) -> Row:
@@ -92,6 +91,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     assert 38.0 < north < 50.0
     status = [one for one in client.heard if one.get_type() == "FENCE_STATUS"]
     assert {(one.breach_status, one.breach_type) for one in status} == {(0, 0), (1, 3)}
+    assert {one.breach_mitigation for one in status} == {1}
     assert client.last("FENCE_STATUS").breach_count == 1
     assert client.command(176, 1, 4) == [0]
     assert client.last("HEARTBEAT").system_status == 4
@@ -109,6 +109,34 @@ def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
     client.fly(0.3)
     assert client.texts()[-2:] == ["Max Alt fence breached", "Manual recovery started"]
     assert client.vehicle.condition().mode == "RTL"
+
+
+def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
+    """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status says that it acts."""
+    client = airborne_ardupilot(make)
+    for name, value in ((b"FENCE_ALT_MAX", 15.0), (b"FENCE_ENABLE", 1.0)):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.command(511, 162, 200_000)
+    client.fly(0.1)
+    client.fly(8.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
+    assert client.vehicle.condition().mode == "GUIDED"
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(13.1, abs=0.3)
+    assert client.last("FENCE_STATUS").breach_mitigation == 2
+
+
+def test_ardupilot_setpoints_outside_are_not_flown_to(make: Make) -> None:
+    """A global position beyond the fence: no text, and it stays."""
+    client = airborne_ardupilot(make)
+    for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.fly(0.1)
+    said = len(client.texts())
+    latitude, longitude = client.vehicle_goal(0, 80)
+    message = mavlink.MAVLink_set_position_target_global_int_message
+    client.say(message(0, 1, 1, 6, 0b110111111000, latitude, longitude, 10, 0, 0, 0, 0, 0, 0, 0, 0))
+    client.fly(8.0)
+    assert math.hypot(*client.vehicle.truth().position_enu_m[:2]) < 1.0
+    assert len(client.texts()) == said
 
 
 def test_ardupilot_polygons(make: Make) -> None:

@@ -441,6 +441,20 @@ def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
     assert client.texts()[-1] == "Disarming motors"
 
 
+def test_thousands_of_items_and_rings_cost_a_step_little(make: Make) -> None:
+    """Three thousand items that nothing flies, with a jump among them: taken, passed over, and the vehicle goes on holding."""
+    client = make()
+    client.airborne()
+    rows = [bare(178, 1, 3.0, -1)] * 3000 + [bare(177, 0, -1)]
+    assert upload(client, rows) == 0
+    client.say(mavlink.MAVLink_mission_set_current_message(1, 1, 0))
+    client.command(176, 1, 4, 4)
+    client.fly(5.0)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.5)
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, 65535, 0))
+    assert [one.type for one in step(client)] == [4]
+
+
 def test_region_of_interest_turns_the_nose(make: Make) -> None:
     """Along a leg north the vehicle looks at a place in the east, until there is none."""
     client = make()

@@ -87,7 +87,7 @@ class Controller:
         failsafe = Failsafe(board, modes, self._setpoints, lambda: self._arming.disarm(Event.DISARMED))
         telemetry.charge_state = failsafe.charge_state
         plans = Plans()
-        fence = Fence(board, modes, plans)
+        self._fence = fence = Fence(board, modes, plans)
         self._guidance.refuge = Rally(board, plans).refuge
         missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm)
         telemetry.mission_current, telemetry.fence_status = missions.current, fence.status
@@ -207,7 +207,7 @@ class Controller:
         if flight.mode.behaviour is Behaviour.TERMINATE:
             airframe.disarm()
             return None
-        target = self._guidance.target(flight)
+        target = self._fence.held(flight, self._guidance.target(flight))
         if not self._off_the_ground(target):
             airframe.rest()
             return None

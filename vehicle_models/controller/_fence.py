@@ -9,13 +9,14 @@ from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result
 from ._fence_policy import Breach, FenceLimits
-from ._flight import Airframe, Behaviour, Flight, Home
+from ._flight import Airframe, Behaviour, Flight, Home, Target
 from ._mission_store import Item, Plan, Plans
 from ._modes import Modes
 
 FENCE_ENABLE = 207
 INCLUSION, EXCLUSION, CIRCLE_INCLUSION, CIRCLE_EXCLUSION = 5001, 5002, 5003, 5004
 _LOOKS_NS = 100_000_000  # ten looks a second are enough for what moves at 20 m/s
+_SLOWS_MPS2 = 1.0  # before the ceiling
 _BACK_M = 1.0  # so far inside a breach is over
 Place = tuple[float, float]
 
@@ -78,6 +79,7 @@ class Fence:
         self._enabled: bool | None = None  # as commanded; None: as the parameter says
         self._breach, self._since_ns, self._count, self._acted = Breach.NONE, 0, 0, Breach.NONE
         board.allows = self.allows
+        self._holds_back = False
         self._plan.on_change.append(self._plan_changed)
         board.parameters.on_change(self._parameters_changed)
 
@@ -126,12 +128,37 @@ class Fence:
         height = (home.down_m if home else 0.0) - down_m
         return not self.on or self.beyond((north_m, east_m), height, 0.0) is Breach.NONE
 
+    def held(self, flight: Flight, target: Target) -> Target:
+        """A target that does not climb through the margin below the ceiling, where the autopilot avoids it."""
+        self._holds_back = False
+        limits = self._limits
+        if limits.ceiling_m is None or limits.ceiling_margin_m is None or not self.on:
+            return target
+        left_m = limits.ceiling_m - limits.ceiling_margin_m - flight.height_m
+        if flight.height_m > limits.ceiling_m:
+            return target  # too late: what the breach leads to is flown
+        fastest = math.sqrt(2.0 * _SLOWS_MPS2 * left_m) if left_m > 0.0 else 0.0
+        north, east, down = target.velocity_ned_mps
+        if target.down_m is None and -down > fastest:
+            self._holds_back = True
+            return replace(target, velocity_ned_mps=(north, east, -fastest))
+        if target.down_m is not None and target.down_m < flight.down_m - max(left_m, 0.0):
+            self._holds_back = True
+            return replace(target, down_m=flight.down_m - max(left_m, 0.0))
+        return target
+
     def status(self) -> tuple[Any, ...] | None:
         """Values of FENCE_STATUS in wire order; None while there is no fence."""
         if not self.on:
             return None
         kind = min(self._breach, Breach.CIRCLE)  # a polygon is a boundary as well
-        return (self._since_ns // 1_000_000, self._count, int(self._breach is not Breach.NONE), int(kind), 0)
+        return (
+            self._since_ns // 1_000_000,
+            self._count,
+            int(self._breach is not Breach.NONE),
+            int(kind),
+            2 if self._holds_back else 1,
+        )
 
     def _inside(self, place: Place) -> bool:
         inclusions = [one for one in self._areas if one.keeps_in]

@@ -32,6 +32,7 @@ class FenceLimits:
     ceiling_m: float | None
     polygons: bool
     action: Behaviour | None
+    ceiling_margin_m: float | None = None  # so far below the ceiling climbing ends; None: it does not
 
 
 class FencePolicy(ABC):
@@ -43,6 +44,7 @@ class FencePolicy(ABC):
     needs_one: ClassVar[bool]  # inside one of several inclusions is enough, else inside all
     can_be_enabled: ClassVar[bool]  # DO_FENCE_ENABLE
     enabling: ClassVar[str | None]  # the parameter that turns the fence on; None: it is always on
+    keeps_setpoints: ClassVar[bool]  # positions outside, of a companion, are not flown to
     outside: ClassVar[tuple[Result, tuple[Text, ...]]]  # what a command to go outside gets
 
     @abstractmethod

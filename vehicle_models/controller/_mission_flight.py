@@ -23,6 +23,8 @@ ROI = (80, 195, 201)
 _FLOWN = frozenset({WAYPOINT, UNLIMITED, TURNS, TIME, RETURN, LAND, TAKEOFF, TO_HEIGHT, SPLINE, VTOL_TAKEOFF, VTOL_LAND, DELAY})
 _PASSED = frozenset({WAYPOINT, SPLINE})
 _MOST_JUMPS = 100  # at once: a ring of jumps without anything to fly ends the mission
+_MOST_DOS = 1000  # between two items to fly
+_DOS_A_STEP = 20
 _FARTHEST_M = 500_000.0
 _BRAKING_MPS2 = 1.5
 NO_MISSION, NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 1, 2, 3, 4, 5  # MISSION_STATE
@@ -203,6 +205,8 @@ class MissionFlight:
                 jumps += 1
                 if jumps > _MOST_JUMPS:
                     break
+            elif len(self._dos) >= _MOST_DOS:
+                at = len(items)
             else:
                 self._dos.append((at, items[at]))
                 at += 1
@@ -327,7 +331,7 @@ class MissionFlight:
 
     def _beyond(self, flight: Flight, place: Place) -> Place | None:
         """A point behind a waypoint that is only passed, so far ahead as the course goes on the same way: no braking."""
-        goal = next((one for one in self._plan.items[self._at + 1 :][:8] if one.command in _FLOWN), None)
+        goal = next((one for one in self._plan.items[self._at + 1 : self._at + 9] if one.command in _FLOWN), None)
         after = self._place(goal) if goal and goal.command in (WAYPOINT, SPLINE, TIME, UNLIMITED) else None
         if after is None:
             return None
@@ -356,7 +360,9 @@ class MissionFlight:
     # What is done beside flying.
 
     def _do_due(self, flight: Flight) -> None:
-        while self._dos and flight.time_ns >= self._wait_ns:
+        left = _DOS_A_STEP
+        while self._dos and left and flight.time_ns >= self._wait_ns:
+            left -= 1
             number, item = self._dos.popleft()
             name = self._policy.name(item)
             if name:

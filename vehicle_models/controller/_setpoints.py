@@ -124,6 +124,9 @@ class Setpoints:
             north, east = board.airframe.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
             ground = {"home": (flight.home or flight.origin).altitude_m, "ground": flight.origin.altitude_m}
             position = (north, east, flight.origin.altitude_m - m.alt - ground.get(kind, 0.0))
+            if board.personality.fence.keeps_setpoints and not board.allows(*position):
+                self._stop()
+                return
         elif not all(math.isnan(one) for one in position):
             position = _NAN3
         yaw = math.nan if m.type_mask & _NO_YAW else m.yaw

@@ -31,6 +31,7 @@ class ArduPilotFence(FencePolicy):
     needs_one = False
     can_be_enabled = True
     enabling = "FENCE_ENABLE"
+    keeps_setpoints = True
     outside = (Result.FAILED, ())
 
     def limits(self, p: ParameterStore) -> FenceLimits:
@@ -40,6 +41,7 @@ class ArduPilotFence(FencePolicy):
             ceiling_m=p["FENCE_ALT_MAX"] if kinds & _CEILING else None,
             polygons=bool(kinds & _POLYGON),
             action=_ACTIONS.get(int(p["FENCE_ACTION"]), Behaviour.RETURN),
+            ceiling_margin_m=max(p["FENCE_MARGIN"], 0.0),
         )
 
     def rally_limit_m(self, p: ParameterStore) -> float:

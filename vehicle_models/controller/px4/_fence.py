@@ -20,6 +20,7 @@ class Px4Fence(FencePolicy):
     needs_one = True
     can_be_enabled = False
     enabling = None
+    keeps_setpoints = False
     outside = (Result.ACCEPTED, ((CRITICAL, "Reposition is outside geofence"),))
 
     def limits(self, p: ParameterStore) -> FenceLimits:
