@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from vehicle_client import NAN, Client, simspec
+from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan, load_plugin
 from bench.errors import SetupError
@@ -177,6 +177,35 @@ def test_velocity_setpoints_are_a_course_and_a_climb(make_wing: MakeWing) -> Non
     assert client.vehicle.condition().mode == "AUTO_RTL"
 
 
+def test_an_orbit_is_a_circle_around_its_centre(make_wing: MakeWing) -> None:
+    """DO_ORBIT holds its radius within a tenth, as a loiter does."""
+    client = make_wing()
+    take_off(client)
+    place = client.vehicle_goal(100.0, 50.0)
+    assert client.command_int(34, 5, -70.0, 15.0, 0, NAN, *place, NAN) == [0]
+    client.fly(45.0)
+    assert max(abs(one - 70.0) for one in watch(client, 25.0, lambda: away_m(client, 100.0, 50.0))) < 7.0
+
+
+def test_attitude_setpoints_are_flown(make_wing: MakeWing) -> None:
+    """Offboard with roll 20 and pitch 5 degrees: held within 2 degrees."""
+    client = make_wing()
+    take_off(client)
+    roll, pitch = math.radians(20.0) / 2, math.radians(5.0) / 2
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+
+    def give() -> None:
+        q = (cr * cp, sr * cp, cr * sp, -sr * sp)
+        client.say(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, 0.4))
+
+    client.fly(0.3, give)
+    assert client.command(176, 1, 6) == [0, 0]
+    client.fly(3.0, give)
+    truth = client.vehicle.truth()
+    assert math.degrees(truth.roll_rad) == pytest.approx(20.0, abs=2.0)
+    assert math.degrees(truth.pitch_rad) == pytest.approx(5.0, abs=2.0)
+
+
 def test_returns_and_lands_near_home_against_the_wind(make_wing: MakeWing) -> None:
     """RTL with RTL_LAND_DELAY 0 circles down, glides in against 5 m/s of gusty wind, flares, stops within 50 m of home, disarms."""
     client = make_wing(wing_spec(parameters={"RTL_LAND_DELAY": 0.0}, environment=WIND))
@@ -211,6 +240,53 @@ def test_returns_and_circles_where_no_landing_is_wanted(make_wing: MakeWing) -> 
     assert max(abs(one - 60.0) for one in watch(client, 20.0, lambda: away_m(client, 0.0, 0.0))) < 6.0
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(45.0, abs=1.0)
     assert client.vehicle.condition().mode == "AUTO_RTL"
+
+
+def upload(client: Client, rows: list[tuple[Any, ...]]) -> None:
+    """Upload a mission of (command, frame, four params, x, y, z)."""
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, len(rows), 0))
+    for _ in range(4 * len(rows) + 4):
+        for said in client.fly(0.02):
+            if said.get_type() == "MISSION_ACK":
+                assert said.type == 0
+                return
+            if said.get_type() == "MISSION_REQUEST_INT":
+                command, frame, *params, x, y, z = rows[said.seq]
+                message = mavlink.MAVLink_mission_item_int_message
+                client.say(message(1, 1, said.seq, frame, command, int(said.seq == 0), 1, *params, x, y, z, 0))
+    raise AssertionError("no end of the upload")
+
+
+def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
+    """Takeoff, a triangle of waypoints (each passed within 25 m), 40 s of loitering, a landing at home, in 5 m/s of gusty wind."""
+    client = make_wing(wing_spec(parameters={"NAV_LOITER_RAD": 60.0}, environment=WIND))
+    client.fly(5.0)
+    places = ((200.0, 0.0), (150.0, 250.0), (-100.0, 150.0))
+    home, turn = client.vehicle_goal(0.0, 0.0), client.vehicle_goal(0.0, 100.0)
+    rows: list[tuple[Any, ...]] = [(22, 3, 0, 0, 0, NAN, *home, 40.0)]
+    rows += [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(*place), 50.0) for place in places]
+    rows += [(19, 3, 40, 0, 0, NAN, *turn, 50.0), (21, 3, 0, 0, 0, NAN, *home, 0.0)]
+    upload(client, rows)
+    assert client.command(400, 1) == [0]
+    assert client.command(176, 1, 4, 4)[-1] == 0
+    nearest = [math.inf] * 3
+    turned = 0
+    for _ in range(350):
+        client.fly(
+            1.0,
+            lambda: nearest.__setitem__(slice(None), [min(n, away_m(client, *p)) for n, p in zip(nearest, places, strict=True)]),
+        )
+        turned += abs(away_m(client, 0.0, 100.0) - 60.0) < 6.0
+        if not client.vehicle.condition().armed:
+            break
+    condition = client.vehicle.condition()
+    assert not condition.armed
+    assert not condition.crashed
+    assert max(nearest) < 26.0
+    assert turned > 15  # seconds on the circle
+    assert away_m(client, 0.0, 0.0) < 50.0
+    reached = {one.seq for one in client.heard if one.get_type() == "MISSION_ITEM_REACHED"}
+    assert {0, 1, 2, 3, 4} <= reached
 
 
 def test_two_flights_are_the_same_to_the_last_bit(make_wing: MakeWing) -> None:

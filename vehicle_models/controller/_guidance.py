@@ -415,6 +415,13 @@ class HeadingTo:
 class Manoeuvres:
     """How this kind of aircraft does what every kind can: the multicopter's way. Another kind overrides what it does otherwise."""
 
+    lands_from_afar = False  # a landing begins elsewhere than over its place
+    passes_m, passes_height_m = 0.0, 0.0  # a waypoint counts as reached this near, if not before
+
+    def turning_radius_m(self, wanted_m: float, limits: Limits) -> float:
+        """Radius of the turns that a mission wants; 0 leaves it to the vehicle."""
+        return wanted_m or 10.0
+
     def hold(
         self,
         flight: Flight,
@@ -438,6 +445,10 @@ class Manoeuvres:
 
     def follow(self, flight: Flight) -> Follow:
         return Follow(flight)
+
+    def shaped(self, manoeuvre: Manoeuvre, target: Target, flight: Flight, limits: Limits) -> Target:
+        """The target of any manoeuvre in the form that this kind of aircraft can fly."""
+        return target
 
 
 class Guidance:
@@ -475,6 +486,7 @@ class Guidance:
     def target(self, flight: Flight) -> Target:
         """Where to go, and where to look meanwhile."""
         target = self.manoeuvre.target(flight, self.limits)
+        target = self.manoeuvres.shaped(self.manoeuvre, target, flight, self.limits)
         if self.heading and target.attitude is None:
             yaw = self.heading.yaw_rad(flight)
             return replace(target, yaw_rad=yaw, yawrate_radps=0.0, turn_max_radps=self.heading.turn_max_radps)

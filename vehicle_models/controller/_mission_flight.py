@@ -9,7 +9,7 @@ from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Behaviour, Flight
-from ._guidance import Guidance, Hold, Land, Return
+from ._guidance import Guidance, Hold, Land
 from ._mission_legs import Climb, Descend, Goto, Leg, Place, Turns, bearing
 from ._mission_policy import Text
 from ._mission_store import ABOVE_SEA, PLACELESS, Item, Plans
@@ -296,7 +296,8 @@ class MissionFlight:
             case 20:
                 return self._return(flight)
             case 21 | 85:
-                if self._place(item) and math.hypot(place[0] - flight.north_m, place[1] - flight.east_m) > 1.0:
+                away_m = math.hypot(place[0] - flight.north_m, place[1] - flight.east_m)
+                if self._place(item) and away_m > 1.0 and not self._guidance.manoeuvres.lands_from_afar:
                     self._descends = True
                     return self._goto(flight, item, place, flight.down_m, 0.0, radius_m=1.0)
                 return Descend(self._landing(flight, item))
@@ -305,7 +306,7 @@ class MissionFlight:
             case 17:
                 return self._goto(flight, item, place, down, math.inf)
             case 18:
-                radius = third or 10.0
+                radius = self._guidance.manoeuvres.turning_radius_m(third, self._guidance.limits)
                 return Turns(flight, place, down, radius, min(max(first, 0.0), 255.0), self._look, self._guidance.speed_mps)
             case _:
                 stays = max(first, 0.0) if item.command != TO_HEIGHT else 0.0
@@ -327,6 +328,8 @@ class MissionFlight:
         if self._policy.item_yaw and math.isfinite(degrees) and item.command != DELAY:
             self._yaw_rad = math.radians(math.remainder(degrees, 360.0))
         height = math.inf if radius == math.inf else self._policy.alt_reached_m
+        manoeuvres = self._guidance.manoeuvres
+        radius, height = max(radius, manoeuvres.passes_m), max(height, manoeuvres.passes_height_m)
         return Goto(flight, place, down, self._look, radius, height, stays_s, aim, self._guidance.speed_mps)
 
     def _beyond(self, flight: Flight, place: Place) -> Place | None:
@@ -346,11 +349,12 @@ class MissionFlight:
         return place[0] + along[0] * ahead, place[1] + along[1] * ahead
 
     def _landing(self, flight: Flight, item: Item) -> Land:
-        return Land(flight, self._place(item), flight.home.down_m if flight.home else 0.0)
+        ground = flight.home.down_m if flight.home else 0.0
+        return self._guidance.manoeuvres.land(flight, self._place(item), ground)
 
     def _return(self, flight: Flight) -> Leg:
         refuge = self._guidance.refuge(flight) or flight.origin
-        return Descend(Return(flight, refuge, self._guidance.limits))
+        return Descend(self._guidance.manoeuvres.go_home(flight, refuge, self._guidance.limits))
 
     def _look(self, flight: Flight, place: Place) -> float | None:
         if self._roi:

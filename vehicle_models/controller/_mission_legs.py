@@ -67,6 +67,12 @@ class Goto(Hold):
             descent_max_mps=limits.descent_mps,
         )
 
+    @property
+    def stays_at(self) -> Place | None:
+        """The place that it stays at, for a time or for ever; None on the way to it, and where it only passes."""
+        here = self._stays_ns == math.inf or (self._arrived_ns is not None and self._stays_ns > 0.0)
+        return self._goal if here else None
+
     def over(self, flight: Flight) -> bool:
         if self._arrived_ns is None:
             near = math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
@@ -113,6 +119,11 @@ class Turns:
         self.speed_mps = speed_mps
 
     @property
+    def circle(self) -> tuple[Place, float, float]:
+        """Centre, height (down) and radius, negative to the left."""
+        return self._centre, self._down_m, self._radius_m * self._sense
+
+    @property
     def manoeuvre(self) -> Manoeuvre:
         return self
 
@@ -124,7 +135,7 @@ class Turns:
         speed = min(self.speed_mps or limits.cruise_mps, math.sqrt(2.0 * radius))
         north, east = math.cos(angle), math.sin(angle)
         away_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])
-        self._on_it = self._on_it or abs(away_m - radius) < 2.0
+        self._on_it = self._on_it or abs(away_m - radius) < max(2.0, 0.05 * radius)
         turning = (-east * speed * self._sense, north * speed * self._sense, 0.0) if self._on_it else (0.0, 0.0, 0.0)
         return Target(
             north_east_m=(self._centre[0] + north * radius, self._centre[1] + east * radius),

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from ._flight import Flight, Home, Target
-from ._guidance import Follow, Hold, Land, Manoeuvres, Return, Takeoff
+from ._guidance import Circle, Follow, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
+from ._mission_legs import Goto, Turns
 from ._personality import Limits, Seconds
 
 _BANK_MAX_RAD = math.radians(45.0)
@@ -74,15 +75,7 @@ class WingTakeoff(Takeoff):
     REACHED_M = 1.5
 
     def target(self, flight: Flight, limits: Limits) -> Target:
-        wing = wing_limits(limits)
-        return WingTarget(
-            down_m=self._down_m,
-            velocity_ned_mps=(math.cos(self._yaw_rad), math.sin(self._yaw_rad), 0.0),
-            speed_max_mps=wing.cruise_mps,
-            climb_max_mps=wing.climb_mps,
-            descent_max_mps=wing.descent_mps,
-            bank_max_rad=math.radians(15.0),  # the tips are near the ground
-        )
+        return _climb_ahead(wing_limits(limits), self._down_m, self._yaw_rad)
 
     def done(self, flight: Flight) -> bool:
         return flight.down_m - self._down_m < self.REACHED_M
@@ -199,12 +192,16 @@ class WingFollow(Follow):
         self._rest = WingHold(flight)
 
     def lapse(self, flight: Flight) -> None:
-        self._given, self._rest = None, WingHold(flight)
+        super().lapse(flight)
+        self._rest = WingHold(flight)
 
     def target(self, flight: Flight, limits: Limits) -> Target:
-        given, wing = self._given, wing_limits(limits)
-        if given is None:
+        wing = wing_limits(limits)
+        if self._given is None:
             return self._rest.target(flight, limits)
+        given = super().target(flight, limits)
+        if given.attitude:
+            return given
         speed = math.hypot(*given.velocity_ned_mps[:2])
         return WingTarget(
             north_east_m=given.north_east_m,
@@ -219,6 +216,12 @@ class WingFollow(Follow):
 
 class WingManoeuvres(Manoeuvres):
     """A fixed wing's way."""
+
+    lands_from_afar = True
+    passes_m, passes_height_m = 25.0, 10.0
+
+    def turning_radius_m(self, wanted_m: float, limits: Limits) -> float:
+        return math.copysign(max(abs(wanted_m), 30.0), wanted_m) if wanted_m else wing_limits(limits).loiter_radius_m
 
     def hold(
         self,
@@ -243,6 +246,22 @@ class WingManoeuvres(Manoeuvres):
     def follow(self, flight: Flight) -> Follow:
         return WingFollow(flight)
 
+    def shaped(self, manoeuvre: Manoeuvre, target: Target, flight: Flight, limits: Limits) -> Target:
+        """Circles by their centre, climbs straight ahead; the rest is flown as it is."""
+        wing = wing_limits(limits)
+        if isinstance(target, WingTarget) or target.attitude:
+            return target
+        if isinstance(manoeuvre, Circle):
+            return _circle(wing, manoeuvre.centre, manoeuvre.down_m, math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps))
+        if isinstance(manoeuvre, Turns):
+            return _circle(wing, *manoeuvre.circle, manoeuvre.speed_mps)
+        down = flight.down_m if target.down_m is None else target.down_m
+        if isinstance(manoeuvre, Goto) and manoeuvre.stays_at:
+            return _circle(wing, manoeuvre.stays_at, down, None, target.speed_max_mps)
+        if isinstance(manoeuvre, Takeoff):
+            return _climb_ahead(wing, down, flight.yaw_rad if target.yaw_rad is None else target.yaw_rad)
+        return target
+
 
 def _circle(
     wing: WingLimits, place: Place, down_m: float, radius_m: float | None = None, speed_mps: float | None = None
@@ -254,6 +273,17 @@ def _circle(
         climb_max_mps=wing.climb_mps,
         descent_max_mps=wing.descent_mps,
         radius_m=radius_m or wing.loiter_radius_m,
+    )
+
+
+def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarget:
+    return WingTarget(
+        down_m=down_m,
+        velocity_ned_mps=(math.cos(course_rad), math.sin(course_rad), 0.0),
+        speed_max_mps=wing.cruise_mps,
+        climb_max_mps=wing.climb_mps,
+        descent_max_mps=wing.descent_mps,
+        bank_max_rad=math.radians(15.0),  # the tips are near the ground
     )
 
 

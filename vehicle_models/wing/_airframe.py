@@ -14,13 +14,14 @@ import math
 from bench.contracts import Vector
 
 from .._geodesy import TangentPlane
-from ..controller import Target, WingTarget
+from ..controller import Attitude, Target, WingTarget
 from ._plant import AREA_M2, DRAG_0, DRAG_PER_LIFT2, LIFT_0, LIFT_PER_RAD, MASS_KG, WingPlant, most_thrust_n
 
 _G = 9.80665
 _AIR_KGPM3 = 1.225
 _SLOWEST_MPS, _FASTEST_MPS = 10.5, 22.0  # what the airframe can do, whatever a parameter says
 _CLIMB_MPS, _DESCENT_MPS = 4.0, 4.0
+_TIGHTEST_M = 30.0  # radius of a circle
 _PERIOD_S, _DAMPING = 9.0, 0.75  # of the lateral guidance
 _BANK_MAX_RAD = math.radians(45.0)
 _PITCH_RAD = (math.radians(-20.0), math.radians(25.0))
@@ -64,6 +65,8 @@ class WingAirframe:
             self._throw()
             roll, pitch, throttle = 0.0, _THROWN_PITCH_RAD, 1.0
             self._airspeed_mps = max(motion.airspeed_mps, _RELEASE_MPS)
+        elif target.attitude:
+            roll, pitch, throttle = self._given(target, target.attitude)
         else:
             roll = self._roll_rad(target)
             pitch, throttle = self._climb(target)
@@ -75,6 +78,17 @@ class WingAirframe:
         write("throttle", throttle)
         write("flying", 1.0)
         self._wanted = (roll, pitch, motion.yaw_rad, throttle)
+
+    def _given(self, target: Target, attitude: Attitude) -> tuple[float, float, float]:
+        """An attitude that somebody gives, as far as the airframe goes; body rates are not flown: wings level instead."""
+        pitch, throttle = self._climb(target)
+        if attitude.rates_radps is not None:
+            return 0.0, pitch, throttle
+        roll = min(max(attitude.roll_rad, -_BANK_MAX_RAD), _BANK_MAX_RAD)
+        if attitude.thrust is None:
+            return roll, pitch, throttle
+        pitch = min(max(attitude.pitch_rad, _PITCH_RAD[0]), _PITCH_RAD[1])
+        return roll, pitch, min(max(attitude.thrust, 0.0), 1.0)
 
     def wanted_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays what it is."""
@@ -137,7 +151,7 @@ class WingAirframe:
         radius = target.radius_m if isinstance(target, WingTarget) else None
         if radius is None:
             return _toward(vn, ve, north, east)
-        return _around(vn, ve, north, east, radius)
+        return _around(vn, ve, north, east, math.copysign(max(abs(radius), _TIGHTEST_M), radius))
 
     def _climb(self, target: Target) -> tuple[float, float]:
         """Pitch in radians, and throttle 0 to 1."""
