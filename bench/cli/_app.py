@@ -23,7 +23,11 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 _THE_DISK_SAYS_NO = frozenset(
-    {errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS}
+    {
+        *(errno.EACCES, errno.EPERM, errno.EROFS),
+        *(errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC),
+        *(errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR),
+    }
 )
 
 for commands in (_campaigns, _sessions, _scores, _look, _fly, _machine):
@@ -50,7 +54,7 @@ def run(arguments: Sequence[str]) -> int:
         if error.errno not in _THE_DISK_SAYS_NO:
             raise
         print(
-            f"rebar: {error.filename or 'writing'}: {error.strerror} (make room or mend the rights, and run again)",
+            f"rebar: {error.filename or 'writing'}: {error.strerror} (see to the path, its rights and the room there, and run again)",
             file=sys.stderr,
         )
         return 1

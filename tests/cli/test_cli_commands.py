@@ -205,3 +205,12 @@ def test_a_disk_that_refuses_is_answered_with_a_sentence(
     monkeypatch.setattr("bench.campaign.finish_campaign", refuse)
     assert run(["report", "out"]) == 1
     assert words in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_is_answered_with_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An output path through a file, or that is one."""
+    (tmp_path / "file").touch()
+    campaign = small_campaign(tmp_path)
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        assert run(["run", str(campaign), "--out", str(out)]) == 1
+        assert f"rebar: {tmp_path / 'file'}" in capsys.readouterr().err
