@@ -43,6 +43,10 @@ class Battery:
         self.power_w = power_w
         self._left_j = max(0.0, self._left_j - power_w * span_s)
 
+    def drop_to(self, fraction: float) -> None:
+        """Lose charge at once, as a cell that fails; never gains any."""
+        self._left_j = min(self._left_j, fraction * self._capacity_j)
+
     @property
     def fraction(self) -> float:
         return self._left_j / self._capacity_j

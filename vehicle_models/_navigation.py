@@ -8,6 +8,10 @@ attitude are taken as exact.
 
 Source of the process: Gelb (ed.), "Applied Optimal Estimation" (1974), section 2.2: critically damped, with
 correlation exp(-b t) (1 + b t), which falls to 1/e at `wander_time_s` for b = 2.146 / wander_time_s.
+
+Without fixes the vehicle reckons on by its accelerometers alone: their bias, drawn when the fixes end (0.03 m/s2 on each
+horizontal axis, a consumer sensor after calibration), makes the velocity wrong by its time and the place by half its
+square. Height stays the barometer's. When fixes come again, the estimate follows them as before and velocity is exact.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from bench.simspec import Gps
 FIX_S = 0.125  # PX4's simulated receiver gives 8 fixes a second
 _FOLLOW_S = 0.5  # time constant with which the estimate follows the fixes
 _BLOCK = 512
+_BIAS_MPS2 = 0.03
 _DECAY = 2.1461932  # b times the correlation time: the root of exp(-z) (1 + z) = 1/e
 
 
@@ -44,9 +49,29 @@ class Navigation:
         self.fixes = 0
         self._since_fix_s = 0.0
         self._step_s = step_s
+        self.off = False
+        self.velocity_error_en_mps = (0.0, 0.0)
+        self._bias_en_mps2 = (0.0, 0.0)
+        self._drift_en_mps: tuple[float, float] | None = None
+        self._drifted_en_m = (0.0, 0.0)
+
+    def set_off(self, off: bool) -> None:
+        """Fixes end, or come again."""
+        if off and not self.off:
+            first, second, *_ = self._draw()
+            self._bias_en_mps2 = (_BIAS_MPS2 * first, _BIAS_MPS2 * second)
+        self.off = off
+        self.velocity_error_en_mps = (0.0, 0.0)
+
+    def set_drift_en_mps(self, drift_en_mps: tuple[float, float] | None) -> None:
+        """Fixes begin to walk away with a velocity, or (None) are where they belong again."""
+        self._drift_en_mps, self._drifted_en_m = drift_en_mps, (0.0, 0.0)
 
     def step(self) -> None:
         """Advance by one step: take a fix when one is due, and follow it."""
+        if self.off:
+            self._reckon()
+            return
         self._since_fix_s += self._step_s
         if self._since_fix_s > FIX_S - 1e-9:
             self._since_fix_s -= FIX_S
@@ -56,12 +81,25 @@ class Navigation:
         fe, fn, fu = self.fix_error_enu_m
         self.error_enu_m = (e + share * (fe - e), n + share * (fn - n), u + share * (fu - u))
 
+    def _reckon(self) -> None:
+        (e, n, u), (ve, vn), (ae, an), span = self.error_enu_m, self.velocity_error_en_mps, self._bias_en_mps2, self._step_s
+        self.velocity_error_en_mps = (ve, vn) = (ve + ae * span, vn + an * span)
+        self.error_enu_m = (e + ve * span, n + vn * span, u)
+
     def _fix(self) -> None:
         a, b, c, d, e, f, g = self._draw()
         noise = self._gps.noise_m
         self._east = self._wanders.step(self._east, a, b)
         self._north = self._wanders.step(self._north, c, d)
         self.fix_error_enu_m = (self._east[0] + noise * e, self._north[0] + noise * f, 1.5 * noise * g)
+        if self._drift_en_mps:
+            (away_e, away_n), (drift_e, drift_n), (fix_e, fix_n, fix_u) = (
+                self._drifted_en_m,
+                self._drift_en_mps,
+                self.fix_error_enu_m,
+            )
+            self._drifted_en_m = (away_e, away_n) = (away_e + drift_e * FIX_S, away_n + drift_n * FIX_S)
+            self.fix_error_enu_m = (fix_e + away_e, fix_n + away_n, fix_u)
         self.fixes += 1
 
     def _draw(self) -> list[float]:

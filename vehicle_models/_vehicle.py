@@ -21,6 +21,7 @@ from bench.errors import Fault, SetupError
 from bench.simspec import generator
 
 from ._battery import Battery
+from ._failures import Failures
 from ._geodesy import TangentPlane
 from ._gusts import Gusts, mean_wind_ned_mps
 from ._navigation import Navigation
@@ -33,8 +34,10 @@ from .controller import (
     Home,
     Link,
     Manoeuvres,
+    Payload,
     Personality,
     Target,
+    attitude_quaternion,
     open_links,
 )
 from .x500 import FULL_THRUST_N, HOVER_THRUST, Motion, Place, X500Plant
@@ -68,6 +71,8 @@ class Plant(Protocol):
     def advance(self) -> None: ...
 
     def specific_force_mps2(self) -> Vector: ...
+
+    def set_works(self, rotor: int, works: bool) -> None: ...
 
 
 class SteeredAirframe(Airframe, Protocol):
@@ -221,8 +226,19 @@ class Aircraft(ABC):
             unix_start_us=round(simspec.environment.start_utc.timestamp() * 1e6),
         )
         self._sense()
+        self._failures = Failures(
+            simspec.vehicle.failures,
+            self._navigation,
+            self._battery,
+            self.rotors,
+            self._plant.set_works,
+            [link.spec.name for link in links],
+            self._silence,
+        )
+        truth = self._hil_state if simspec.vehicle.ground_truth else None
+        payload = Payload(simspec.vehicle.camera, truth, self._failures.break_part)
         self._controller = Controller(
-            personality, self._flight, self._airframe, links, simspec.vehicle.parameters, tap, self.manoeuvres
+            personality, self._flight, self._airframe, links, simspec.vehicle.parameters, tap, self.manoeuvres, payload
         )
         self._links = links
 
@@ -236,7 +252,12 @@ class Aircraft(ABC):
     def sent(self) -> Mapping[str, int]:
         return {channel.name: channel.sent for channel in self._controller.channels}
 
+    def exposed(self, frame: int, time: SimTime) -> None:
+        """The scene has made frame number `frame` of this vehicle's camera."""
+        self._controller.exposed(frame)
+
     def step(self) -> None:
+        self._failures.apply(self.time.ns)
         self._controller.control()
         self._air()
         falling_mps = self._speed_mps()
@@ -253,12 +274,20 @@ class Aircraft(ABC):
         return self._state((0.0, 0.0, 0.0))
 
     def estimate(self) -> VehicleState:
-        return self._state(self._navigation.error_enu_m)
+        return self._state(self._navigation.error_enu_m, self._navigation.velocity_error_en_mps)
 
     def condition(self) -> VehicleCondition:
         flight = self._flight
         landed = not flight.flying and flight.on_ground
-        return VehicleCondition(flight.armed, landed, flight.crashed, flight.mode.name, flight.battery_fraction, flight.failsafe)
+        return VehicleCondition(
+            flight.armed,
+            landed,
+            flight.crashed,
+            flight.mode.name,
+            flight.battery_fraction,
+            flight.failsafe,
+            self._failures.active,
+        )
 
     def counters(self) -> Mapping[str, int]:
         return self._controller.counters()
@@ -267,6 +296,24 @@ class Aircraft(ABC):
         if not self._gusts.calm:
             motion = self._plant.motion
             self._plant.set_gust_ned_mps(self._gusts.step(motion.up_m, motion.airspeed_mps))
+
+    def _silence(self, link: str, lost: bool) -> None:
+        for channel in self._controller.channels:
+            if channel.name == link:
+                channel.silenced = lost
+
+    def _hil_state(self) -> tuple[float, ...]:
+        """HIL_STATE_QUATERNION in wire order: the true motion."""
+        motion = self._plant.motion
+        latitude_e7, longitude_e7 = self._plane.geodetic_e7(motion.east_m, motion.north_m)
+        altitude_mm = round((motion.up_m + self._ground_m) * 1000.0)
+        speeds = (round(one * 100.0) for one in (motion.vn_mps, motion.ve_mps, motion.vd_mps))
+        airspeed = min(round(motion.airspeed_mps * 100.0), 65535)
+        forces = (round(min(max(one / 9.80665 * 1000.0, -32768.0), 32767.0)) for one in self._plant.specific_force_mps2())
+        attitude = attitude_quaternion(motion.roll_rad, motion.pitch_rad, motion.yaw_rad)
+        rates = (motion.p_radps, motion.q_radps, motion.r_radps)
+        head = (self.time.ns // 1000, *attitude, *rates, latitude_e7, longitude_e7, altitude_mm)
+        return (*head, *speeds, airspeed, airspeed, *forces)
 
     def _power(self) -> None:
         self._drain(self._battery)
@@ -302,6 +349,8 @@ class Aircraft(ABC):
         error = self._airframe.error_enu_m = self._navigation.error_enu_m
         east, north, up = motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]
         flight.time_ns = self.time.ns
+        if self._navigation.off == flight.gps_ok:
+            flight.gps_lost_ns = self.time.ns if self._navigation.off else None
         flight.east_m, flight.north_m, flight.down_m = east - self._home[0], north - self._home[1], -up
         flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
         flight.altitude_m = up + self._ground_m
@@ -310,7 +359,8 @@ class Aircraft(ABC):
             fix = self._navigation.fix_error_enu_m
             flight.fix_e7 = self._plane.geodetic_e7(motion.east_m + fix[0], motion.north_m + fix[1])
             flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
-        flight.vn_mps, flight.ve_mps, flight.vd_mps = motion.vn_mps, motion.ve_mps, motion.vd_mps
+        wrong_e, wrong_n = self._navigation.velocity_error_en_mps
+        flight.vn_mps, flight.ve_mps, flight.vd_mps = motion.vn_mps + wrong_n, motion.ve_mps + wrong_e, motion.vd_mps
         flight.roll_rad, flight.pitch_rad, flight.yaw_rad = motion.roll_rad, motion.pitch_rad, _half_turn(motion.yaw_rad)
         flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
         flight.airspeed_mps = motion.airspeed_mps
@@ -319,16 +369,18 @@ class Aircraft(ABC):
         flight.battery_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
         flight.battery_v, flight.battery_a = battery.voltage_v, battery.current_a
 
-    def _state(self, error: Vector) -> VehicleState:
+    def _state(self, error: Vector, wrong_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:
         motion: Motion = self._plant.motion
         return VehicleState(
             time=self.time,
             position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
-            velocity_enu_mps=(motion.ve_mps, motion.vn_mps, -motion.vd_mps),
+            velocity_enu_mps=(motion.ve_mps + wrong_en_mps[0], motion.vn_mps + wrong_en_mps[1], -motion.vd_mps),
             roll_rad=motion.roll_rad,
             pitch_rad=motion.pitch_rad,
             yaw_rad=_half_turn(motion.yaw_rad),
             rates_body_radps=(motion.p_radps, motion.q_radps, motion.r_radps),
+            camera_pan_rad=self._flight.camera_pan_rad,
+            camera_tilt_rad=self._flight.camera_tilt_rad,
         )
 
 

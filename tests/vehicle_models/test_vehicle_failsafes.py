@@ -202,12 +202,12 @@ def test_without_satellites_it_lands(make: Make, autopilot: str, mode: str) -> N
     client = copter(make) if autopilot == "ardupilot" else make()
     if autopilot == "px4":
         client.airborne(5.0)
-    flight = client.vehicle._flight  # type: ignore[attr-defined]
-    flight.gps_lost_ns = flight.time_ns
+    navigation = client.vehicle._navigation  # type: ignore[attr-defined]
+    navigation.set_off(True)
     client.fly(4.8)
     assert client.vehicle.condition().failsafe == ""
     client.fly(0.4)
     assert state(client) == (mode, "position")
-    flight.gps_lost_ns = None
+    navigation.set_off(False)
     client.fly(0.1)
     assert state(client) == (("AUTO_LOITER", "") if autopilot == "px4" else ("LAND", ""))

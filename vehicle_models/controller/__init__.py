@@ -11,7 +11,9 @@ from ._flight import Target as Target
 from ._guidance import Manoeuvres as Manoeuvres
 from ._links import Link as Link
 from ._links import open_links as open_links
+from ._payload import Payload as Payload
 from ._personality import Personality as Personality
+from ._telemetry import attitude_quaternion as attitude_quaternion
 from ._wing import WingManoeuvres as WingManoeuvres
 from ._wing import WingTarget as WingTarget
 from .ardupilot import ArduPilot as ArduPilot

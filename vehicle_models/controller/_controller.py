@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ from bench.contracts import MavlinkTap
 
 from ._arming import Arming
 from ._board import Board, Handler, Sender, Service
+from ._camera import CameraComponent
 from ._chase import FollowMe
 from ._clock import Clock
 from ._commands import Commands
@@ -19,10 +21,12 @@ from ._files import Files
 from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
 from ._ftp import FileTransfer
+from ._gimbal import Gimbal
 from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
 from ._health import Health
 from ._home import HomeKeeper
 from ._identity import Identity
+from ._injection import Injection
 from ._links import Link
 from ._manual import Manual
 from ._mission_flight import MissionFlight
@@ -31,6 +35,7 @@ from ._mission_store import Plans
 from ._modes import Modes
 from ._navigator import Navigator
 from ._parameters import Parameters, ParameterStore
+from ._payload import Payload
 from ._personality import Event, Personality
 from ._radio import Channel, Radio
 from ._setpoints import Setpoints
@@ -55,6 +60,7 @@ class Controller:
         given: Mapping[str, float],
         tap: MavlinkTap | None = None,
         manoeuvres: Manoeuvres | None = None,
+        payload: Payload | None = None,
     ) -> None:
         packer = Packer(SYSTEM, COMPONENT)
         self._signing = open_signing([link.spec for link in links], flight.unix_start_us)
@@ -114,6 +120,9 @@ class Controller:
             Health(board),
             failsafe,
         ]
+        self._camera: CameraComponent | None = None
+        if payload:
+            self._carry(payload)
         self._handlers: dict[int, list[Handler]] = {}
         for service in self._services:
             commands.add(service.commands())
@@ -123,6 +132,27 @@ class Controller:
         self._decoder = Decoder()
         self._detector = LandDetector()
         self._unheard = 0
+
+    def _carry(self, payload: Payload) -> None:
+        """Services of what the vehicle carries, and of what the bench allows."""
+        board, camera = self._board, payload.camera
+        if camera and camera.gimbal:
+            gimbal = Gimbal(board, math.radians(camera.tilt_deg))
+            self._services.append(gimbal)
+            self._streams.add_answers(gimbal.answers())
+            for name, values in gimbal.streams().items():
+                self._streams.add(name, values, board.personality.gimbal_streams.get(name))
+        if camera and camera.mavlink:
+            self._camera = CameraComponent(board, camera, SYSTEM)
+        if payload.truth:
+            self._streams.add("HIL_STATE_QUATERNION", payload.truth)
+        if payload.break_part:
+            self._services.append(Injection(board, payload.break_part))
+
+    def exposed(self, frame: int) -> None:
+        """The scene has made a frame of the vehicle's camera."""
+        if self._camera:
+            self._camera.exposed(frame)
 
     def receive(self) -> None:
         """Move what waits in the sockets to the inboxes."""
@@ -138,6 +168,8 @@ class Controller:
                 self._hear(channel)
         for service in self._services:
             service.tick()
+        if self._camera:
+            self._camera.tick()
         while self._boot and self._boot[0][0] <= self._flight.time_s:
             _, severity, text = self._boot.pop(0)
             self._board.texts.say(severity, text)
@@ -184,6 +216,9 @@ class Controller:
     def _hear_frame(self, channel: Channel, frame: bytes) -> None:
         handlers = self._handlers.get(message_id(frame))
         message = self._decoder.decode(frame) if handlers else None
+        if self._camera and message is not None and self._camera.takes(message, SYSTEM):
+            self._camera.hear(message, Sender(*sender(frame), channel))
+            return
         for_us = message is None or _addressed(message, self._board.personality.any_component)
         for_us_alone = message is not None and for_us and message_target(message) == SYSTEM
         if not for_us_alone:

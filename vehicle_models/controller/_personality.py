@@ -174,6 +174,10 @@ class Personality(ABC):
     echo_modes: ClassVar[tuple[Behaviour, ...] | None]  # POSITION_TARGET_* are said in these alone; None: in all
     echo_position_mask: ClassVar[int | None]  # type_mask of the echo of a position; None: bits of what is NaN
     echo_velocity_mask: ClassVar[int | None]
+    gimbal_needs_control: ClassVar[bool]  # a gimbal is turned by its primary or secondary controller alone
+    gimbal_streams: ClassVar[Mapping[str, float]]  # message -> Hz, for a vehicle with a gimbal
+    failure_parameter: ClassVar[str | None]  # that allows INJECT_FAILURE, where that command exists
+    lost_fix_type: ClassVar[int]  # GPS_RAW_INT without fixes
     texts: ClassVar[Mapping[Event, tuple[int, str]]]
     fixed_results: ClassVar[Mapping[int, Result | None]]  # commands that are answered and do nothing
     capabilities: ClassVar[int]

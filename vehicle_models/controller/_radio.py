@@ -26,6 +26,7 @@ class Channel:
         self.name = link.spec.name
         self.sent = 0
         self.heard = False  # whether anybody has spoken here
+        self.silenced = False  # nothing passes, in either direction
         self._packer = packer
         self._sequence = 0
         self._waiting: list[bytes] = []
@@ -75,7 +76,9 @@ class Channel:
 
     def begin(self) -> None:
         """A step begins."""
-        self._on = self.link.connected()
+        self._on = self.link.connected() and not self.silenced
+        if self.silenced:
+            self.link.inbox.clear()
 
     def flush(self, tap: MavlinkTap | None) -> None:
         """Send what waits."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from bench.errors import Fault, SetupError
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._frames import KINDS
 from ._radio import Channel
-from ._telemetry import Telemetry
+from ._telemetry import Telemetry, Values
 
 SET_INTERVAL, GET_INTERVAL, REQUEST_MESSAGE = 511, 510, 512
 _NAMES = {kind.id: name for name, kind in KINDS.items()}
@@ -50,6 +50,16 @@ class Streams:
     def add_answers(self, answers: Mapping[str, Any]) -> None:
         """Messages that are said only on request: name -> function of the command that gives the fields, or None."""
         self._extra.update({KINDS[name].id: (name, fields) for name, fields in answers.items()})
+
+    def add(self, name: str, values: Callable[[], Values | None], hz: float | None = None) -> None:
+        """A message beside the personality's own; streamed at once where `hz` is given, but for links that want nothing."""
+        number = KINDS[name].id
+        self._telemetry.say[number] = values
+        self._order[number] = len(self._order)
+        self._supported.add(number)
+        for channel in self._board.radio.channels:
+            if hz and self._board.personality.stream_sets[channel.link.spec.streams]:
+                self._put(channel, number, round(1e9 / hz))
 
     def tick(self) -> None:
         pass

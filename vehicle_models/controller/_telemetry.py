@@ -15,16 +15,19 @@ _NAN = math.nan
 _NAN4 = (_NAN,) * 4
 _NO_COVARIANCE = (_NAN,) + (0.0,) * 20
 _SEA_LEVEL_HPA = 1013.25
+_GPS, _XY_CONTROL = 0x20, 0x4000  # MAV_SYS_STATUS_SENSOR
+_BY_GPS = 8 | 16 | 256 | 512  # ESTIMATOR_STATUS_FLAGS: horizontal position, and its prediction
 # Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of the field.
 _FIELD_NED = (0.2146, 0.0133, 0.4329)
 
 
 def quaternion(flight: Flight) -> tuple[float, float, float, float]:
     """w, x, y, z of the body (FRD) against north-east-down."""
-    return _quaternion(flight.roll_rad, flight.pitch_rad, flight.yaw_rad)
+    return attitude_quaternion(flight.roll_rad, flight.pitch_rad, flight.yaw_rad)
 
 
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """w, x, y, z of an attitude against north-east-down, radians."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -171,7 +174,7 @@ class Telemetry:
         roll, pitch, yaw, thrust = self._board.airframe.wanted_attitude()
         attitude = f.target.attitude
         rates = attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
-        return (f.time_ms, *_quaternion(roll, pitch, yaw), *rates, thrust, 0)
+        return (f.time_ms, *attitude_quaternion(roll, pitch, yaw), *rates, thrust, 0)
 
     def _local_target(self) -> Values | None:
         """NaN for what is not controlled, and the mask says so."""
@@ -207,6 +210,9 @@ class Telemetry:
         course = _heading_cdeg(math.atan2(f.ve_mps, f.vn_mps)) if speed > 0.1 else 0
         altitude = round(f.fix_altitude_m * 1000.0)
         fix = self._board.personality.gps_fields
+        if not f.gps_ok:
+            lost = (65535, 65535, 65535, 65535, self._board.personality.lost_fix_type, 0)
+            return (0, *f.fix_e7, altitude, *lost, altitude, *(0,) * 5)
         head = (0, *f.fix_e7, altitude, fix.eph, fix.epv, min(round(speed * 100.0), 65534), course, fix.fix_type, 10)
         return (*head, altitude, fix.h_acc_mm, fix.v_acc_mm, 400, 0, 0)
 
@@ -232,7 +238,8 @@ class Telemetry:
         current = _centi(f.battery_a)
         remaining = round(100.0 * f.battery_fraction)
         battery = (self._millivolts(), current)
-        return (bits.present, bits.enabled, bits.health, 130, *battery, 0, 0, 0, 0, 0, 0, remaining, 0, 0, 0)
+        health = bits.health if f.gps_ok else bits.health & ~(_GPS if f.position_ok else _GPS | _XY_CONTROL)
+        return (bits.present, bits.enabled, health, 130, *battery, 0, 0, 0, 0, 0, 0, remaining, 0, 0, 0)
 
     def _say_ping(self) -> Values:
         self._ping = (self._ping + 1) & 0xFFFFFFFF
@@ -244,7 +251,18 @@ class Telemetry:
 
     def _estimator(self) -> Values:
         f = self._flight
-        return (f.time_us, 0.01, 0.02, 0.02, _NAN, 0.0, _NAN, 0.3, 0.3, 1023 if f.home else 0)
+        return (
+            f.time_us,
+            0.01,
+            0.02,
+            0.02,
+            _NAN,
+            0.0,
+            _NAN,
+            0.3,
+            0.3,
+            (1023 if f.position_ok else 1023 & ~_BY_GPS) if f.home else 0,
+        )
 
     def _battery(self) -> Values:
         f = self._flight

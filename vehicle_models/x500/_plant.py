@@ -137,6 +137,10 @@ class X500Plant:
         """Speed of each rotor as a share of its greatest, 0 to 1."""
         return [get() for get in self._motors]
 
+    def set_works(self, number: int, works: bool) -> None:
+        """Let a rotor (by its place in ROTORS) turn as it is told, or not at all."""
+        self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
+
     def wanted_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors can give."""
         roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
@@ -197,6 +201,7 @@ _WRITTEN = (
     "given-r-radps",
     "target-yaw-rad",
     "target-yawrate-radps",
+    *(f"works-{name}" for name in ROTORS),
     "speed-max-mps",
     "climb-max-mps",
     "descent-max-mps",

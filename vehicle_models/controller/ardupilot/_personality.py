@@ -121,6 +121,10 @@ class ArduPilot(Personality):
     no_mission_total = 0
     gps_fields = GpsFields(fix_type=6, eph=121, epv=200, h_acc_mm=300, v_acc_mm=300)
     checks_when_armed = Result.TEMPORARILY_REJECTED
+    gimbal_needs_control = False
+    gimbal_streams = {}
+    failure_parameter = None
+    lost_fix_type = 1
     mode_acks_twice = False
     set_mode_message_acks = False
     answers_ping = False

@@ -85,7 +85,7 @@ _GCS = {
 # Accepted and without effect here, as in section 3.3 of what was observed.
 _ACCEPTED = (187, 191, 241, 245, 246, 310, 401, 2510, 2511)
 # No module owns these: no answer at all.
-_SILENT = (202, 203, 204, 205, 206, 420, 500, 521, 530, 1000, 1001, 2003, 3000, 42600)
+_SILENT = (202, 203, 204, 205, 206, 500, 521, 530, 1000, 1001, 2003, 3000, 42600)
 
 
 class Px4(Personality):
@@ -143,6 +143,10 @@ class Px4(Personality):
     no_mission_total = 65535
     gps_fields = GpsFields(fix_type=3, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780)
     checks_when_armed = Result.ACCEPTED
+    gimbal_needs_control = True
+    gimbal_streams = {"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5}
+    failure_parameter = "SYS_FAILURE_EN"
+    lost_fix_type = 0
     mode_acks_twice = True
     set_mode_message_acks = True
     answers_ping = True

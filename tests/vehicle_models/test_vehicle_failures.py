@@ -1,0 +1,140 @@
+"""What breaks: by the SimSpec's timeline at exact moments, and by command where the autopilot allows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from vehicle_client import Client, simspec
+
+from bench.errors import SetupError
+
+Make = Callable[..., Client]
+
+
+def failing(*failures: dict[str, Any], **vehicle: Any) -> Any:
+    return simspec(vehicle={"failures": failures, **vehicle})
+
+
+def error_m(client: Client) -> float:
+    """How far the vehicle is from where it believes to be, over the ground."""
+    true, believed = client.vehicle.truth().position_enu_m, client.vehicle.estimate().position_enu_m
+    return math.hypot(true[0] - believed[0], true[1] - believed[1])
+
+
+def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
+    """During a loss nothing is sent, counted or heard; what came is counted as received; then it goes on as before."""
+    taped: list[tuple[str, int]] = []
+    spec = failing({"at_s": 2.0, "kind": "link_loss", "link": "onboard", "duration_s": 3.0})
+    client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
+    client.fly(0.92)
+    assert client.vehicle.time.s == pytest.approx(2.02)
+    sent, heard, received = client.vehicle.sent()["onboard"], len(client.heard), client.vehicle.receive()["onboard"]
+    taped.clear()
+    assert client.command(176, 1, 4, 5) == []
+    client.fly(2.9)
+    assert client.vehicle.condition().failures == ("link_loss onboard",)
+    assert (client.vehicle.sent()["onboard"], len(client.heard)) == (sent, heard)
+    assert client.vehicle.receive()["onboard"] == received + 1
+    assert taped == []
+    client.fly(0.5)
+    assert client.vehicle.condition().failures == ()
+    assert client.vehicle.condition().mode == "AUTO_LOITER"
+    assert len(client.heard) > heard
+    assert client.vehicle.sent()["onboard"] == len(client.heard)
+
+
+def test_without_fixes_the_vehicle_reckons_on_and_says_so(make: Make) -> None:
+    """Fix type 0, health bits gone, an error that grows; with fixes again, all is as before."""
+    client = make(failing({"at_s": 18.0, "kind": "gps_off", "duration_s": 12.0}), streams="onboard")
+    client.airborne(5.0)
+    client.fly(18.0 - client.vehicle.time.s)
+    assert client.last("GPS_RAW_INT").fix_type == 3
+    client.fly(1.0)
+    assert client.last("GPS_RAW_INT").fix_type == 0
+    assert not client.last("SYS_STATUS").onboard_control_sensors_health & 0x20
+    early = error_m(client)
+    client.fly(10.5)
+    assert error_m(client) > early
+    assert 0.1 < error_m(client) < 10.0
+    client.fly(4.0)
+    assert client.last("GPS_RAW_INT").fix_type == 3
+    assert client.last("SYS_STATUS").onboard_control_sensors_health & 0x20
+    assert error_m(client) < 0.1
+
+
+def test_fixes_that_drift_take_the_vehicle_along(make: Make) -> None:
+    """Fixes that walk east at 1 m/s for 10 s move the estimate by some 10 m; then it jumps back."""
+    drift = {"at_s": 6.0, "kind": "gps_drift", "drift_mps": 1.0, "towards_deg": 90.0, "duration_s": 10.0}
+    client = make(failing(drift))
+    client.fly(16.0 - client.vehicle.time.s)
+    true, believed = client.vehicle.truth().position_enu_m, client.vehicle.estimate().position_enu_m
+    assert believed[0] - true[0] == pytest.approx(9.5, abs=0.3)
+    assert believed[1] - true[1] == pytest.approx(0.0, abs=0.1)
+    client.fly(4.0)
+    assert error_m(client) < 0.1
+
+
+def test_a_battery_falls_at_once(make: Make) -> None:
+    """Charge drops to what is said at the step of the moment, and is never raised by it."""
+    client = make(
+        failing(
+            {"at_s": 3.0, "kind": "battery_drop", "to_fraction": 0.2}, {"at_s": 4.0, "kind": "battery_drop", "to_fraction": 0.9}
+        )
+    )
+    client.fly(3.0 - client.vehicle.time.s)
+    assert client.vehicle.condition().battery_fraction > 0.9
+    client.fly(0.02)
+    assert client.vehicle.condition().battery_fraction == pytest.approx(0.2, abs=1e-4)
+    client.fly(2.0)
+    assert client.vehicle.condition().battery_fraction < 0.2
+
+
+def test_a_quadrotor_without_one_rotor_comes_down(make: Make) -> None:
+    """The rotor stops, whatever is commanded, and the vehicle crashes."""
+    client = make(failing({"at_s": 20.0, "kind": "motor_off", "instance": 2}))
+    client.airborne(10.0)
+    client.fly(10.0)
+    assert client.vehicle.condition().crashed
+    assert "motor_off 2" in client.vehicle.condition().failures
+
+
+def test_what_is_not_there_cannot_break(make: Make) -> None:
+    """A rotor or a link that the vehicle does not have is a fault of the SimSpec, with its place."""
+    with pytest.raises(SetupError) as caught:
+        make(failing({"at_s": 1, "kind": "motor_off", "instance": 5}, {"at_s": 1, "kind": "link_loss", "link": "radio"}))
+    assert [fault.where for fault in caught.value.faults] == ["vehicle.failures[0].instance", "vehicle.failures[1].link"]
+
+
+def test_failures_by_command_need_the_parameter(make: Make) -> None:
+    """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not modelled."""
+    client = make()
+    assert client.command(420, 4, 1, 0) == [2]
+    allowed = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 1}}))
+    allowed.airborne(5.0)
+    assert allowed.command(420, 4, 1, 0) == [0]
+    allowed.fly(0.1)
+    assert allowed.vehicle.condition().failures == ("gps_off",)
+    assert allowed.command(420, 4, 0, 0) == [0]
+    allowed.fly(0.1)
+    assert allowed.vehicle.condition().failures == ()
+    assert allowed.command(420, 1, 1, 0) == [3]
+    assert allowed.command(420, 101, 1, 9) == [3]
+    assert allowed.command(420, math.nan, math.nan, math.nan) == [3]
+
+
+def test_ardupilot_does_not_know_the_command(make: Make) -> None:
+    client = make(simspec("ardupilot"))
+    assert client.command(420, 4, 1, 0) == [3]
+
+
+def test_two_runs_with_the_same_failures_are_the_same(make: Make) -> None:
+    """The drift of reckoning is drawn from the SimSpec's seeds."""
+    spec = failing({"at_s": 2.0, "kind": "gps_off"}, gps={"wander_m": 1.0, "noise_m": 0.1})
+    one, other = make(spec), make(spec)
+    one.fly(8.0)
+    other.fly(8.0)
+    assert one.vehicle.estimate() == other.vehicle.estimate()
+    assert error_m(one) > 0.2

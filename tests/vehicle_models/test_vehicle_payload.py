@@ -1,0 +1,225 @@
+"""Gimbal, camera and ground truth: what a vehicle carries, seen over its link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from vehicle_client import NAN, Client, mavlink, simspec
+
+from bench.contracts import START, CarriesCamera
+
+Make = Callable[..., Client]
+
+
+def carrying(autopilot: str = "px4", **camera: Any) -> Any:
+    return simspec(autopilot, vehicle={"camera": {"tilt_deg": 60.0, **camera}})
+
+
+def tilt_deg(client: Client) -> float:
+    tilt = client.vehicle.truth().camera_tilt_rad
+    assert tilt is not None
+    return math.degrees(tilt)
+
+
+def pan_deg(client: Client) -> float:
+    pan = client.vehicle.truth().camera_pan_rad
+    assert pan is not None
+    return math.degrees(pan)
+
+
+def test_a_gimbal_turns_the_camera_at_its_rate_once_control_is_taken(make: Make) -> None:
+    """PX4: nobody turns it without control; with it, tilt moves by 90 degrees a second and stays where it was told."""
+    client = make(carrying(gimbal=True))
+    assert client.command(1000, -20, 30, NAN, NAN, 0, 0, 0) == [2]
+    assert client.command(1001, -2, -2, -1, -1, 0, 0, 0) == [0]
+    assert client.command(1000, -20, 30, NAN, NAN, 0, 0, 0) == [0]
+    client.fly(0.2)
+    assert tilt_deg(client) == pytest.approx(60.0 - 90.0 * 0.22, abs=2.0)
+    client.fly(1.0)
+    assert tilt_deg(client) == pytest.approx(20.0)
+    assert pan_deg(client) == pytest.approx(30.0)
+
+
+def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
+    """Information on request names device 1 and the axes; status names who is in control; attitude is streamed on demand."""
+    client = make(carrying(gimbal=True))
+    assert client.command(512, 280) == [0]
+    information = client.last("GIMBAL_MANAGER_INFORMATION")
+    assert information.gimbal_device_id == 1
+    assert information.cap_flags & 32
+    assert information.cap_flags & 131072
+    assert client.command(1001, -2, -2, -1, -1, 0, 0, 1) == [0]
+    assert client.command(512, 281) == [0]
+    client.fly(0.1)
+    status = client.last("GIMBAL_MANAGER_STATUS")
+    assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
+    assert client.command(511, 285, 100_000) == [0]
+    client.fly(1.0)
+    said = [one for one in client.heard if one.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    assert 9 <= len(said) <= 11
+    w, _, y, _ = said[-1].q
+    assert math.degrees(2.0 * math.atan2(y, w)) == pytest.approx(-60.0, abs=0.1)
+
+
+def test_control_is_given_back_and_taken_by_another(make: Make) -> None:
+    """-3 gives control back only for whoever has it; then the messages of the one who had it are not heeded."""
+    client = make(carrying(gimbal=True))
+    client.command(1001, 9, 9, -1, -1, 0, 0, 0)
+    assert client.command(1001, -3, -3, -1, -1, 0, 0, 0) == [0]
+    client.say(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
+    client.fly(1.0)
+    assert tilt_deg(client) == pytest.approx(60.0)
+    client.command(1001, -2, -2, -1, -1, 0, 0, 0)
+    client.say(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
+    client.fly(1.0)
+    assert tilt_deg(client) == pytest.approx(0.0)
+
+
+def test_a_locked_yaw_holds_its_direction_while_the_vehicle_turns_away(make: Make) -> None:
+    """A region of interest is pointed at from wherever the vehicle is, in pan and tilt."""
+    client = make(carrying(gimbal=True), streams="onboard")
+    client.airborne(10.0)
+    latitude, longitude = client.vehicle_goal(30.0, 0.0)
+    assert client.command_int(195, 0, 0, 0, 0, 0, latitude, longitude, 488.0) == [0]
+    client.fly(2.5)
+    state = client.vehicle.truth()
+    east, north, up = state.position_enu_m
+    assert tilt_deg(client) == pytest.approx(math.degrees(math.atan2(up, math.hypot(30.0 - east, north))), abs=0.5)
+    assert pan_deg(client) + math.degrees(state.yaw_rad) == pytest.approx(math.degrees(math.atan2(30.0 - east, -north)), abs=0.5)
+    assert client.command(197) == [0]
+    client.fly(2.5)
+    assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(60.0), pytest.approx(0.0))
+
+
+def test_ardupilot_needs_nobody_to_take_control(make: Make) -> None:
+    """While nobody controls the gimbal, anybody's command turns it."""
+    client = make(carrying("ardupilot", gimbal=True))
+    assert client.command(1000, -45, 0, NAN, NAN, 0, 0, 0) == [0]
+    client.fly(1.0)
+    assert tilt_deg(client) == pytest.approx(45.0)
+
+
+def test_nonsense_leaves_the_gimbal_where_it_is(make: Make) -> None:
+    """NaN, infinities, unknown devices and flags are refused or mean nothing."""
+    client = make(carrying(gimbal=True))
+    client.command(1001, -2, -2, -1, -1, 0, 0, 0)
+    assert client.command(1000, NAN, NAN, NAN, NAN, 0, 0, 0) == [0]
+    assert client.command(1000, 0, 0, 0, 0, 1, 0, 0) == [2]
+    assert client.command(1000, 0, 0, 0, 0, NAN, 0, 0) == [2]
+    assert client.command(1000, 0, 0, 0, 0, 0, 0, 77) == [2]
+    assert client.command(1001, NAN, 0, 0, 0, 0, 0, 0) == [2]
+    assert client.command(1000, math.inf, -math.inf, math.inf, NAN, 0, 0, 0) == [0]
+    assert client.command(195, 0, 0, 0, 0, math.inf, NAN, 0) == [2]
+    quaternion = [NAN, math.inf, 0.0, 1.0]
+    client.say(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, quaternion, math.inf, math.inf, NAN))
+    client.say(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, [2.0, 9e30, 9e30, 1.0], NAN, NAN, NAN))
+    client.fly(0.5)
+    assert math.isfinite(tilt_deg(client))
+    assert math.isfinite(pan_deg(client))
+
+
+def test_without_a_gimbal_nothing_of_it_exists(make: Make) -> None:
+    """The commands are answered as the autopilots answer them without a mount; the state says None."""
+    client = make()
+    assert client.command(1000, 0, 0, 0, 0, 0, 0, 0) == []
+    assert client.command(512, 280) == [2]
+    assert client.vehicle.truth().camera_pan_rad is None
+
+
+def camera_command(client: Client, number: int, *params: float) -> list[int]:
+    padded = [*params, *[0.0] * (7 - len(params))]
+    client.say(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
+    heard = client.fly(0.02)
+    return [one.result for one in heard if one.get_type() == "COMMAND_ACK" and one.get_srcComponent() == 100]
+
+
+def expose(client: Client, frames: range) -> None:
+    assert isinstance(client.vehicle, CarriesCamera)
+    for frame in frames:
+        client.fly(0.2)
+        client.vehicle.exposed(frame, client.vehicle.time)
+    client.fly(0.02)
+
+
+def images(client: Client) -> list[Any]:
+    return [one for one in client.heard if one.get_type() == "CAMERA_IMAGE_CAPTURED"]
+
+
+def test_the_camera_is_a_component_of_its_own(make: Make) -> None:
+    """A heartbeat a second from component 100, and information that gives back the SimSpec's numbers."""
+    client = make(carrying(mavlink=True, gimbal=True))
+    client.fly(3.0)
+    beats = [one for one in client.heard if one.get_type() == "HEARTBEAT" and one.get_srcComponent() == 100]
+    assert len(beats) in (3, 4)
+    assert (beats[0].type, beats[0].autopilot) == (30, 8)
+    assert camera_command(client, 512, 259) == [0]
+    information = client.last("CAMERA_INFORMATION")
+    assert (information.resolution_h, information.resolution_v, information.gimbal_device_id) == (1280, 720, 1)
+    angle = 2.0 * math.degrees(math.atan(information.sensor_size_h / 2.0 / information.focal_length))
+    assert angle == pytest.approx(70.0, abs=1e-4)
+    for number in (260, 261, 262):
+        assert camera_command(client, 512, number) == [0]
+    assert client.last("STORAGE_INFORMATION").status == 3
+    assert camera_command(client, 512, 24) == [3]
+
+
+def test_a_picture_is_the_next_frame_of_the_scene(make: Make) -> None:
+    """Asked for once, taken once, even when the command is repeated; the message names the scene's frame."""
+    client = make(carrying(mavlink=True))
+    expose(client, range(3))
+    assert images(client) == []
+    assert camera_command(client, 2000, 0, 0, 1, 1) == [0]
+    expose(client, range(3, 6))
+    assert camera_command(client, 2000, 0, 0, 1, 1) == [0]
+    expose(client, range(6, 8))
+    (image,) = images(client)
+    assert (image.image_index, image.capture_result, image.file_url) == (0, 1, "rebar:frame/3")
+    assert camera_command(client, 512, 263, 0) == [0]
+    assert len(images(client)) == 2
+    assert camera_command(client, 512, 263, 5) == [2]
+
+
+def test_a_series_keeps_its_interval_until_it_is_stopped(make: Make) -> None:
+    """Every other frame for half the frame rate; a second series is turned away meanwhile; indices are without gaps."""
+    client = make(carrying(mavlink=True))
+    assert camera_command(client, 2000, 0, 0.4, 0) == [0]
+    assert camera_command(client, 2000, 0, 0.4, 0) == [1]
+    expose(client, range(10))
+    assert [one.image_index for one in images(client)] == list(range(5))
+    assert camera_command(client, 2001) == [0]
+    expose(client, range(10, 14))
+    assert len(images(client)) == 5
+    assert client.last("CAMERA_CAPTURE_STATUS").image_count == 5
+
+
+def test_the_camera_refuses_what_it_has_not(make: Make) -> None:
+    """No video, no zoom, no storage, no other mode: DENIED; unknown commands are UNSUPPORTED; NaN is no interval."""
+    client = make(carrying(mavlink=True))
+    assert [camera_command(client, number) for number in (2500, 2501, 526, 531)] == [[2]] * 4
+    assert camera_command(client, 530, 0, 1) == [2]
+    assert camera_command(client, 530, 0, 0) == [0]
+    assert camera_command(client, 400, 1) == [3]
+    assert camera_command(client, 2000, 0, NAN, 1) == [2]
+    assert camera_command(client, 2000, 0, 1, math.inf) == [2]
+    assert camera_command(client, 512, NAN) == [3]
+    assert not client.vehicle.condition().armed
+
+
+def test_truth_is_told_where_it_is_allowed_and_nowhere_else(make: Make) -> None:
+    """HIL_STATE_QUATERNION: refused by default; with vehicle.ground_truth it says the true place, not the estimate."""
+    plain = make()
+    assert plain.command(511, 115, 100_000) == [4]
+    assert plain.command(512, 115) == [2]
+    vehicle = {"ground_truth": True, "gps": {"wander_m": 5.0, "noise_m": 1.0}}
+    client = make(simspec(vehicle=vehicle))
+    assert client.command(511, 115, 100_000) == [0]
+    client.fly(1.0)
+    truth = client.last("HIL_STATE_QUATERNION")
+    assert (truth.lat, truth.lon) == (473977000, 85456000)
+    assert truth.alt == pytest.approx(488_000, abs=50)
+    assert truth.zacc == pytest.approx(-1000, abs=30)
+    assert truth.time_usec == pytest.approx(client.vehicle.time.ns // 1000, abs=100_000)
+    assert client.vehicle.time > START
