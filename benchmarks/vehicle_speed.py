@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.simspec import SimSpec
-from vehicle_models import open_x500
+from vehicle_models import open_wing, open_x500
 
 
 def simspec() -> SimSpec:
@@ -102,10 +102,46 @@ def with_controller(span_s: float, streams: str) -> tuple[float, float]:
         return spent, (vehicle.sent()["onboard"] - before) / span_s
 
 
+def fixed_wing(span_s: float, streams: str) -> tuple[float, float]:
+    """The fixed wing circling in the same wind; CPU seconds, and messages a second."""
+    client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    client.bind(("127.0.0.1", 0))
+    client.setblocking(False)
+    pack = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    link = LinkSpec("onboard", "udp_out", port=client.getsockname()[1], streams=streams)
+    with open_wing(VehiclePlan(simspec(), (link,))) as vehicle:
+
+        def fly(seconds: float) -> tuple[str, int] | None:
+            peer = None
+            for _ in range(round(seconds * 50)):
+                vehicle.receive()
+                vehicle.step()
+                while True:
+                    try:
+                        _, peer = client.recvfrom(65535)
+                    except BlockingIOError:
+                        break
+            return peer
+
+        peer = fly(5.0)
+        assert peer
+        for number, params in ((400, (1.0, *[0.0] * 6)), (22, (math.nan,) * 7)):
+            client.sendto(mavlink.MAVLink_command_long_message(1, 1, number, 0, *params).pack(pack), peer)
+            fly(1.0)
+        fly(30.0)
+        assert vehicle.condition().mode == "AUTO_LOITER"
+        before, begun = vehicle.sent()["onboard"], time.process_time()
+        fly(span_s)
+        spent = time.process_time() - begun
+        client.close()
+        return spent, (vehicle.sent()["onboard"] - before) / span_s
+
+
 def main(span_s: float = 120.0) -> None:
     rows = [("plant alone (cascade, gusts)", plant_alone(span_s), 0.0)]
     rows.append(("vehicle, client without streams", *with_controller(span_s, "none")))
     rows.append(("vehicle, PX4's onboard streams", *with_controller(span_s, "onboard")))
+    rows.append(("fixed wing, PX4's onboard streams", *fixed_wing(span_s, "onboard")))
     print(f"{'':36}{'sim s / CPU s':>14}{'us a step':>12}{'messages/s':>12}{'of the first':>14}")
     for name, cpu_s, rate in rows:
         speed = span_s / cpu_s

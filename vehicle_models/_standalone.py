@@ -8,12 +8,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 
-from bench.contracts import LinkSpec, Vehicle, VehiclePlan
+from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan, load_plugin
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
-
-from ._vehicle import open_x500
 
 DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
     "px4": (
@@ -34,17 +32,19 @@ def run_standalone(
     duration_s: float | None = None,
     stop: threading.Event | None = None,
     say: Callable[[str], None] | None = None,
+    model: str = "x500",
 ) -> None:
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
     `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees). Without
     links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762, 5763 for ardupilot. `say`
-    gets a line for each link. Raises SetupError for anything that cannot be opened or does not exist.
+    gets a line for each link. `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything that cannot be opened or does not exist.
     """
-    simspec = standalone_simspec(autopilot, home, parameters or {})
+    simspec = standalone_simspec(autopilot, home, parameters or {}, model)
+    open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", model)
     plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
     with ExitStack() as stack:
-        vehicle = stack.enter_context(open_x500(plan))
+        vehicle = stack.enter_context(open_vehicle(plan))
         for name, endpoint in vehicle.endpoints().items():
             if say:
                 say(f"{autopilot} on {name}: connect to {endpoint}")
@@ -55,7 +55,9 @@ def run_standalone(
                 say(f"stopped after {vehicle.time.s:.1f} s")
 
 
-def standalone_simspec(autopilot: str, home: tuple[float, float, float, float], parameters: Mapping[str, float]) -> SimSpec:
+def standalone_simspec(
+    autopilot: str, home: tuple[float, float, float, float], parameters: Mapping[str, float], model: str = "x500"
+) -> SimSpec:
     """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its middle."""
     if autopilot not in DEFAULT_LINKS:
         raise SetupError(Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}"))
@@ -68,6 +70,7 @@ def standalone_simspec(autopilot: str, home: tuple[float, float, float, float], 
             "area": {"corners": corners},
         },
         "vehicle": {
+            "model": model,
             "autopilot": autopilot,
             "parameters": dict(parameters),
             "home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": math.fmod(heading, 360.0) % 360.0},

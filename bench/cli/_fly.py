@@ -21,6 +21,7 @@ def register(app: typer.Typer) -> None:
 
 def fly(
     autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
+    vehicle: Annotated[str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 alone), or one of yours")] = "x500",
     mavlink: Annotated[
         list[str] | None,
         typer.Option(
@@ -46,6 +47,7 @@ def fly(
         speed=speed,
         duration_s=duration,
         say=print,
+        model=vehicle,
     )
 
 
