@@ -70,19 +70,6 @@ def ready_ardupilot(make: Make) -> Client:
     return client
 
 
-def flown_ardupilot(make: Make, rows: Sequence[Row]) -> Client:
-    """In AUTO and on its way, as a ground station starts it."""
-    client = ready_ardupilot(make)
-    assert upload(client, rows) == 0
-    assert client.command(176, 1, 4) == [0]
-    assert client.command(400, 1) == [0]
-    assert client.command(176, 1, 3) == [0]
-    client.fly(1.0)
-    assert client.vehicle.condition().landed
-    assert client.command(300) == [0]
-    return client
-
-
 def reached(client: Client) -> list[int]:
     seen: list[int] = []
     for one in client.heard:
@@ -284,6 +271,22 @@ def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> 
         assert client.command(400, 1) == [0]
         client.command(300)
     client.fly(5.0)
+    assert not client.vehicle.condition().crashed
+
+
+@pytest.mark.parametrize("value", [math.inf, 3e38, -3e38])
+def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> None:
+    """Turns, delays, speeds, headings and jumps of nonsense numbers, each flown: the vehicle stays in the air."""
+    client = ready_ardupilot(make)
+    place = client.vehicle_goal(10, 10)
+    rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22)]
+    rows += [(178, 2, 1, value, value, value, 0, 0, 0), (115, 2, 3e38, value, value, value, 0, 0, 0)]
+    rows += [(16, 3, 0, value, value, value, *place, 10), (18, 3, 1, value, value, value, *place, 10)]
+    assert upload(client, rows) == 0
+    for number, arguments in ((176, (1, 4)), (400, (1,)), (176, (1, 3)), (300, ())):
+        assert client.command(number, *arguments) == [0]
+    client.fly(60.0)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=1.0)
     assert not client.vehicle.condition().crashed
 
 

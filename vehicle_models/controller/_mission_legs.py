@@ -14,6 +14,7 @@ Place = tuple[float, float]
 Look = Callable[[Flight, Place], "float | None"]
 """The heading to fly with towards a place; None keeps the present one."""
 
+_WIDEST_M = 2550.0  # the widest that ArduPilot can store
 _NEAR_M = 3.0  # nearer than this a direction has no meaning
 
 
@@ -111,7 +112,7 @@ class Turns:
         self, flight: Flight, centre: Place, down_m: float, radius_m: float, turns: float, look: Look, speed_mps: float | None
     ) -> None:
         self._centre, self._down_m, self._look = centre, down_m, look
-        self._radius_m = max(abs(radius_m), 1.0)
+        self._radius_m = min(max(abs(radius_m), 1.0), _WIDEST_M)
         self._sense = -1.0 if radius_m < 0.0 else 1.0
         self._missing_rad = 2.0 * math.pi * turns
         self._angle_rad = self._angle(flight)
