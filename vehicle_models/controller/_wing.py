@@ -90,12 +90,12 @@ class WingLand(Land):
 
     APPROACH_HEIGHT_M = 25.0
     LEAD_M = 40.0  # how far ahead on the path it aims
-    AIM_SHORT_M = 25.0  # the flare floats so far
+    AIM_SHORT_S = 2.1  # of flight at landing speed: the flare floats so far
 
     def __init__(self, flight: Flight, north_east_m: Place | None = None, ground_down_m: float = 0.0) -> None:
         self._spot = north_east_m or (flight.north_m, flight.east_m)
         self._ground_down_m = ground_down_m
-        self._course_rad = _into_wind_rad(flight)
+        self._course_rad, self._headwind_mps = _into_wind(flight)
         self._phase = "circle"
 
     def target(self, flight: Flight, limits: Limits) -> Target:
@@ -114,7 +114,7 @@ class WingLand(Land):
         place = (self._spot[0] + ahead_m * cos, self._spot[1] + ahead_m * sin)
         slope = math.tan(wing.glide_rad)
         if self._phase == "glide":
-            path_m = max(-along_m - self.AIM_SHORT_M, 0.0) * slope
+            path_m = max(-along_m - self._short_m(wing), 0.0) * slope
             return WingTarget(
                 north_east_m=place,
                 down_m=self._ground_down_m - path_m,
@@ -139,7 +139,10 @@ class WingLand(Land):
         return north * cos + east * sin, east * cos - north * sin
 
     def _entry_m(self, wing: WingLimits) -> float:
-        return self.APPROACH_HEIGHT_M / math.tan(wing.glide_rad) + self.AIM_SHORT_M
+        return self.APPROACH_HEIGHT_M / math.tan(wing.glide_rad) + self._short_m(wing)
+
+    def _short_m(self, wing: WingLimits) -> float:
+        return self.AIM_SHORT_S * max(wing.landing_mps - self._headwind_mps, 0.0)
 
     def _turn_centre(self, wing: WingLimits) -> Place:
         """Of the clockwise circle that runs into the glide path."""
@@ -287,11 +290,12 @@ def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarg
     )
 
 
-def _into_wind_rad(flight: Flight) -> float:
-    """The course against the wind, as airspeed and ground speed show it; in a calm the present course."""
+def _into_wind(flight: Flight) -> tuple[float, float]:
+    """The course against the wind, and the wind, as airspeed and ground speed show them; in a calm the present course."""
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)
     east = flight.ve_mps - level * math.sin(flight.yaw_rad)
-    if math.hypot(north, east) < 1.5:
-        return math.atan2(flight.ve_mps, flight.vn_mps)
-    return math.atan2(-east, -north)
+    wind = math.hypot(north, east)
+    if wind < 1.5:
+        return math.atan2(flight.ve_mps, flight.vn_mps), 0.0
+    return math.atan2(-east, -north), wind
