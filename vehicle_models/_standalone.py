@@ -7,11 +7,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan, load_plugin
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
+
+from ._parameter_file import HasParameters, ParameterFile
 
 DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
     "px4": (
@@ -32,15 +35,19 @@ def run_standalone(
     duration_s: float | None = None,
     stop: threading.Event | None = None,
     say: Callable[[str], None] | None = None,
+    parameter_file: Path | None = None,
     model: str = "x500",
 ) -> None:
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
     `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees). Without
     links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762, 5763 for ardupilot. `say`
-    gets a line for each link. `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything that cannot be opened or does not exist.
+    gets a line for each link. `parameter_file` keeps what differs from the defaults from one start to the next.
+    `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything that cannot be opened or does not exist.
     """
-    simspec = standalone_simspec(autopilot, home, parameters or {}, model)
+    file = ParameterFile(parameter_file) if parameter_file else None
+    kept = file.load() if file else {}
+    simspec = standalone_simspec(autopilot, home, {**kept, **(parameters or {})}, model)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", model)
     plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
     with ExitStack() as stack:
@@ -48,11 +55,17 @@ def run_standalone(
         for name, endpoint in vehicle.endpoints().items():
             if say:
                 say(f"{autopilot} on {name}: connect to {endpoint}")
+
+        def keep() -> None:
+            if file and isinstance(vehicle, HasParameters):
+                file.keep(vehicle.changed_parameters())
+
         try:
-            fly(vehicle, speed, duration_s, stop or threading.Event())
+            fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=keep)
         except KeyboardInterrupt:
             if say:
                 say(f"stopped after {vehicle.time.s:.1f} s")
+        keep()
 
 
 def standalone_simspec(
@@ -87,16 +100,22 @@ def fly(
     stop: threading.Event,
     clock: Callable[[], float] = time.monotonic,
     wait: Callable[[float], object] | None = None,
+    each_second: Callable[[], None] | None = None,
 ) -> None:
     """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start, not added up.
 
-    When the host cannot keep up for a quarter of a second, the lost time is let go. `clock` and `wait` are the host's.
+    When the host cannot keep up for a quarter of a second, the lost time is let go. `clock` and `wait` are the host's;
+    `each_second` is called once in a simulated second.
     """
     pause = wait or stop.wait
     begun, from_s = clock(), vehicle.time.s
+    next_s = from_s + 1.0
     while not stop.is_set() and (duration_s is None or vehicle.time.s - from_s < duration_s - 1e-9):
         vehicle.receive()
         vehicle.step()
+        if each_second and vehicle.time.s >= next_s:
+            next_s += 1.0
+            each_second()
         due = begun + (vehicle.time.s - from_s) / speed
         ahead = due - clock()
         if ahead > 0.0:

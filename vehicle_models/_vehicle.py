@@ -289,6 +289,10 @@ class Aircraft(ABC):
             self._failures.active,
         )
 
+    def changed_parameters(self) -> Mapping[str, float]:
+        """What a client or the SimSpec has set, by name."""
+        return self._controller.changed_parameters()
+
     def counters(self) -> Mapping[str, int]:
         return self._controller.counters()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -32,6 +33,7 @@ def fly(
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
     signing_key: Annotated[str, typer.Option(help="Sign messages by this key, 64 hexadecimal digits")] = "",
     signing: Annotated[str, typer.Option(help="What becomes of unsigned messages: require (not heard) or accept")] = "require",
+    params: Annotated[Path | None, typer.Option(help="A file that keeps parameters from one start to the next")] = None,
     duration: Annotated[float | None, typer.Option(help="Stop after so many simulated seconds")] = None,
 ) -> None:
     """A simulated flight controller by itself, a drop-in for a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
@@ -46,6 +48,7 @@ def fly(
         home=parse_home(home),
         speed=speed,
         duration_s=duration,
+        parameter_file=params,
         say=print,
         model=vehicle,
     )

@@ -189,6 +189,10 @@ class Controller:
                 return  # stays armed, with rotors that do not turn
             self._arming.disarm(Event.CRASHED)
 
+    def changed_parameters(self) -> dict[str, float]:
+        """Parameters that differ from their defaults."""
+        return self._board.parameters.changed()
+
     def counters(self) -> dict[str, int]:
         """What was dropped or had no sense, by name."""
         links = [channel.link for channel in self.channels]

@@ -1,0 +1,71 @@
+"""MAVSDK reads our component metadata, over MAVLink FTP."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from bench.contracts import LinkSpec
+from vehicle_models import run_standalone
+
+CLIENT = """
+import json, sys, time
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.component_metadata import ComponentMetadata
+from mavsdk.plugins.component_metadata.component_metadata import ComponentMetadataError, MetadataType
+from mavsdk.plugins.param import Param
+
+mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+mavsdk.add_any_connection(f"udpin://127.0.0.1:{sys.argv[1]}")
+system = mavsdk.first_autopilot(20.0)
+metadata = ComponentMetadata(system)
+metadata.request_autopilot_component()
+found, end = {}, time.monotonic() + 20.0
+while len(found) < 2 and time.monotonic() < end:
+    time.sleep(0.2)
+    for kind in (MetadataType.PARAMETER, MetadataType.EVENTS):
+        try:
+            found[kind.name] = json.loads(metadata.get_metadata(1, kind).json_metadata)
+        except ComponentMetadataError:
+            pass
+all_of_them = Param(system).get_all_params()
+described = [one["name"] for one in found["PARAMETER"]["parameters"]]
+listed = [one.name for one in [*all_of_them.int_params, *all_of_them.float_params]]
+print(json.dumps({"described": described, "listed": listed, "components": list(found["EVENTS"]["components"])}))
+"""
+
+
+@pytest.mark.clients
+def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
+    """The general file, parameters and events are fetched and their checksums hold; every parameter is described."""
+    pytest.importorskip("mavsdk")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    stop = threading.Event()
+    link = LinkSpec("onboard", "udp_out", port=port)
+    flying = threading.Thread(target=run_standalone, args=("px4", [link]), kwargs={"stop": stop})
+    flying.start()
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", CLIENT, str(port)],
+            env={**os.environ, "HOME": str(tmp_path)},  # its cache of metadata is there
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+    finally:
+        stop.set()
+        flying.join()
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert sorted(found["described"]) == sorted(found["listed"])
+    assert found["components"] == ["1"]

@@ -1,0 +1,59 @@
+"""Parameters kept in a file between one flight and the next."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+from vehicle_client import mavlink
+
+from bench.contracts import LinkSpec
+from bench.errors import SetupError
+from vehicle_models import run_standalone
+from vehicle_models._parameter_file import ParameterFile
+
+
+def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
+    """A short flight in which a client says something; what it heard."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        client.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+        probe.close()
+        client.connect(("127.0.0.1", port))
+        link = LinkSpec("onboard", "udp_in", port=port, streams="none")
+        client.setblocking(False)
+
+        def say(line: str) -> None:
+            for message in messages:
+                client.send(message)
+
+        run_standalone("px4", [link], speed=100.0, duration_s=2.5, parameter_file=file, say=say)
+        heard = []
+        while True:
+            try:
+                heard.append(client.recv(65535))
+            except BlockingIOError:
+                return heard
+
+
+def test_what_was_set_is_there_again(tmp_path: Path) -> None:
+    """A client's PARAM_SET is in the file after the flight, alone; the next flight begins with it."""
+    file = tmp_path / "parameters.json"
+    mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    fly_and_set(file, bytes(mavlink.MAVLink_param_set_message(1, 1, b"MIS_TAKEOFF_ALT", 7.5, 9).pack(mav)))
+    assert ParameterFile(file).load() == {"MIS_TAKEOFF_ALT": 7.5}
+    asked = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MIS_TAKEOFF_ALT", -1).pack(mav))
+    heard = [one for data in fly_and_set(file, asked) for one in mavlink.MAVLink(None).parse_buffer(data) or []]
+    assert [one.param_value for one in heard if one.get_type() == "PARAM_VALUE"] == [7.5]
+
+
+@pytest.mark.parametrize("text", ["no json", "[1, 2]", '{"MIS_TAKEOFF_ALT": "high"}', '{"NO_SUCH": 1}'])
+def test_a_bad_file_is_refused(tmp_path: Path, text: str) -> None:
+    """Before anything flies, and the file stays as it was."""
+    file = tmp_path / "parameters.json"
+    file.write_text(text)
+    with pytest.raises(SetupError):
+        run_standalone("px4", duration_s=0.1, parameter_file=file)
+    assert file.read_text() == text

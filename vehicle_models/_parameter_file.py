@@ -1,0 +1,58 @@
+"""Parameters that outlive the process: what differs from the defaults, in a JSON file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from bench.errors import Fault, SetupError
+
+
+class ParameterFile:
+    """A file of names and numbers; one that is not there yet is an empty one."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._kept: Mapping[str, float] | None = None
+
+    def load(self) -> dict[str, float]:
+        """The values kept. Raises SetupError for a file that holds something else."""
+        try:
+            text = self._path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return {}
+        except (OSError, UnicodeDecodeError) as error:
+            raise SetupError(Fault(str(self._path), f"cannot be read: {error}", "name a file of parameters")) from None
+        try:
+            found = json.loads(text)
+        except ValueError as error:
+            raise SetupError(Fault(str(self._path), f"is no JSON: {error}", "mend or remove it")) from None
+        numbers = isinstance(found, dict) and all(
+            isinstance(one, int | float) and not isinstance(one, bool) for one in found.values()
+        )
+        if not numbers:
+            raise SetupError(Fault(str(self._path), "holds something else than names and numbers", "mend or remove it"))
+        return {name: float(value) for name, value in found.items()}
+
+    def keep(self, values: Mapping[str, float]) -> None:
+        """Write the values, when they have changed, all of them or none. Raises SetupError where that cannot be."""
+        if values == self._kept:
+            return
+        beside = self._path.with_name(f"{self._path.name}.new")
+        try:
+            beside.write_text(json.dumps(dict(values), indent=1, sort_keys=True) + "\n", encoding="utf-8")
+            os.replace(beside, self._path)
+        except OSError as error:
+            raise SetupError(Fault(str(self._path), f"cannot be written: {error}", "name a file in a folder of yours")) from None
+        self._kept = dict(values)
+
+
+@runtime_checkable
+class HasParameters(Protocol):
+    """A vehicle whose parameters can be kept."""
+
+    def changed_parameters(self) -> Mapping[str, float]:
+        """What differs from the defaults."""
