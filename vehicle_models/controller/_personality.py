@@ -148,6 +148,10 @@ class Personality(ABC):
     missions: ClassVar[MissionPolicy]
     fence: ClassVar[FencePolicy]
     stream_sets: ClassVar[Mapping[str, Mapping[str, float]]]  # set name -> message -> Hz
+    stream_parameters: ClassVar[Mapping[str, int]] = {}  # end of SR0_, SR1_... (a link each) -> id of its group
+    promised_messages: ClassVar[frozenset[int]] = frozenset()  # accepted when requested, but they never come
+    load_permille: ClassVar[int] = 130  # SYS_STATUS.load
+    battery_type: ClassVar[int] = 3  # MAV_BATTERY_TYPE; lithium polymer
     stream_groups: ClassVar[Mapping[int, tuple[str, ...]]]  # REQUEST_DATA_STREAM id -> messages
     messages: ClassVar[frozenset[str]]  # everything that may be streamed or requested
     unknown_interval: ClassVar[Result]

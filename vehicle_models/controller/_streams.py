@@ -37,6 +37,9 @@ class Streams:
         for channel in board.radio.channels:
             self._streams[channel.name] = []
             self._reset(channel)
+        self._rates: dict[tuple[int, int], float] = {}  # of a channel's place and a group, as parameters have them
+        self._rates_changed()
+        board.parameters.on_change(self._rates_changed)
         self._extra: dict[int, Any] = {}
         self._after: list[tuple[Channel, int]] = []
         self._answers: list[tuple[Channel, str, dict[str, Any]]] = []  # said behind their acknowledgements
@@ -102,7 +105,28 @@ class Streams:
 
     def _default_ns(self, channel: Channel, number: int) -> int | None:
         hz = self._board.personality.stream_sets[channel.link.spec.streams].get(_NAMES[number])
+        if hz is None:
+            place = self._board.radio.channels.index(channel)
+            for group, names in self._board.personality.stream_groups.items():
+                if _NAMES[number] in names:
+                    hz = self._rates.get((place, group))
         return round(1e9 / hz) if hz else 1_000_000_000 if number == _HEARTBEAT else None
+
+    def _rates_changed(self) -> None:
+        """Follow the parameters that hold the rates of groups, where there are such."""
+        for suffix, group in self._board.personality.stream_parameters.items():
+            for place, channel in enumerate(self._board.radio.channels):
+                name = f"SR{place}_{suffix}"
+                if name not in self._board.parameters.kinds:
+                    continue
+                hz = max(self._board.parameters[name], 0.0)
+                if self._rates.get((place, group), 0.0) != hz:
+                    self._rates[place, group] = hz
+                    self._put_group(channel, group, hz)
+
+    def _put_group(self, channel: Channel, group: int, hz: float) -> None:
+        for name in self._board.personality.stream_groups.get(group, ()):
+            self._put(channel, KINDS[name].id, round(1e9 / hz) if hz > 0.0 else None)
 
     def _put(self, channel: Channel, number: int, interval_ns: int | None) -> None:
         """Change one rate; None stops it."""
@@ -159,18 +183,22 @@ class Streams:
         if number in self._supported:
             self._after.append((channel, number))
             return Result.ACCEPTED
+        if number in self._board.personality.promised_messages:
+            return Result.ACCEPTED
         return self._board.personality.unknown_request
 
     def _request_group(self, message: Any, sender: Sender) -> None:
         """REQUEST_DATA_STREAM: group 0 is all of them. Personalities without groups do not hear it."""
-        groups = self._board.personality.stream_groups
-        wanted = sorted({one for group in groups.values() for one in group}) if message.req_stream_id == 0 else None
-        names = wanted if wanted is not None else groups.get(message.req_stream_id, ())
-        for name in names:
-            if message.start_stop and message.req_message_rate:
-                self._put(sender.channel, KINDS[name].id, round(1e9 / message.req_message_rate))
-            else:
-                self._put(sender.channel, KINDS[name].id, None)
+        personality, channel = self._board.personality, sender.channel
+        place = self._board.radio.channels.index(channel)
+        hz = float(message.req_message_rate) if message.start_stop else 0.0
+        for group in personality.stream_groups if message.req_stream_id == 0 else (message.req_stream_id,):
+            self._put_group(channel, group, hz)
+            self._rates[place, group] = hz
+            for suffix, its in personality.stream_parameters.items():
+                name = f"SR{place}_{suffix}"
+                if its == group and name in self._board.parameters.kinds:
+                    self._board.parameters.put(name, hz)
 
 
 def _whole(value: float) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 from ._board import Board
 from ._flight import Flight
 from ._frames import KINDS
+from ._telemetry_more import MoreTelemetry
 
 Values = tuple[Any, ...]
 _NAN = math.nan
@@ -98,6 +99,7 @@ class Telemetry:
             "AHRS2": self._ahrs2,
             "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, board.personality.estimator_flags(self._flight), 0.0),
         }
+        by_name.update(MoreTelemetry(board, self._raw_imu, self._pressure).says())
         self.say: dict[int, Callable[[], Values | None]] = {KINDS[name].id: do for name, do in by_name.items()}
         self.orbit: Callable[[], Values | None] = lambda: None
         self.has_setpoints: Callable[[], bool] = lambda: False
@@ -179,9 +181,11 @@ class Telemetry:
     def _local_target(self) -> Values | None:
         """NaN for what is not controlled, and the mask says so."""
         f, t = self._flight, self._flight.target
+        personality = self._board.personality
+        if not f.armed and personality.echo_modes is None:
+            return (f.time_ms, *(_NAN,) * 11, 7, 1)
         if not f.armed or not self._echoes():
             return None
-        personality = self._board.personality
         place = t.north_east_m or (_NAN, _NAN)
         down = t.down_m if t.down_m is not None else _NAN
         mask = (3 if t.north_east_m is None else 0) | (4 if t.down_m is None else 0)
@@ -237,9 +241,9 @@ class Telemetry:
         bits = self._board.personality.sensors(f)
         current = _centi(f.battery_a)
         remaining = round(100.0 * f.battery_fraction)
-        battery = (self._millivolts(), current)
+        battery = (self._board.personality.load_permille, self._millivolts(), current)
         health = bits.health if f.gps_ok else bits.health & ~(_GPS if f.position_ok else _GPS | _XY_CONTROL)
-        return (bits.present, bits.enabled, health, 130, *battery, 0, 0, 0, 0, 0, 0, remaining, 0, 0, 0)
+        return (bits.present, bits.enabled, health, *battery, 0, 0, 0, 0, 0, 0, remaining, 0, 0, 0)
 
     def _say_ping(self) -> Values:
         self._ping = (self._ping + 1) & 0xFFFFFFFF
@@ -268,8 +272,8 @@ class Telemetry:
         f = self._flight
         cells = (self._millivolts(), *(65535,) * 9)
         used_mah = round(f.battery_used_wh / 14.8 * 1000.0)
-        left = round(100.0 * f.battery_fraction)
-        return (used_mah, -1, 32767, *cells, _centi(f.battery_a), 0, 0, 3, left, 0, self.charge_state(), 0, 0, 0, 0, 0, 0)
+        left, kind = round(100.0 * f.battery_fraction), self._board.personality.battery_type
+        return (used_mah, -1, 32767, *cells, _centi(f.battery_a), 0, 0, kind, left, 0, self.charge_state(), 0, 0, 0, 0, 0, 0)
 
     def _millivolts(self) -> int:
         return max(round(self._board.personality.battery_volts(self._flight, self._board.parameters) * 1000.0), 0)

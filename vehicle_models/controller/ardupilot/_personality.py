@@ -37,14 +37,25 @@ _BOOTING, _STANDBY, _ACTIVE, _CRITICAL = 1, 3, 4, 5
 FULL_V = 16.6
 
 _GROUPS: dict[int, tuple[str, ...]] = {
-    1: ("RAW_IMU", "SCALED_PRESSURE"),
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2"),
     2: ("SYS_STATUS", "POWER_STATUS", "MEMINFO", "NAV_CONTROLLER_OUTPUT", "MISSION_CURRENT", "GPS_RAW_INT", "FENCE_STATUS"),
     3: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
     6: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
-    10: ("ATTITUDE", "AHRS2"),
+    10: ("ATTITUDE", "SIMSTATE", "AHRS2"),
     11: ("VFR_HUD",),
-    12: ("AHRS", "SYSTEM_TIME", "BATTERY_STATUS", "EKF_STATUS_REPORT", "VIBRATION"),
+    12: (
+        "AHRS",
+        "SYSTEM_TIME",
+        "BATTERY_STATUS",
+        "EKF_STATUS_REPORT",
+        "VIBRATION",
+        "ESC_TELEMETRY_1_TO_4",
+        "TERRAIN_REPORT",
+    ),
 }
+_RATES = {"RAW_SENS": 1, "EXT_STAT": 2, "RC_CHAN": 3, "POSITION": 6, "EXTRA1": 10, "EXTRA2": 11, "EXTRA3": 12}
+# Devices that are not there: CAMERA_* and VIDEO_*, GIMBAL_*, GPS2_*, distances, RPM, EFI_STATUS.
+_PROMISED = frozenset((124, 128, 132, 173, 225, 226, 259, 260, 261, 262, 263, 269, 270, 271, 280, 281, 284, 285))
 _ON_REQUEST = (
     "EXTENDED_SYS_STATE",
     "ATTITUDE_QUATERNION",
@@ -86,6 +97,9 @@ class ArduPilot(Personality):
     )
     stream_sets = {"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}}
     stream_groups = _GROUPS
+    stream_parameters = _RATES
+    promised_messages = _PROMISED
+    load_permille = battery_type = 0
     messages = frozenset({*_ON_REQUEST, *(name for group in _GROUPS.values() for name in group)})
     unknown_interval = Result.DENIED
     unknown_interval_text = (INFO, "No ap_message for mavlink id ({})")

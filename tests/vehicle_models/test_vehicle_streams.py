@@ -1,0 +1,132 @@
+"""Who gets which message how often: the default sets, groups, parameters, intervals and requests."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+from vehicle_client import Client, simspec
+
+from vehicle_models.controller._dialect import dialect as mavlink
+
+Make = Callable[..., Client]
+
+# Section 2.2 of what was observed on PX4's links; ATTITUDE is 100 Hz there, and 50 Hz at this controller's rate.
+BOTH = {
+    "HEARTBEAT": 1,
+    "ATTITUDE": 50,
+    "ATTITUDE_QUATERNION": 50,
+    "GLOBAL_POSITION_INT": 50,
+    "SCALED_PRESSURE": 1,
+    "LINK_NODE_STATUS": 1,
+    "OPEN_DRONE_ID_LOCATION": 1,
+    "OPEN_DRONE_ID_SYSTEM": 1,
+    "MISSION_CURRENT": 1,
+    "BATTERY_STATUS": 0.5,
+    "HOME_POSITION": 0.5,
+    "CURRENT_MODE": 0.5,
+    "TIME_ESTIMATE_TO_TARGET": 0.5,
+    "CURRENT_EVENT_SEQUENCE": 1 / 3,
+}
+ONBOARD = BOTH | {
+    "LOCAL_POSITION_NED": 30,
+    "ODOMETRY": 30,
+    "HIGHRES_IMU": 50,
+    "SERVO_OUTPUT_RAW": 10,
+    "ATTITUDE_TARGET": 10,
+    "POSITION_TARGET_LOCAL_NED": 10,
+    "GPS_RAW_INT": 8,
+    "VFR_HUD": 10,
+    "ALTITUDE": 10,
+    "DISTANCE_SENSOR": 10,
+    "TIMESYNC": 10,
+    "SYS_STATUS": 5,
+    "EXTENDED_SYS_STATE": 5,
+    "SYSTEM_TIME": 1,
+    "PING": 1,
+    "ESTIMATOR_STATUS": 1,
+    "VIBRATION": 0.5,
+}
+GCS = BOTH | {
+    "LOCAL_POSITION_NED": 50,
+    "SERVO_OUTPUT_RAW": 50,
+    "ATTITUDE_TARGET": 50,
+    "POSITION_TARGET_LOCAL_NED": 50,
+    "GPS_RAW_INT": 5,
+    "VFR_HUD": 4,
+    "ALTITUDE": 1,
+    "DISTANCE_SENSOR": 0.5,
+    "SYS_STATUS": 1,
+    "EXTENDED_SYS_STATE": 1,
+    "PING": 0.1,
+    "ESTIMATOR_STATUS": 0.5,
+    "VIBRATION": 0.1,
+}
+
+
+def counted(client: Client, seconds: float) -> dict[str, float]:
+    return {name: count / seconds for name, count in Counter(one.get_type() for one in client.fly(seconds)).items()}
+
+
+@pytest.mark.parametrize(("streams", "rates"), [("onboard", ONBOARD), ("gcs", GCS)])
+def test_px4_streams_what_the_real_one_does(make: Make, streams: str, rates: dict[str, float]) -> None:
+    """On the ground, disarmed: every message at its rate, and no others (texts and events aside)."""
+    client = make(streams=streams)
+    client.fly(5.0)
+    heard = counted(client, 60.0)
+    for aside in ("STATUSTEXT", "EVENT"):
+        heard.pop(aside, None)
+    assert set(heard) == set(rates)
+    assert heard == pytest.approx(rates, rel=0.04)
+
+
+def test_copter_by_group(make: Make) -> None:
+    """REQUEST_DATA_STREAM 1 and 10 at 4 Hz, stopped again; the parameters show it."""
+    client = make(simspec("ardupilot"), system=255)
+    for group in (1, 10):
+        client.say(mavlink.MAVLink_request_data_stream_message(1, 1, group, 4, 1))
+    client.fly(1.0)
+    heard = counted(client, 4.0)
+    of_groups = ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "ATTITUDE", "SIMSTATE", "AHRS2")
+    assert {name: rate for name, rate in heard.items() if name in of_groups} == dict.fromkeys(of_groups, 4.0)
+    client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"SR0_EXTRA1", -1))
+    client.say(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
+    client.fly(0.1)
+    assert client.last("PARAM_VALUE").param_value == 4.0
+    assert not set(counted(client, 4.0)) & set(of_groups)
+
+
+def test_copter_rates_by_parameter(make: Make) -> None:
+    """SR0_* given at the start, or set later, stream on the first link; interval 0 goes back to them."""
+    client = make(simspec("ardupilot", vehicle={"parameters": {"SR0_POSITION": 5}}), system=255)
+    client.fly(25.0)
+    assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 5.0
+    assert client.command(511, 33, 100_000) == [0]
+    assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 10.0
+    assert client.command(511, 33, 0) == [0]
+    assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == pytest.approx(5.0, abs=0.3)
+    client.say(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 0, 9))
+    client.fly(0.1)
+    assert "GLOBAL_POSITION_INT" not in counted(client, 2.0)
+
+
+def test_copter_promises_messages_of_devices_that_are_not_there(make: Make) -> None:
+    """Accepted, and nothing comes; what has no place at all is FAILED."""
+    client = make(simspec("ardupilot"), system=255)
+    for number in (259, 124, 132, 226):
+        assert client.command(512, number) == [0]
+    assert client.command(512, 60000) == [4]
+    assert not {"CAMERA_INFORMATION", "GPS2_RAW", "DISTANCE_SENSOR", "RPM"} & {one.get_type() for one in client.fly(1.0)}
+    assert client.command(511, 30, 1000) == [2]
+
+
+def test_long_texts_come_in_pieces(make: Make) -> None:
+    """50 characters and the tab behind them: a second piece with nothing but the tab, and the same id."""
+    client = make()
+    client.fly(1.0)
+    client.vehicle._controller._board.texts.say(6, "x" * 50)  # type: ignore[attr-defined]
+    pieces = [one for one in client.fly(0.1) if one.get_type() == "STATUSTEXT"]
+    assert [(one.text, one.chunk_seq) for one in pieces] == [("x" * 50, 0), ("\t", 1)]
+    assert len({one.id for one in pieces}) == 1
+    assert pieces[0].id > 0
