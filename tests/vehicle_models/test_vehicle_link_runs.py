@@ -1,0 +1,90 @@
+"""Several links and clients at once, twice the same; and time that runs ten times as fast."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import ExitStack
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import simspec
+
+from bench.contracts import LinkSpec, VehiclePlan
+from vehicle_models import open_x500, run_standalone
+
+
+def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
+    """What the tap saw of 20 s with two UDP links and a TCP link, a client on each, and one signing on the way."""
+    seen: list[tuple[str, str, bytes]] = []
+    with ExitStack() as stack:
+        udp = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
+        links = [LinkSpec("a", "udp_in", streams="gcs"), LinkSpec("b", "udp_in"), LinkSpec("c", "tcp_in", streams="none")]
+        plan = VehiclePlan(simspec(autopilot, environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), tuple(links))
+        vehicle = stack.enter_context(open_x500(plan, lambda *one: seen.append(one)))
+        ports = {name: int(end.rsplit(":", 1)[1]) for name, end in vehicle.endpoints().items()}
+        for one, name in zip(udp, "ab", strict=True):
+            one.connect(("127.0.0.1", ports[name]))
+        tcp = stack.enter_context(socket.create_connection(("127.0.0.1", ports["c"])))
+        speakers = [mavlink.MAVLink(None, srcSystem=system, srcComponent=190) for system in (255, 245, 7)]
+        counts = {"a": 0, "b": 0, "c": 0}
+        for step in range(1000):
+            if step % 10 == 0:
+                for name, sock, mav in zip("abc", (*udp, tcp), speakers, strict=True):
+                    frames = [mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)]
+                    frames.append(mavlink.MAVLink_command_long_message(1, 1, 400, 0, step // 300, 0, 0, 0, 0, 0, 0))
+                    frames.append(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+                    frames.append(mavlink.MAVLink_ping_message(step, step, 0, 0))
+                    sock.send(b"".join(bytes(frame.pack(mav, force_mavlink1=name == "c")) for frame in frames))
+                    counts[name] += len(frames)
+                deadline = time.monotonic() + 10.0
+                while dict(vehicle.receive()) != counts:
+                    assert time.monotonic() < deadline
+            vehicle.step()
+    return seen
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_several_links_give_the_same_log_twice(autopilot: str) -> None:
+    """Same script, same log: what each of three clients said, heard, and had forwarded, in the same order."""
+    first = log_of_a_flight(autopilot)
+    assert {(link, way) for link, way, _ in first} == {(link, way) for link in "abc" for way in ("to_agent", "from_agent")}
+    assert first == log_of_a_flight(autopilot)
+
+
+def test_ten_times_as_fast() -> None:
+    """At speed 10 a real pymavlink client sees the vehicle's clock run ten times its own, and idle arming end in its time."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    stop = threading.Event()
+    client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
+    flying = threading.Thread(
+        target=run_standalone, args=("px4", [LinkSpec("onboard", "udp_out", port=port)]), kwargs={"speed": 10.0, "stop": stop}
+    )
+    flying.start()
+    try:
+        assert client.wait_heartbeat(timeout=10) is not None
+
+        def at(ready: int) -> tuple[float, float]:
+            """Host's and vehicle's seconds at the first attitude after `ready` ms of the vehicle's."""
+            while True:
+                message = client.recv_match(type="ATTITUDE", blocking=True, timeout=10)
+                assert message is not None
+                if message.time_boot_ms >= ready:
+                    return time.monotonic(), message.time_boot_ms / 1000.0
+
+        host, own = at(5000)
+        client.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+        acknowledged = client.recv_match(type="COMMAND_ACK", blocking=True, timeout=10)
+        assert acknowledged.result == 0
+        host_later, own_later = at(25000)
+        assert own_later - own <= 10.0 * (host_later - host) + 2.0  # never ahead; behind as the machine is loaded
+        beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=10)
+        assert not beat.base_mode & 128
+    finally:
+        stop.set()
+        flying.join()
+        client.close()
