@@ -153,6 +153,7 @@ class Return:
         self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
         self._faces = limits.return_faces_home
+        self._arrived_ns: int | None = None
         self._climbing = self._cruise_down_m < flight.down_m - 0.5
         self._land: Land | None = None
 
@@ -167,7 +168,7 @@ class Return:
             self._climbing = flight.down_m > self._cruise_down_m + 0.5
             return self._climb.target(flight, limits)
         home = (self._home.north_m, self._home.east_m)
-        if math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M:
+        if self._waited(flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M):
             self._land = Land(flight, home, self._home.down_m)
         return Target(
             north_east_m=home,
@@ -177,6 +178,12 @@ class Return:
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
         )
+
+    def _waited(self, flight: Flight, limits: Limits, arrived: bool) -> bool:
+        """Whether it has been above home for long enough."""
+        if arrived and self._arrived_ns is None:
+            self._arrived_ns = flight.time_ns
+        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(limits.return_waits_s * 1e9)
 
     def _yaw_home(self, flight: Flight) -> float | None:
         """Nose towards home on the way; kept when near, where the direction has no meaning."""

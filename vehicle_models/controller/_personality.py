@@ -109,6 +109,7 @@ class Limits:
     goto_mps: float  # positions that a companion gives
     faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: wherever it moves
     return_faces_home: bool
+    return_waits_s: Seconds  # above home, before landing
     orbit_radius_max_m: float
     circle_radius_m: float
     circle_radps: float  # clockwise

@@ -204,6 +204,7 @@ class ArduPilot(Personality):
             goto_mps=cruise,
             faces_beyond_m=None,
             return_faces_home=False,
+            return_waits_s=max(p["RTL_LOIT_TIME"], 0.0) / 1000.0,
             orbit_radius_max_m=math.inf,
             circle_radius_m=max(p["CIRCLE_RADIUS"], 100.0) / 100.0,
             circle_radps=math.radians(p["CIRCLE_RATE"]),

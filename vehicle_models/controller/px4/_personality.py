@@ -219,6 +219,7 @@ class Px4(Personality):
             goto_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
             faces_beyond_m=max(p["NAV_ACC_RAD"], 0.5) if p["MPC_YAW_MODE"] == 0 else math.inf,
             return_faces_home=True,
+            return_waits_s=0.0,
             orbit_radius_max_m=max(p["MC_ORBIT_RAD_MAX"], 1.0),
             circle_radius_m=20.0,
             circle_radps=0.05,
