@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan, load_plugin
+from bench.contracts import CarriesCamera, LinkSpec, OpenVehicle, SimTime, Vehicle, VehiclePlan, load_plugin
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
@@ -37,6 +37,7 @@ def run_standalone(
     say: Callable[[str], None] | None = None,
     parameter_file: Path | None = None,
     model: str = "x500",
+    camera: bool = False,
 ) -> None:
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
@@ -44,10 +45,11 @@ def run_standalone(
     links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762, 5763 for ardupilot. `say`
     gets a line for each link. `parameter_file` keeps what differs from the defaults from one start to the next.
     `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything that cannot be opened or does not exist.
+    `camera` hangs a camera on a gimbal below it, both on the links. True motion is told to whoever asks, as a SITL does.
     """
     file = ParameterFile(parameter_file) if parameter_file else None
     kept = file.load() if file else {}
-    simspec = standalone_simspec(autopilot, home, {**kept, **(parameters or {})}, model)
+    simspec = standalone_simspec(autopilot, home, {**kept, **(parameters or {})}, model, camera)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", model)
     plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
     with ExitStack() as stack:
@@ -61,15 +63,36 @@ def run_standalone(
                 file.keep(vehicle.changed_parameters())
 
         try:
-            fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=keep)
+            shutter = Shutter(vehicle, simspec.vehicle.camera.rate_hz) if camera and isinstance(vehicle, CarriesCamera) else None
+            fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=keep, after_step=shutter)
         except KeyboardInterrupt:
             if say:
                 say(f"stopped after {vehicle.time.s:.1f} s")
         keep()
 
 
+class Shutter:
+    """Exposes frames of nothing, where no scene does it."""
+
+    def __init__(self, camera: CarriesCamera, rate_hz: float) -> None:
+        self._camera = camera
+        self._period_ns = round(1e9 / rate_hz)
+        self._frame = 0
+        self._next_ns: int | None = None
+
+    def __call__(self, now: SimTime) -> None:
+        if self._next_ns is None or now.ns >= self._next_ns:
+            self._camera.exposed(self._frame, now)
+            self._frame += 1
+            self._next_ns = (now.ns if self._next_ns is None else self._next_ns) + self._period_ns
+
+
 def standalone_simspec(
-    autopilot: str, home: tuple[float, float, float, float], parameters: Mapping[str, float], model: str = "x500"
+    autopilot: str,
+    home: tuple[float, float, float, float],
+    parameters: Mapping[str, float],
+    model: str = "x500",
+    camera: bool = False,
 ) -> SimSpec:
     """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its middle."""
     if autopilot not in DEFAULT_LINKS:
@@ -86,6 +109,8 @@ def standalone_simspec(
             "model": model,
             "autopilot": autopilot,
             "parameters": dict(parameters),
+            "ground_truth": True,
+            "camera": {"gimbal": camera, "mavlink": camera},
             "home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": math.fmod(heading, 360.0) % 360.0},
         },
         "pace": {"mode": "realtime"},
@@ -101,6 +126,7 @@ def fly(
     clock: Callable[[], float] = time.monotonic,
     wait: Callable[[float], object] | None = None,
     each_second: Callable[[], None] | None = None,
+    after_step: Callable[[SimTime], None] | None = None,
 ) -> None:
     """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start, not added up.
 
@@ -116,6 +142,8 @@ def fly(
         if each_second and vehicle.time.s >= next_s:
             next_s += 1.0
             each_second()
+        if after_step:
+            after_step(vehicle.time)
         due = begun + (vehicle.time.s - from_s) / speed
         ahead = due - clock()
         if ahead > 0.0:

@@ -34,6 +34,7 @@ def fly(
     signing_key: Annotated[str, typer.Option(help="Sign messages by this key, 64 hexadecimal digits")] = "",
     signing: Annotated[str, typer.Option(help="What becomes of unsigned messages: require (not heard) or accept")] = "require",
     params: Annotated[Path | None, typer.Option(help="A file that keeps parameters from one start to the next")] = None,
+    camera: Annotated[bool, typer.Option("--camera", help="Carry a camera on a gimbal, both on the links")] = False,
     duration: Annotated[float | None, typer.Option(help="Stop after so many simulated seconds")] = None,
 ) -> None:
     """A simulated flight controller by itself, a drop-in for a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
@@ -48,6 +49,7 @@ def fly(
         home=parse_home(home),
         speed=speed,
         duration_s=duration,
+        camera=camera,
         parameter_file=params,
         say=print,
         model=vehicle,

@@ -9,7 +9,11 @@ from typing import Any
 import pytest
 from vehicle_client import Client, simspec
 
+from bench.contracts import SESSION_EVENTS, Record
 from bench.errors import SetupError
+from bench.simspec import SimSpec
+from bench.simulation import open_plain_scene
+from bench.simulation._truth import Truth
 
 Make = Callable[..., Client]
 
@@ -138,3 +142,22 @@ def test_two_runs_with_the_same_failures_are_the_same(make: Make) -> None:
     other.fly(8.0)
     assert one.vehicle.estimate() == other.vehicle.estimate()
     assert error_m(one) > 0.2
+
+
+def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> None:
+    """Truth writes an event at the sample after a failure and after its end, and the recording of others stays as it was."""
+    records: list[Record] = []
+    client = make(failing({"at_s": 2.0, "kind": "gps_off", "duration_s": 1.0}))
+    truth, scene = Truth("vehicle_1", records.append), open_plain_scene(client_spec())
+    for _ in range(4):
+        client.fly(0.7)
+        truth.sample(client.vehicle.time, client.vehicle, scene)
+    events = [record for record in records if record.topic == SESSION_EVENTS]
+    assert [b"gps_off" in one.data for one in events] == [True, True]
+    assert [b'"failure"' in one.data for one in events] == [True, False]
+    assert b'"repaired"' in events[1].data
+
+
+def client_spec() -> SimSpec:
+    """A realized SimSpec without actors."""
+    return SimSpec.model_validate({**simspec().model_dump(), "realized": {"actors": []}})

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 from vehicle_client import NAN, Client, mavlink, simspec
 
-from bench.contracts import START, CarriesCamera
+from bench.contracts import START, CarriesCamera, LinkSpec, SimTime, VehiclePlan
+from vehicle_models import open_x500
+from vehicle_models._standalone import Shutter, fly, standalone_simspec
 
 Make = Callable[..., Client]
 
@@ -223,3 +227,25 @@ def test_truth_is_told_where_it_is_allowed_and_nowhere_else(make: Make) -> None:
     assert truth.zacc == pytest.approx(-1000, abs=30)
     assert truth.time_usec == pytest.approx(client.vehicle.time.ns // 1000, abs=100_000)
     assert client.vehicle.time > START
+
+
+def test_by_itself_the_vehicle_tells_truth_and_its_camera_takes_pictures() -> None:
+    """`rebar fly --camera`: a SITL's ground truth, and frames at the camera's rate without any scene."""
+    with ExitStack() as stack:
+        client = Client()
+        stack.callback(client.socket.close)
+        spec = standalone_simspec("px4", (47.0, 8.0, 400.0, 0.0), {}, camera=True)
+        link = LinkSpec("onboard", "udp_out", port=client.port, streams="none")
+        client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec, (link,))))
+        client.fly(1.1)
+        assert client.command(512, 115) == [0]
+        assert camera_command(client, 2000, 0, 0, 1, 1) == [0]
+        exposed: list[float] = []
+
+        class Counting:
+            def exposed(self, frame: int, time: SimTime) -> None:
+                exposed.append(time.s)
+
+        shutter = Shutter(Counting(), 5.0)
+        fly(client.vehicle, 1e6, 2.0, threading.Event(), after_step=shutter)
+        assert len(exposed) == 10
