@@ -14,7 +14,7 @@ from vehicle_models.controller._frames import KINDS, Packer
 
 Make = Callable[..., Client]
 # Messages that do what they say to a vehicle in flight whatever their values are; SETUP_SIGNING would lock the others out.
-OBEYED = {"SETUP_SIGNING"}
+OBEYED = {"SETUP_SIGNING", "SET_MODE"}  # mode 0 is a mode, and without a pilot the end of a flight
 FLOATS = (math.nan, math.inf, -math.inf, 3.4e38, -3.4e38, 1e-45, 0.0, -1.0)
 
 
