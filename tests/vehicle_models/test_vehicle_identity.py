@@ -185,3 +185,15 @@ def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
     found = {name.decode(): value for name, value, _ in decoded.params}
     assert len(found) == len(decoded.params) > 700
     assert (found["RTL_ALT"], found["GUID_TIMEOUT"], found["DISARM_DELAY"]) == (1500, 3.0, 10)
+
+
+def test_the_system_id_is_a_parameter_read_at_the_start(make: Make) -> None:
+    """A vehicle started as system 7 speaks as 7 and hears what is for 7; writing the parameter changes nothing before a start."""
+    client = make(simspec(vehicle={"parameters": {"MAV_SYS_ID": 7}}))
+    assert {one.get_srcSystem() for one in client.heard} == {7}
+    assert client.command(REQUEST, 148) == []
+    client.say(mavlink.MAVLink_command_long_message(7, 1, REQUEST, 0, 148, 0, 0, 0, 0, 0, 0))
+    assert [one.result for one in only(client.fly(0.02), "COMMAND_ACK")] == [0]
+    (bits,) = struct.unpack("<f", struct.pack("<i", 9))
+    client.say(mavlink.MAVLink_param_set_message(7, 1, b"MAV_SYS_ID", bits, 6))
+    assert {one.get_srcSystem() for one in client.fly(2.0)} == {7}

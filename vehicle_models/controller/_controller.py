@@ -45,7 +45,7 @@ from ._telemetry import Telemetry
 from ._texts import Texts
 
 MESSAGES_PER_STEP = 200  # of one link; the rest waits, so that a flood costs its own link only
-SYSTEM, COMPONENT = 1, 1
+COMPONENT = 1
 
 
 class Controller:
@@ -62,13 +62,14 @@ class Controller:
         manoeuvres: Manoeuvres | None = None,
         payload: Payload | None = None,
     ) -> None:
-        packer = Packer(SYSTEM, COMPONENT)
+        parameters = ParameterStore(personality.parameters, given)
+        self._system = min(max(int(parameters[personality.system_parameter]), 1), 255)
+        packer = Packer(self._system, COMPONENT)
         self._signing = open_signing([link.spec for link in links], flight.unix_start_us)
         self._flight = flight
         self._tap = tap
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
         radio = Radio(self.channels, tap, personality.speaks_when_spoken_to)
-        parameters = ParameterStore(personality.parameters, given)
         texts = Texts(radio, personality.text_ending)
         self._board = board = Board(flight, airframe, personality, radio, texts, parameters)
         self._guidance = Guidance(flight, personality.limits(parameters), manoeuvres)
@@ -143,7 +144,7 @@ class Controller:
             for name, values in gimbal.streams().items():
                 self._streams.add(name, values, board.personality.gimbal_streams.get(name))
         if camera and camera.mavlink:
-            self._camera = CameraComponent(board, camera, SYSTEM)
+            self._camera = CameraComponent(board, camera, self._system)
         if payload.truth:
             self._streams.add("HIL_STATE_QUATERNION", payload.truth)
         if payload.break_part:
@@ -220,11 +221,11 @@ class Controller:
     def _hear_frame(self, channel: Channel, frame: bytes) -> None:
         handlers = self._handlers.get(message_id(frame))
         message = self._decoder.decode(frame) if handlers else None
-        if self._camera and message is not None and self._camera.takes(message, SYSTEM):
+        if self._camera and message is not None and self._camera.takes(message, self._system):
             self._camera.hear(message, Sender(*sender(frame), channel))
             return
-        for_us = message is None or _addressed(message, self._board.personality.any_component)
-        for_us_alone = message is not None and for_us and message_target(message) == SYSTEM
+        for_us = message is None or _addressed(message, self._system, self._board.personality.any_component)
+        for_us_alone = message is not None and for_us and message_target(message) == self._system
         if not for_us_alone:
             for other in self.channels:
                 if other is not channel:
@@ -296,8 +297,8 @@ def message_target(message: Any) -> int:
     return system
 
 
-def _addressed(message: Any, any_component: bool) -> bool:
+def _addressed(message: Any, own: int, any_component: bool) -> bool:
     """Whether a message is for this vehicle: its system, or every system; its autopilot, or every component."""
     system = message_target(message)
     component = getattr(message, "target_component", 0)
-    return system in (0, SYSTEM) and (system == 0 or any_component or component in (0, COMPONENT))
+    return system in (0, own) and (system == 0 or any_component or component in (0, COMPONENT))

@@ -191,6 +191,7 @@ class Personality(ABC):
     uid: ClassVar[int]
     board_version: ClassVar[int]
     uid2: ClassVar[bytes] = b""
+    system_parameter: ClassVar[str]  # the parameter that holds the system id, read at the start
     protocol_versions: ClassVar[tuple[int, int, int] | None] = None  # spoken, least, most; None: it does not say
     standard_modes: ClassVar[Mapping[str, int]] = {}  # MAV_STANDARD_MODE by name; empty: modes are not listed
     event_names: ClassVar[tuple[EventName, ...]] = ()  # empty: it has no events

@@ -127,6 +127,7 @@ class ArduPilot(Personality):
     flight_sw_version = 0x040603FF
     flight_custom_version = b"92b0cd78"
     uid = 0
+    system_parameter = "SYSID_THISMAV"
     uid2 = b"3a5c0f7e91d24b68a"  # the real one has its machine's id here
     file_sessions = 5
     answers_after_ack = True

@@ -138,6 +138,7 @@ class Px4(Personality):
     flight_sw_version = 0x01110080
     flight_custom_version = b"\0" * 8
     uid = 5283920058631409231
+    system_parameter = "MAV_SYS_ID"
     protocol_versions = (200, 100, 203)
     standard_modes = STANDARD_MODES
     event_names = EVENTS
