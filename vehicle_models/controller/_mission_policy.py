@@ -54,6 +54,7 @@ class MissionPolicy(ABC):
     client_cancels: ClassVar[bool]
     partial: ClassVar[bool]  # MISSION_WRITE_PARTIAL_LIST
     past_the_end: ClassVar[Verdict | None]  # a request of an item that is not there
+    guided_items: ClassVar[bool] = False  # a MISSION_ITEM whose `current` is 2 is no item: go there, in the guided mode
     home_first: ClassVar[bool]  # item 0 is home, whatever was uploaded
     item_float_text: ClassVar[Text | None]
     request_float_text: ClassVar[Text | None]

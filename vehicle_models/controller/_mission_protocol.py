@@ -123,6 +123,8 @@ class MissionProtocol:
 
     def _item(self, m: Any, sender: Sender, as_float: bool) -> None:
         policy, upload = self._policy, self._upload
+        if m.current == 2 and policy.guided_items:
+            return  # the navigator's
         if upload is None:
             self._item_without_upload(m, sender)
             return

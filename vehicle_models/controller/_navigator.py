@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
-from ._board import Board, Command, CommandHandler, Handler, Result
+from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Behaviour
 from ._guidance import Circle, FixedHeading, Guidance, HeadingTo, Hold, Manoeuvre
 from ._modes import Modes
@@ -19,6 +19,8 @@ ORBIT, CHANGE_ALTITUDE, PAUSE, TERMINATION = 34, 186, 193, 185
 ROI_LOCATION, ROI_OFFSET, ROI_NONE, ROI_SYSTEM, ROI = 195, 196, 197, 198, 201
 _FAR_M = 100_000.0
 _ORBIT_MPS2 = 2.0  # towards the centre, at most
+
+_WAYPOINT = 16
 
 
 class Navigator:
@@ -32,7 +34,22 @@ class Navigator:
         self._pausing: Manoeuvre | None = None
 
     def handlers(self) -> Mapping[str, Handler]:
-        return {}
+        return {"MISSION_ITEM": self._guided_item} if self._board.personality.missions.guided_items else {}
+
+    def _guided_item(self, m: Any, sender: Sender) -> None:
+        """A waypoint that is flown at once and belongs to no mission, which is how older clients go somewhere."""
+        if m.current != 2:
+            return
+        there = Command(m.command, (math.nan, 0.0, math.nan, math.nan, m.x, m.y, m.z), m.frame, sender)
+        guided = self._board.flight.mode.name == self._board.personality.reposition_mode
+        taken = guided and m.command == _WAYPOINT and self._reposition(there) is Result.ACCEPTED
+        sender.channel.tell(
+            "MISSION_ACK",
+            type=0 if taken else 1,  # MAV_MISSION_ACCEPTED, MAV_MISSION_ERROR
+            target_system=sender.system,
+            target_component=sender.component,
+            mission_type=m.mission_type,
+        )
 
     def commands(self) -> Mapping[int, CommandHandler]:
         personality = self._board.personality

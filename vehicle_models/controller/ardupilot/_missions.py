@@ -77,6 +77,7 @@ class ArduPilotMissions(MissionPolicy):
     client_cancels = False
     partial = True
     past_the_end = Verdict.ERROR
+    guided_items = True
     home_first = True
     item_float_text = (WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
     request_float_text = (WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")
