@@ -330,5 +330,6 @@ class Px4(Personality):
 def _armable(flight: Flight) -> bool:
     behaviour = flight.mode.behaviour
     if behaviour is Behaviour.MISSION:
-        return flight.mission_ready
-    return (flight.mode.armable and flight.position_ok) or (behaviour is Behaviour.PILOT and flight.sticks is not None)
+        return flight.mission_ready and flight.position_ok
+    piloted = behaviour is Behaviour.PILOT and flight.sticks is not None
+    return piloted or (flight.mode.armable and flight.position_ok)
