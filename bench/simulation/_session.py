@@ -170,7 +170,9 @@ class Session:
 
     def _run_lockstep(self, ticks: TickServer) -> None:
         budgets = self._spec.budgets
+        asked = time.monotonic()
         hello = ticks.hello(budgets.connect_s)
+        self._agent_took_s += time.monotonic() - asked
         self._truth.event(self._book.now, "agent connected", hello.agent)
         self._air.open_for(hello.subscribes)
         number = 0
