@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
@@ -101,9 +102,10 @@ def test_a_program_that_is_not_there_is_the_agents_failure(tmp_path: Path) -> No
 
 
 def test_the_wall_budget_ends_a_session_that_drags(tmp_path: Path) -> None:
-    """The session's own budget of host time is kept."""
-    spec = situation(budgets=Budgets(wall_s=0.01), mission=Mission(time_limit_s=7200.0))
-    assert fly(tmp_path, agent_manifest("idle"), spec)[0].outcome is Outcome.WALL_BUDGET
+    """The session's own budget of host time is kept, and is nobody's fault but the bench's when its own work used it up."""
+    spec = situation(budgets=Budgets(wall_s=4.0), mission=Mission(time_limit_s=7200.0))
+    plan = SessionPlan(spec, agent_manifest("idle"), tmp_path, open_agent, tmp_path / "scratch", lambda record: time.sleep(0.02))
+    assert run_session(plan).outcome is Outcome.WALL_BUDGET
 
 
 def test_dawdling_does_not_get_rid_of_a_run(tmp_path: Path) -> None:
