@@ -44,7 +44,7 @@ from ._streams import Streams
 from ._telemetry import Telemetry
 from ._texts import Texts
 
-MESSAGES_PER_STEP = 200  # of one link; the rest waits, so that a flood costs its own link only
+MESSAGES_PER_STEP = 64  # of one link (3200 a second); the rest waits, so that a flood costs its own link only
 COMPONENT = 1
 
 
