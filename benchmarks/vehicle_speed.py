@@ -32,7 +32,8 @@ def plant_alone(span_s: float) -> float:
     """JSBSim with the cascade in its XML and our gusts, hovering at 20 m and flying squares; CPU seconds."""
     from bench.simspec import generator
     from vehicle_models._gusts import Gusts, mean_wind_ned_mps
-    from vehicle_models.x500 import Place, X500Plant
+    from vehicle_models._jsbsim import Place
+    from vehicle_models.x500 import X500Plant
 
     spec = simspec()
     wind = spec.environment.wind

@@ -6,6 +6,7 @@ import importlib.resources
 import math
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from dataclasses import dataclass
 
 import jsbsim
 
@@ -13,7 +14,6 @@ from bench.contracts import Vector
 from bench.errors import Fault, SetupError, VehicleFault
 
 from ._geodesy import TangentPlane
-from .x500 import Motion, Place
 
 _FT = 0.3048
 _READ = (
@@ -31,6 +31,40 @@ _READ = (
     "velocities/r-rad_sec",
     "velocities/vt-fps",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the vehicle stands at the start; `altitude_m` is that of the ground above mean sea level."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    east_m: float = 0.0
+    north_m: float = 0.0
+    heading_rad: float = 0.0
+
+
+@dataclass(slots=True)
+class Motion:
+    """Motion of the plant at one moment; ENU metres around the place's origin, attitude of body FRD against NED.
+
+    `up_m` is that of the feet: 0 on the ground.
+    """
+
+    east_m: float = 0.0
+    north_m: float = 0.0
+    up_m: float = 0.0
+    vn_mps: float = 0.0
+    ve_mps: float = 0.0
+    vd_mps: float = 0.0
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    p_radps: float = 0.0
+    q_radps: float = 0.0
+    r_radps: float = 0.0
+    airspeed_mps: float = 0.0
 
 
 class JsbsimPlant:

@@ -24,6 +24,7 @@ from ._battery import Battery
 from ._failures import Failures
 from ._geodesy import TangentPlane
 from ._gusts import Gusts, mean_wind_ned_mps
+from ._jsbsim import Motion, Place
 from ._navigation import Navigation
 from .controller import (
     PERSONALITIES,
@@ -40,7 +41,7 @@ from .controller import (
     attitude_quaternion,
     open_links,
 )
-from .x500 import FULL_THRUST_N, HOVER_THRUST, Motion, Place, X500Plant
+from .x500 import FULL_THRUST_N, HOVER_THRUST, X500Plant
 
 _YAW_MAX_RADPS = 1.0
 _FASTEST_MPS, _CLIMB_MPS, _DESCENT_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from bench.contracts import MavlinkTap, VehiclePlan
 
 from ._battery import Battery
+from ._jsbsim import Place
 from ._vehicle import Aircraft, Plant, SteeredAirframe
 from .controller import WING_PERSONALITIES, WingManoeuvres, open_links
 from .wing import WingAirframe, WingPlant
-from .x500 import Place
 
 _NEAR_GROUND_M, _TOUCH_M = 0.5, 0.05
 _CRASH_SINK_MPS = 2.5

@@ -13,7 +13,8 @@ from vehicle_client import simspec
 from bench.contracts import LinkSpec, VehiclePlan, load_plugin
 from bench.errors import SetupError
 from vehicle_models import TangentPlane, fly, open_x500, run_standalone, standalone_simspec
-from vehicle_models.x500 import Place, X500Plant
+from vehicle_models._jsbsim import Place
+from vehicle_models.x500 import X500Plant
 
 
 @pytest.mark.parametrize(("reach_m", "error_m"), [(1000.0, 0.002), (5000.0, 0.06)])

@@ -6,8 +6,7 @@ import math
 
 from bench.contracts import Vector
 
-from .._jsbsim import JsbsimPlant
-from ..x500 import Place
+from .._jsbsim import JsbsimPlant, Place
 
 MASS_KG, AREA_M2 = 2.5, 0.45
 LIFT_0, LIFT_PER_RAD = 0.2, 4.8

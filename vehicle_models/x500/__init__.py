@@ -5,6 +5,4 @@ from __future__ import annotations
 from ._plant import FULL_THRUST_N as FULL_THRUST_N
 from ._plant import HOVER_THRUST as HOVER_THRUST
 from ._plant import ROTORS as ROTORS
-from ._plant import Motion as Motion
-from ._plant import Place as Place
 from ._plant import X500Plant as X500Plant
