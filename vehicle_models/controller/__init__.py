@@ -8,9 +8,9 @@ from ._flight import Attitude as Attitude
 from ._flight import Flight as Flight
 from ._flight import Home as Home
 from ._flight import Target as Target
-from ._guidance import Manoeuvres as Manoeuvres
 from ._links import Link as Link
 from ._links import open_links as open_links
+from ._manoeuvres import Manoeuvres as Manoeuvres
 from ._payload import Payload as Payload
 from ._personality import Personality as Personality
 from ._telemetry import attitude_quaternion as attitude_quaternion

@@ -22,12 +22,13 @@ from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
 from ._ftp import FileTransfer
 from ._gimbal import Gimbal
-from ._guidance import Guidance, LandDetector, Manoeuvres, Takeoff
+from ._guidance import Guidance, LandDetector
 from ._health import Health
 from ._home import HomeKeeper
 from ._identity import Identity
 from ._injection import Injection
 from ._links import Link
+from ._manoeuvres import Manoeuvres, Takeoff
 from ._manual import Manual
 from ._mission_flight import MissionFlight
 from ._mission_protocol import MissionProtocol

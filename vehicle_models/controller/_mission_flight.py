@@ -9,7 +9,8 @@ from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Behaviour, Flight
-from ._guidance import Guidance, Hold, Land
+from ._guidance import Guidance
+from ._manoeuvres import Hold, Land
 from ._mission_legs import Climb, Descend, Goto, Leg, Place, Turns, bearing
 from ._mission_policy import Text
 from ._mission_store import ABOVE_SEA, PLACELESS, Item, Plans

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from ._flight import Flight, Landed, Target
-from ._guidance import Hold, Land, Manoeuvre, Return, Takeoff
+from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
 from ._personality import Limits
 
 Place = tuple[float, float]

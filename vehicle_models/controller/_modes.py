@@ -7,7 +7,8 @@ from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Behaviour, Mode
-from ._guidance import Guidance, Takeoff
+from ._guidance import Guidance
+from ._manoeuvres import Takeoff
 from ._personality import Event, Refusal
 
 DO_SET_MODE = 176

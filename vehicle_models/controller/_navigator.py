@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Behaviour
-from ._guidance import Circle, FixedHeading, Guidance, HeadingTo, Hold, Manoeuvre
+from ._guidance import FixedHeading, Guidance, HeadingTo
+from ._manoeuvres import Circle, Hold, Manoeuvre
 from ._modes import Modes
 from ._personality import Event, Refusal
 

@@ -11,7 +11,8 @@ from bench.contracts import Vector
 
 from ._board import Board, CommandHandler, Handler, Sender
 from ._flight import Attitude, Behaviour, Flight, Target
-from ._guidance import Follow, Guidance
+from ._guidance import Guidance
+from ._manoeuvres import Follow
 from ._texts import CRITICAL
 
 _FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800

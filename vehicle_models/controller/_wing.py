@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ._flight import Flight, Home, Target
-from ._guidance import Circle, Follow, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
+from ._manoeuvres import Circle, Follow, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
 from ._mission_legs import Goto, Turns
 from ._personality import Limits, Seconds
 
