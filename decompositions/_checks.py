@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Literal
 
 import networkx as nx
 
@@ -37,10 +38,13 @@ class Vocabulary:
     """What the bench has that a decomposition may name; None leaves names of that kind unchecked.
 
     `factor_units` are the units of the key factors by name. `check_measure` is asked about each observable's measure.
+    `difficulty` says where difficulties come from: `tables` makes an observable without key factors a fault, `given` (with
+    the runs, as in a table from elsewhere) does not.
     """
 
     factor_units: Mapping[str, str] | None = None
     check_measure: CheckMeasure | None = None
+    difficulty: Literal["tables", "given"] = "tables"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,22 +60,40 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Checks:
-    """The checks of one document. `where` turns a place into the words that open a fault."""
+    """The checks of one document. `lines` are the lines of its paths in the file `source`, as far as it came from one."""
 
     document: DecompositionDocument
     vocabulary: Vocabulary
-    where: Callable[[Place], str]
+    source: str = ""
+    lines: Mapping[tuple[str | int, ...], int] = field(default_factory=dict)
     levels: dict[str, Level] = field(default_factory=dict)
+    found_at: dict[Fault, int] = field(default_factory=dict)
 
     def faults(self) -> list[Fault]:
         """Everything that is wrong, in the order of the file."""
         self.levels.update({node.id: level for level, _, node in self._nodes()})
-        found = [*self._duplicates(), *self._tables(), *self._edges(), *self._cycles(), *self._orphans()]
+        found = [*self._emptiness(), *self._duplicates(), *self._tables(), *self._edges(), *self._cycles(), *self._orphans()]
         found += [*self._observables(), *self._study()]
-        return list(dict.fromkeys(found))
+        return sorted(dict.fromkeys(found), key=lambda fault: self.found_at[fault])
 
     def _fault(self, place: Place, what: str, mend: str) -> Fault:
-        return Fault(self.where(place), what, mend)
+        line = self._line(place)
+        file = f"{self.source}:{line}" if line and self.source else self.source
+        path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
+        fault = Fault(": ".join(part for part in (file, place.node, path) if part), what, mend)
+        self.found_at.setdefault(fault, line)
+        return fault
+
+    def _line(self, place: Place) -> int:
+        """Line of the nearest enclosing path that the file has, 0 where there is none."""
+        known = (place.path[:length] for length in range(len(place.path), 0, -1))
+        return next((self.lines[path] for path in known if path in self.lines), 0)
+
+    def _emptiness(self) -> Iterator[Fault]:
+        if not self.document.observables:
+            yield self._fault(
+                Place(("observables",), ""), "there are no observables, so nothing is measured", "declare one or more"
+            )
 
     def _nodes(self) -> Iterator[tuple[Level, Place, InnerNode | Observable]]:
         for level in LEVELS:
@@ -107,8 +129,12 @@ class Checks:
                     yield self._fault(
                         place.at("children"),
                         f"{node.id} names {TITLES[self.levels[child]]} {child} as a child",
-                        f"the children of a {TITLES[level]} are {TITLES[below]}s",
+                        f"the children of a {TITLES[level]} are {TITLES[below]}s; {self._instead(below, child)}",
                     )
+
+    def _instead(self, below: Level, child: str) -> str:
+        deeper = LEVELS.index(self.levels[child]) > LEVELS.index(below)
+        return f"no level is skipped: put a {TITLES[below]} between them" if deeper else "drop it"
 
     def _cycles(self) -> Iterator[Fault]:
         graph: nx.DiGraph[str] = nx.DiGraph()
@@ -116,12 +142,10 @@ class Checks:
         for _, place, node in self._inner():
             places[node.id] = place
             graph.add_edges_from((node.id, child) for child in node.children)
-        for group in nx.strongly_connected_components(graph):
-            members = [one for one in places if one in group]
-            if len(group) > 1 or any(graph.has_edge(one, one) for one in group):
-                loop = nx.find_cycle(graph, members[0])
-                ring = " -> ".join([*(str(edge[0]) for edge in loop), str(loop[0][0])])
-                yield self._fault(places[members[0]].at("children"), f"the nodes stand in a ring: {ring}", "break it at one edge")
+        while ring := _ring(graph):
+            told = " -> ".join([*ring, ring[0]])
+            yield self._fault(places[ring[0]].at("children"), f"the nodes stand in a ring: {told}", "break it at one edge")
+            graph.remove_edge(ring[-1], ring[0])
 
     def _orphans(self) -> Iterator[Fault]:
         named = {child for _, _, node in self._inner() for child in node.children}
@@ -210,8 +234,10 @@ class Checks:
 
     def _key_factors(self, place: Place, one: Observable) -> Iterator[Fault]:
         place = place.at("key_factors")
-        if not one.key_factors:
-            yield self._fault(place, f"{one.id} has no key factors, so no difficulty", "name at least one table")
+        if not one.key_factors and self.vocabulary.difficulty == "tables":
+            yield self._fault(
+                place, f"{one.id} has no key factors, so no difficulty", "name a table, or write a row with its factor and values"
+            )
         factors: Counter[str] = Counter()
         for index, row in enumerate(one.key_factors):
             if isinstance(row, KeyFactor):
@@ -236,7 +262,7 @@ class Checks:
             for fault in error.faults:
                 yield self._fault(place.at("measure"), fault.what, fault.mend)
         except ValueError as error:
-            yield self._fault(place.at("options"), str(error), "")
+            yield self._fault(place.at("options"), str(error), "correct the options; docs/measures.md has those of every measure")
 
     def _study(self) -> Iterator[Fault]:
         place = Place(("study",), "")
@@ -246,6 +272,14 @@ class Checks:
                 yield self._fault(place.at(index), f"there is no key attribute {one!r} to study", close(one, known))
         if len(set(self.document.study)) != len(self.document.study):
             yield self._fault(place, "a key attribute is studied twice", "name each once")
+
+
+def _ring(graph: nx.DiGraph[str]) -> list[str]:
+    """Some nodes that stand in a ring, in its order; none where the graph has no ring."""
+    try:
+        return [str(edge[0]) for edge in nx.find_cycle(graph)]
+    except nx.NetworkXNoCycle:
+        return []
 
 
 def close(name: str, known: Iterable[str]) -> str:

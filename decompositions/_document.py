@@ -124,8 +124,12 @@ class Observable(Document):
     considered: Annotated[Sentence, Field(description="When a run exercises it, by the scenario and the truth.")]
     always_considered: bool = False
     key_factors: Annotated[
-        tuple[str | KeyFactor, ...], Field(description="Rows of its key factor table: names among `tables`, or rows written out.")
-    ]
+        tuple[str | KeyFactor, ...],
+        Field(
+            description="Rows of its key factor table: names among `tables`, or rows written out. "
+            "None only where difficulties are given with the runs."
+        ),
+    ] = ()
 
 
 class DecompositionDocument(Document):
@@ -144,4 +148,4 @@ class DecompositionDocument(Document):
     principles: tuple[Principle, ...] = ()
     key_attributes: tuple[KeyAttribute, ...] = ()
     vabs: tuple[Vab, ...] = ()
-    observables: Annotated[tuple[Observable, ...], Field(min_length=1)]
+    observables: Annotated[tuple[Observable, ...], Field(json_schema_extra={"minItems": 1})]

@@ -10,7 +10,7 @@ from typing import Any
 from bench.documents import parse_text, read_text, validate_document
 from bench.errors import Fault, SetupError
 
-from ._checks import Checks, Place, Vocabulary, close
+from ._checks import Checks, Vocabulary, close
 from ._document import DecompositionDocument
 from ._graph import Decomposition, graph_of
 
@@ -48,6 +48,11 @@ def load_decomposition(name_or_path: str | Path, vocabulary: Vocabulary | None =
 def read_decomposition(text: str, vocabulary: Vocabulary | None = None, source: str = "") -> Decomposition:
     """As `load_decomposition`, for text at hand; `source` names it in messages."""
     value, lines = parse_text(text, source)
+    if not isinstance(value, dict) or not value:
+        what = "the document is empty" if not value else f"the document is a {type(value).__name__}, not fields with values"
+        raise SetupError(
+            Fault(source, what, "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a whole one")
+        )
     return _checked(validate_document(value, DecompositionDocument, source, lines), vocabulary, source, lines)
 
 
@@ -63,13 +68,7 @@ def decomposition_schema() -> dict[str, Any]:
 
 
 def _checked(document: DecompositionDocument, vocabulary: Vocabulary | None, source: str, lines: Lines) -> Decomposition:
-    def where(place: Place) -> str:
-        known = next((place.path[:n] for n in range(len(place.path), 0, -1) if place.path[:n] in lines), None)
-        file = f"{source}:{lines[known]}" if known and source else source
-        path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
-        return ": ".join(part for part in (file, place.node, path) if part)
-
-    faults = Checks(document, vocabulary or Vocabulary(), where).faults()
+    faults = Checks(document, vocabulary or Vocabulary(), source, lines).faults()
     if faults:
         raise SetupError(faults)
     return graph_of(document)

@@ -168,6 +168,97 @@ def test_all_faults_are_told_at_once(good: dict[str, Any]) -> None:
         assert sum(what in one for one in found) == 1, what
 
 
+EVERYTHING_WRONG = """format: rebar.decomposition/1
+name: bad
+title: Everything wrong
+study: [KA-9]
+tables:
+  fog: {factor: fog_level, unit: m, ratings: [10, 50, 100], values: [0, 9, 4], reason: Not monotone.}
+  snow: {factor: snow_level, unit: level, ratings: [50, 10], values: [0, 9], reason: Unknown.}
+principles:
+  - {id: P, title: t, asks: a, children: [KA-1, V-1]}
+key_attributes:
+  - {id: KA-1, title: t, asks: a, children: [V-1]}
+  - {id: KA-2, title: t, asks: a, children: []}
+vabs:
+  - {id: V-1, title: t, asks: a, children: [O-1, V-2]}
+  - {id: V-2, title: t, asks: a, children: [V-1, KA-1]}
+observables:
+  - {id: O-1, title: t, asks: a, measure: mood, threshold: 1.5, threshold_reason: r, considered: c, key_factors: [fog]}
+  - {id: O-1, title: t, asks: a, measure: mission_flown, options: {rolle: any}, threshold: 0.5, threshold_reason: r,
+     considered: c, key_factors: [snow]}
+  - {id: O-3, title: t, asks: a, measure: mission_flown, threshold: -0.5, threshold_reason: r, considered: c}
+"""
+
+
+def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() -> None:
+    """Rings, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node and mend of each."""
+    from bench.simspec import FACTORS
+    from test_ports.measures import check_options
+
+    units = {key: factor.unit for key, factor in FACTORS.items()}
+    with pytest.raises(SetupError) as caught:
+        read_decomposition(EVERYTHING_WRONG, Vocabulary(units, check_options), source="bad.yaml")
+    told = [(fault.where, fault.what) for fault in caught.value.faults]
+    expected = [
+        ("bad.yaml:4: study", "no key attribute 'KA-9'"),
+        ("bad.yaml:6: fog", "is not monotone"),
+        ("bad.yaml:6: fog", "the unit 'm' is not that"),
+        ("bad.yaml:7: snow", "ratings of snow_level do not rise"),
+        ("bad.yaml:7: snow", "no key factor 'snow_level'"),
+        ("bad.yaml:9: P", "P names VAB V-1 as a child"),
+        ("bad.yaml:12: KA-2", "has no children"),
+        ("bad.yaml:12: KA-2", "is an orphan"),
+        ("bad.yaml:14: V-1", "V-1 names VAB V-2 as a child"),
+        ("bad.yaml:15: V-2", "key attribute KA-1 as a child"),
+        ("bad.yaml", "in a ring: KA-1 -> V-1 -> V-2 -> KA-1"),
+        ("bad.yaml", "in a ring: V-1 -> V-2 -> V-1"),
+        ("bad.yaml:17: O-1", "threshold 1.5"),
+        ("bad.yaml:17: O-1", "'mood'"),
+        ("bad.yaml:18: O-1", "used twice"),
+        ("bad.yaml:18: O-1", "unknown option 'rolle'"),
+        ("bad.yaml:20: O-3", "is an orphan"),
+        ("bad.yaml:20: O-3", "threshold -0.5"),
+        ("bad.yaml:20: O-3", "no key factors"),
+    ]
+    for where, what in expected:
+        assert [one for one in told if one[0].startswith(where) and what in one[1]], (where, what)
+    assert all(fault.mend for fault in caught.value.faults)
+    lines = [int(where.split(":")[1]) for where, _ in told]
+    assert lines == sorted(lines)
+    skipped = next(fault for fault in caught.value.faults if "names VAB V-1" in fault.what)
+    assert "put a key attribute between them" in skipped.mend
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "the document is empty"),
+        ("# nothing here\n", "the document is empty"),
+        ("{}", "the document is empty"),
+        ("- a\n- b\n", "is a list"),
+        ("format: rebar.decomposition/1\nname: x\ntitle: t\nobservables: []\n", "no observables, so nothing is measured"),
+        ("format: rebar.decomposition/1\nname: x\ntitle: t\n", "is missing"),
+    ],
+)
+def test_an_empty_document_says_so(text: str, what: str) -> None:
+    """Nothing, a comment, a list, no observables: a sentence and what to write."""
+    with pytest.raises(SetupError) as caught:
+        read_decomposition(text, source="empty.yaml")
+    (fault,) = caught.value.faults
+    assert what in fault.what
+    assert fault.where.startswith("empty.yaml")
+    assert fault.mend
+
+
+def test_difficulties_that_are_given_need_no_tables(good: dict[str, Any]) -> None:
+    """An observable without key factors is a fault of a document that is rated, and none of one whose difficulties come along."""
+    del good["observables"][1]["key_factors"]
+    assert [fault.what for fault in faults(good)] == ["O-2 has no key factors, so no difficulty"]
+    small = read_decomposition(yaml.safe_dump(good), Vocabulary(difficulty="given"))
+    assert small.key_factors("O-2") == ()
+
+
 def test_a_shared_bad_child_is_one_fault_for_each_parent(good: dict[str, Any]) -> None:
     """The same mistake in two places is two faults, for both have to be mended."""
     good["key_attributes"][0]["children"] = ["V-1", "V-2", "V-8"]
