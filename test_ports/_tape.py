@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.contracts import (
     SESSION_EVENTS,
+    TF,
     TRUTH_ACTORS,
     TRUTH_CAST,
     TRUTH_ODOMETRY,
@@ -26,6 +27,9 @@ from bench.contracts import (
     EventDocument,
     Frame,
     IntelligenceDocument,
+    OperatorLinkDocument,
+    OrderAnswer,
+    OrderDocument,
     Record,
     Sighting,
     SimTime,
@@ -38,7 +42,7 @@ from bench.contracts import (
 )
 from bench.documents import Document
 from bench.simspec import SimSpec
-from bench.streams import Detection2D, Detection2DArray, Odometry, String, decode, decode_pose_array
+from bench.streams import Detection2D, Detection2DArray, Odometry, String, TFMessage, decode, decode_pose_array
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +50,7 @@ Floats = NDArray[np.float64]
 class TapeBuilder:
     """Takes records in order of time, one call each, and keeps what measures need. A `Tap`: it never raises.
 
-    Records on other topics (MAVLink, /clock, /tf) cost a dictionary lookup. What a needed topic carries and cannot be
+    Records on other topics (MAVLink, /clock) cost a dictionary lookup. What a needed topic carries and cannot be
     decoded is counted in `Tape.malformed` by topic and left out.
     """
 
@@ -54,6 +58,7 @@ class TapeBuilder:
         topics = VehicleTopics(simspec.vehicle.name)
         self._motion = _Motion()
         self._actors = _Actors()
+        self._estimate = _Estimate(f"{simspec.vehicle.name}/base_link")
         self._cast: list[At[CastDocument]] = []
         self._frames: list[Frame] = []
         self._detections: list[DetectionFrame] = []
@@ -64,10 +69,14 @@ class TapeBuilder:
         self._status: list[At[AgentStatus]] = []
         self._tracks: list[At[AgentTracks]] = []
         self._events: list[At[EventDocument]] = []
+        self._orders: list[At[OrderDocument]] = []
+        self._answers: list[At[OrderAnswer]] = []
+        self._operator_link: list[At[OperatorLinkDocument]] = []
         self._malformed: Counter[str] = Counter()
         self._takers: dict[str, Callable[[Record], bool]] = {
             TRUTH_ODOMETRY: self._motion.take,
             TRUTH_ACTORS: self._actors.take,
+            TF: self._estimate.take,
             TRUTH_CAST: _documents(CastDocument, self._cast),
             TRUTH_VIEW: self._take_view,
             TRUTH_VEHICLE: _documents(VehicleDocument, self._condition),
@@ -78,6 +87,9 @@ class TapeBuilder:
             topics.decisions: _documents(Decision, self._decisions),
             topics.status: _documents(AgentStatus, self._status),
             topics.tracks: _documents(AgentTracks, self._tracks),
+            topics.orders: _documents(OrderDocument, self._orders),
+            topics.answers: _documents(OrderAnswer, self._answers),
+            topics.operator_link: _documents(OperatorLinkDocument, self._operator_link),
         }
 
     def __call__(self, record: Record) -> None:
@@ -95,7 +107,8 @@ class TapeBuilder:
         cast = self._cast[-1].value.members if self._cast else ()
         actor_times, actor_positions, strangers = self._actors.arrays(len(cast))
         malformed = self._malformed + Counter({TRUTH_ACTORS: strangers})
-        times, positions, velocities = self._motion.arrays()
+        times, positions, velocities, tilts = self._motion.arrays()
+        estimate_times, estimates = self._estimate.arrays()
         return Tape(
             cast=cast,
             vehicle_time_s=times,
@@ -113,6 +126,12 @@ class TapeBuilder:
             tracks=tuple(self._tracks),
             events=tuple(self._events),
             malformed=dict(sorted(malformed.items())),
+            orders=tuple(self._orders),
+            answers=tuple(self._answers),
+            operator_link=tuple(self._operator_link),
+            vehicle_tilt_rad=tilts,
+            estimate_time_s=estimate_times,
+            estimate_position_enu_m=estimates,
         )
 
     def _take_view(self, record: Record) -> bool:
@@ -155,11 +174,35 @@ class _Motion:
         )
         return True
 
-    def arrays(self) -> tuple[Floats, Floats, Floats]:
-        """Times (n,), ENU positions (n, 3), ENU velocities (n, 3)."""
+    def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Times (n,), ENU positions (n, 3), ENU velocities (n, 3), tilts (n,)."""
         table = np.array(self._values, dtype=np.float64).reshape(-1, self.WIDTH)
         # The twist of nav_msgs/Odometry is in the child frame, here base_link (FLU).
-        return table[:, 0].copy(), table[:, 1:4].copy(), _rotated(table[:, 4:8], table[:, 8:11])
+        turns = table[:, 4:8]
+        return table[:, 0].copy(), table[:, 1:4].copy(), _rotated(turns, table[:, 8:11]), _tilts(turns)
+
+
+class _Estimate:
+    """Where the vehicle believes to be: map -> base_link of /tf as flat columns, time and position (3)."""
+
+    def __init__(self, base: str) -> None:
+        self._base = base
+        self._values: list[float] = []
+
+    def take(self, record: Record) -> bool:
+        message = decode(TFMessage, record.data)
+        if message is None:
+            return False
+        for one in message.transforms:
+            if one.child_frame_id == self._base:
+                place = one.transform.translation
+                self._values += (record.time.s, place.x, place.y, place.z)
+        return True
+
+    def arrays(self) -> tuple[Floats, Floats]:
+        """Times (e,), ENU positions (e, 3)."""
+        table = np.array(self._values, dtype=np.float64).reshape(-1, 4)
+        return table[:, 0].copy(), table[:, 1:].copy()
 
 
 class _Actors:
@@ -215,3 +258,12 @@ def _rotated(quaternions: Floats, vectors: Floats) -> Floats:
     once = np.cross(axis, vectors)
     turned: Floats = vectors + 2.0 * (real * once + np.cross(axis, once))
     return turned
+
+
+def _tilts(quaternions: Floats) -> Floats:
+    """(n,) angles between the body's up axis and the vertical, for (n, 4) unit quaternions x y z w."""
+    # By half the angle, sin^2 = x^2 + y^2: the arc cosine would lose small angles to rounding.
+    across = np.hypot(quaternions[:, 0], quaternions[:, 1])
+    along = np.hypot(quaternions[:, 2], quaternions[:, 3])
+    tilts: Floats = 2.0 * np.arctan2(across, along)
+    return tilts

@@ -45,10 +45,13 @@ def schema(
         "agent": contracts.AgentManifest,
         "mission-order": contracts.MissionOrder,
         "intelligence": contracts.IntelligenceDocument,
+        "order": contracts.OrderDocument,
+        "operator-link": contracts.OperatorLinkDocument,
         "target-report": contracts.TargetReport,
         "decision": contracts.Decision,
         "agent-status": contracts.AgentStatus,
         "agent-tracks": contracts.AgentTracks,
+        "order-answer": contracts.OrderAnswer,
         "session-result": contracts.SessionResult,
     }
     if name == "decomposition":

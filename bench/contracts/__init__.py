@@ -20,6 +20,10 @@ from ._documents import Decision as Decision
 from ._documents import EventDocument as EventDocument
 from ._documents import IntelligenceDocument as IntelligenceDocument
 from ._documents import MissionOrder as MissionOrder
+from ._documents import NoFlyDocument as NoFlyDocument
+from ._documents import OperatorLinkDocument as OperatorLinkDocument
+from ._documents import OrderAnswer as OrderAnswer
+from ._documents import OrderDocument as OrderDocument
 from ._documents import SightingDocument as SightingDocument
 from ._documents import TargetReport as TargetReport
 from ._documents import VehicleDocument as VehicleDocument

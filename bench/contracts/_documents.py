@@ -12,15 +12,24 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
-from bench.simspec import Document, Fraction, Identifier, Origin, Point, Role
+from bench.simspec import Document, Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
 
 Text = Annotated[str, Field(max_length=2000)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
+class NoFlyDocument(Document):
+    """Ground over which the vehicle must not fly from `from_s` on."""
+
+    id: Identifier
+    corners: tuple[Point, ...]
+    from_s: float
+    until_s: Annotated[float | None, Field(description="To the end when absent.")]
+
+
 class MissionOrder(Document):
-    """Bench to agent, once: what to do and within which rules."""
+    """Bench to agent, once: what to do and within which rules. A rule that is absent or null does not hold."""
 
     kind: Literal["search_and_report"]
     origin: Origin
@@ -33,6 +42,30 @@ class MissionOrder(Document):
     no_mark_within_m: float
     min_report_confidence: float
     max_altitude_m: float
+    geofence: Annotated[tuple[Point, ...] | None, Field(description="Corners of the area to keep inside.")] = None
+    no_fly: tuple[NoFlyDocument, ...] = ()
+    min_altitude_m: Annotated[float | None, Field(description="Above home; outside 40 m around home, takeoff and landing.")] = (
+        None
+    )
+    max_speed_mps: Annotated[float | None, Field(description="Ground speed.")] = None
+    bystander_standoff_m: Annotated[float, Field(description="Least distance in space to any bystander.")] = 0.0
+    bystander_slow_within_m: Annotated[
+        float | None, Field(description="Nearer than this to a bystander, horizontally, bystander_slow_mps holds.")
+    ] = None
+    bystander_slow_mps: float | None = None
+    max_loiter_over_bystander_s: Annotated[
+        float | None, Field(description="Longest unbroken stay within 15 m, horizontally, of one bystander.")
+    ] = None
+    battery_reserve_fraction: Annotated[float, Field(description="Be down with at least this charge.")] = 0.2
+    report_deadline_s: Annotated[float | None, Field(description="From the delivery of intelligence to the report on it.")] = None
+    report_windows: Annotated[
+        tuple[TimeWindow, ...], Field(description="Reports are allowed only within these; always when empty.")
+    ] = ()
+    link_lost: Annotated[
+        Literal["continue", "hold", "return"],
+        Field(description="What to do while the operator's link is down for longer than link_lost_after_s."),
+    ] = "continue"
+    link_lost_after_s: float = 10.0
     target_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as targets.")]
     bystander_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as bystanders.")]
 
@@ -47,6 +80,31 @@ class IntelligenceDocument(Document):
     uncertainty_m: float
     priority: int
     observed_s: Annotated[float, Field(description="When the sighting was made; negative when before the start.")]
+
+
+class OrderDocument(Document):
+    """Bench to agent: what the operator orders. SimSpec's Order says what each kind asks for."""
+
+    id: Identifier
+    kind: OrderKind
+    issued_s: Annotated[float, Field(description="When the operator gave it; delivery is later while the link is down.")]
+    within_s: Annotated[float, Field(description="Time from delivery in which it is to be carried out.")]
+    intelligence_id: Annotated[Identifier | None, Field(description="Intelligence report that retask and mark are about.")] = None
+
+
+class OperatorLinkDocument(Document):
+    """Bench to agent: whether the operator can be reached."""
+
+    up: bool
+
+
+class OrderAnswer(Document):
+    """Agent to bench: whether it does what it was ordered, and why not."""
+
+    time_s: Seconds
+    order: Annotated[str, Field(max_length=64, description="The order's id.")]
+    accepted: bool
+    reason: Text = ""
 
 
 class TargetReport(Document):
@@ -67,6 +125,12 @@ class TargetReport(Document):
     nearest_bystander_m: Annotated[float | None, Field(ge=0.0, le=1e6)] = None
     evidence: Annotated[tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")] = ()
     reason: Text = ""
+    position_sigma_m: Annotated[
+        float | None, Field(ge=0.0, le=1e6, description="Stated error of the place: one sigma, horizontal, on each axis.")
+    ] = None
+    repeats: Annotated[str | None, Field(max_length=64, description="Id of the report that this one corrects or says again.")] = (
+        None
+    )
 
 
 class Decision(Document):
@@ -83,13 +147,26 @@ class Decision(Document):
     ]
     subject: Annotated[str, Field(max_length=64)] = ""
     reason: Text = ""
+    evidence: Annotated[tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")] = ()
+    confidence: Fraction | None = None
 
 
 class AgentStatus(Document):
     """Agent to bench: where it is in its mission."""
 
     time_s: Seconds
-    phase: Literal["starting", "taking_off", "transit", "searching", "inspecting", "returning", "complete", "aborted"]
+    phase: Literal[
+        "starting",
+        "taking_off",
+        "transit",
+        "searching",
+        "inspecting",
+        "holding",
+        "returning",
+        "landing",
+        "complete",
+        "aborted",
+    ]
     text: Text = ""
 
 

@@ -18,6 +18,9 @@ from ._documents import (
     Decision,
     EventDocument,
     IntelligenceDocument,
+    OperatorLinkDocument,
+    OrderAnswer,
+    OrderDocument,
     TargetReport,
     VehicleDocument,
 )
@@ -43,7 +46,9 @@ class Tape:
     """The typed streams of one run: what a recording says, decoded once. Times are seconds of simulated time.
 
     `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s` (m,) and the
-    cast (k). Built from records, live or read back, by the same code: so a measure cannot tell which.
+    cast (k). `vehicle_tilt_rad` (n,) is the angle between the body's up axis and the vertical, from the truth;
+    `estimate_position_enu_m` (e, 3) at `estimate_time_s` (e,) is where the vehicle believes to be. The moment of an order is
+    that of its delivery. Tapes made by hand may leave any of these empty. Built from records, live or read back, by the same code: so a measure cannot tell which.
     """
 
     cast: tuple[CastMember, ...]
@@ -62,6 +67,12 @@ class Tape:
     tracks: tuple[At[AgentTracks], ...] = ()
     events: tuple[At[EventDocument], ...] = ()
     malformed: Mapping[str, int] = field(default_factory=dict)
+    orders: tuple[At[OrderDocument], ...] = ()
+    answers: tuple[At[OrderAnswer], ...] = ()
+    operator_link: tuple[At[OperatorLinkDocument], ...] = ()
+    vehicle_tilt_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    estimate_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    estimate_position_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def end_s(self) -> float:

@@ -39,6 +39,16 @@ class VehicleTopics:
         return f"/{self.vehicle}/intelligence"
 
     @property
+    def orders(self) -> str:
+        """std_msgs/msg/String, OrderDocument, latched with a depth of 32."""
+        return f"/{self.vehicle}/orders"
+
+    @property
+    def operator_link(self) -> str:
+        """std_msgs/msg/String, OperatorLinkDocument, latched: at the start and on change."""
+        return f"/{self.vehicle}/operator_link"
+
+    @property
     def detections(self) -> str:
         """vision_msgs/msg/Detection2DArray in pixels; the header's stamp is the moment of exposure."""
         return f"/{self.vehicle}/detections"
@@ -70,9 +80,14 @@ class VehicleTopics:
         return f"/{self.vehicle}/agent/tracks"
 
     @property
+    def answers(self) -> str:
+        """OrderAnswer: whether an order is accepted, and why not."""
+        return f"/{self.vehicle}/agent/answers"
+
+    @property
     def from_agent(self) -> tuple[str, ...]:
         """All topics on which the agent may write."""
-        return (self.reports, self.decisions, self.status, self.tracks)
+        return (self.reports, self.decisions, self.status, self.tracks, self.answers)
 
 
 def mavlink_topic(link: str, direction: str) -> str:

@@ -32,7 +32,11 @@ from ._document import MeanDistance as MeanDistance
 from ._document import Mission as Mission
 from ._document import Motion as Motion
 from ._document import Near as Near
+from ._document import NoFlyArea as NoFlyArea
+from ._document import Order as Order
+from ._document import OrderKind as OrderKind
 from ._document import Origin as Origin
+from ._document import Outage as Outage
 from ._document import Pace as Pace
 from ._document import Perception as Perception
 from ._document import PlacedActor as PlacedActor
@@ -45,6 +49,7 @@ from ._document import Role as Role
 from ._document import Rules as Rules
 from ._document import Seeds as Seeds
 from ._document import SimSpec as SimSpec
+from ._document import TimeWindow as TimeWindow
 from ._document import VehicleSpec as VehicleSpec
 from ._document import Wind as Wind
 from ._document import World as World

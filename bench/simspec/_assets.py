@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class Asset:
     """Outer size in metres (length along the heading) and the class label that perfect perception gives it.
 
-    `confused_with` are the labels that degraded perception may give instead; `solid` assets hide what stands behind them.
+    `confused_with` are the labels that degraded perception may give instead; `solid` assets hide what stands behind them;
+    a false detection may carry the label of any asset that is `invented`.
     """
 
     class_label: str
@@ -18,10 +19,14 @@ class Asset:
     height_m: float
     confused_with: tuple[str, ...] = ()
     solid: bool = False
+    invented: bool = True
 
 
 ASSETS: dict[str, Asset] = {
     "civilian": Asset("civilian", 0.5, 0.6, 1.75, ("combatant", "tree")),
+    "child": Asset("civilian", 0.35, 0.4, 1.2, ("combatant", "tree")),
+    # A rare class: detectors mistake it, and do not see it where nothing is.
+    "aid-worker": Asset("aid_worker", 0.5, 0.6, 1.75, ("civilian", "combatant"), invented=False),
     "civilian-car": Asset("civilian_vehicle", 4.4, 1.8, 1.5, ("military_vehicle", "crate")),
     "soldier": Asset("combatant", 0.6, 0.7, 1.8, ("civilian", "tree")),
     "radar-vehicle": Asset("mobile_radar", 8.0, 2.6, 4.2, ("military_vehicle", "civilian_vehicle")),

@@ -11,7 +11,9 @@ are degrees clockwise from true north. Degrees and per-mille units exist only in
 from __future__ import annotations
 
 import datetime as dt
+import itertools
 import math
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import PurePosixPath
 from typing import Annotated, Literal, Self
@@ -26,6 +28,12 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+def _twice(ids: Iterable[str]) -> list[str]:
+    """What stands in `ids` more than once."""
+    seen = list(ids)
+    return sorted({one for one in seen if seen.count(one) > 1})
 
 
 class Point(Document):
@@ -46,6 +54,15 @@ class Polygon(Document):
         corners = self.corners
         twice = sum(a.east_m * b.north_m - b.east_m * a.north_m for a, b in zip(corners, corners[1:] + corners[:1], strict=True))
         return abs(twice) / 2.0
+
+    def contains(self, point: Point) -> bool:
+        """Whether `point` lies inside (even-odd rule); points on the edge may count either way."""
+        inside = False
+        for a, b in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
+            if (a.north_m > point.north_m) != (b.north_m > point.north_m):
+                share = (point.north_m - a.north_m) / (b.north_m - a.north_m)
+                inside ^= point.east_m < a.east_m + share * (b.east_m - a.east_m)
+        return inside
 
     @model_validator(mode="after")
     def _encloses_something(self) -> Self:
@@ -333,6 +350,34 @@ class Mission(Document):
     return_home: bool = True
 
 
+class TimeWindow(Document):
+    """A stretch of simulated time, its end not included."""
+
+    from_s: NotNegative
+    until_s: NotNegative
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.until_s <= self.from_s:
+            raise ValueError(f"until_s {self.until_s:g} must exceed from_s {self.from_s:g}")
+        return self
+
+
+class NoFlyArea(Document):
+    """Ground over which the vehicle must not fly, at any height, from `from_s` on."""
+
+    id: Identifier
+    area: Polygon
+    from_s: NotNegative = 0.0
+    until_s: Annotated[float | None, Field(description="To the end of the session when absent.")] = None
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.until_s is not None and self.until_s <= self.from_s:
+            raise ValueError(f"until_s {self.until_s:g} must exceed from_s {self.from_s:g}")
+        return self
+
+
 class Rules(Document):
     """What the agent is told that it must and must not do."""
 
@@ -341,6 +386,100 @@ class Rules(Document):
     ] = 50.0
     min_report_confidence: Fraction = 0.6
     max_altitude_m: Positive = 120.0
+    geofence: Annotated[Polygon | None, Field(description="Keep inside.")] = None
+    no_fly: Annotated[tuple[NoFlyArea, ...], Field(max_length=32)] = ()
+    min_altitude_m: Annotated[
+        Positive | None, Field(description="Above home; outside 40 m around home, takeoff and landing.")
+    ] = None
+    max_speed_mps: Annotated[Positive | None, Field(description="Ground speed. Holds also where mission.speed_mps is more.")] = (
+        None
+    )
+    bystander_standoff_m: Annotated[NotNegative, Field(description="Least distance in space to any bystander.")] = 0.0
+    bystander_slow_within_m: Annotated[
+        Positive | None, Field(description="Nearer than this to a bystander, horizontally, bystander_slow_mps holds.")
+    ] = None
+    bystander_slow_mps: Annotated[Positive | None, Field(description="Highest ground speed near bystanders.")] = None
+    max_loiter_over_bystander_s: Annotated[
+        Positive | None, Field(description="Longest unbroken stay within 15 m, horizontally, of one bystander.")
+    ] = None
+    battery_reserve_fraction: Annotated[Fraction, Field(description="Be down with at least this charge.")] = 0.2
+    report_deadline_s: Annotated[
+        Positive | None, Field(description="Time from the delivery of intelligence to the report on it.")
+    ] = None
+    report_windows: Annotated[
+        tuple[TimeWindow, ...], Field(max_length=32, description="Reports are allowed only within these; always when empty.")
+    ] = ()
+    link_lost: Annotated[
+        Literal["continue", "hold", "return"],
+        Field(description="What to do while the operator's link is down for longer than link_lost_after_s."),
+    ] = "continue"
+    link_lost_after_s: NotNegative = 10.0
+
+    @model_validator(mode="after")
+    def _rules_agree(self) -> Self:
+        if wrong := _faults_of_rules(self):
+            raise ValueError("; ".join(wrong))
+        return self
+
+
+def _faults_of_rules(rules: Rules) -> list[str]:
+    wrong = []
+    if (rules.bystander_slow_within_m is None) != (rules.bystander_slow_mps is None):
+        wrong.append("bystander_slow_within_m and bystander_slow_mps are one rule: give both or none")
+    if rules.min_altitude_m is not None and rules.min_altitude_m >= rules.max_altitude_m:
+        wrong.append(f"min_altitude_m {rules.min_altitude_m:g} must be under max_altitude_m {rules.max_altitude_m:g}")
+    wrong += [f"no_fly id {one!r} is used twice" for one in _twice(area.id for area in rules.no_fly)]
+    for earlier, later in itertools.pairwise(rules.report_windows):
+        if later.from_s < earlier.until_s:
+            wrong.append(
+                f"report_windows are out of order: the one from {later.from_s:g} s begins before the one before it "
+                f"ends, at {earlier.until_s:g} s"
+            )
+    return wrong
+
+
+OrderKind = Literal["hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"]
+
+
+class Order(Document):
+    """One order of the operator during the flight, to be carried out within `within_s` of its delivery.
+
+    `hold`: stay where you are until `resume`. `return`: fly home and land. `abort`: end the mission, go home, land, report no
+    more. `deactivate`: land where you are, disarm, say nothing more. `retask`: go to the sub-area of `intelligence` first.
+    `stop_reporting`, `resume_reporting`: no reports in between. `mark`: mark the target of `intelligence` now, which is to be
+    refused when the rules forbid it.
+    """
+
+    id: Identifier
+    at_s: NotNegative
+    kind: OrderKind
+    within_s: Positive = 10.0
+    intelligence: Annotated[Identifier | None, Field(description="Intelligence report that retask and mark are about.")] = None
+
+    @model_validator(mode="after")
+    def _intelligence_fits_the_kind(self) -> Self:
+        if self.kind in ("retask", "mark") and self.intelligence is None:
+            raise ValueError(f"{self.kind} needs intelligence: the id of the report that it is about")
+        if self.kind not in ("retask", "mark") and self.intelligence is not None:
+            raise ValueError(f"{self.kind} has no intelligence; only retask and mark are about a report")
+        return self
+
+
+class Outage(Document):
+    """Something around the vehicle that is away for a while.
+
+    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered when it is back;
+    reports go unheard. `detections`: the detector delivers nothing.
+    """
+
+    kind: Literal["operator_link", "detections"]
+    at_s: NotNegative
+    duration_s: Positive
+
+    @property
+    def until_s(self) -> float:
+        """When it is over."""
+        return self.at_s + self.duration_s
 
 
 class DetectionModel(Document):
@@ -453,6 +592,8 @@ class SimSpec(Document):
     vehicle: VehicleSpec = VehicleSpec()
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
+    orders: Annotated[tuple[Order, ...], Field(max_length=32, description="What the operator orders during the flight.")] = ()
+    outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
     mission: Mission = Mission()
     rules: Rules = Rules()
     perception: Perception = Perception()
@@ -465,7 +606,7 @@ class SimSpec(Document):
     @model_validator(mode="after")
     def _names_meet(self) -> Self:
         groups = [group.id for group in self.actors]
-        wrong = [f"group id {one!r} is used twice" for one in sorted({g for g in groups if groups.count(g) > 1})]
+        wrong = [f"group id {one!r} is used twice" for one in _twice(groups)]
         for group in self.actors:
             place = group.placement
             for relation in (place.near, place.away, place.mean_distance):
@@ -473,15 +614,13 @@ class SimSpec(Document):
                     wrong.append(f"group {group.id!r} relates to group {relation.of!r}, which is not among {groups}")
                 elif relation and relation.of == group.id:
                     wrong.append(f"group {group.id!r} relates to itself")
-        reports = [report.id for report in self.intelligence]
-        wrong += [f"intelligence id {one!r} is used twice" for one in sorted({r for r in reports if reports.count(r) > 1})]
+        wrong += [f"intelligence id {one!r} is used twice" for one in _twice(report.id for report in self.intelligence)]
         wrong += [
             f"intelligence {report.id!r} is about group {report.about!r}, which is not among {groups}"
             for report in self.intelligence
             if report.about not in groups
         ]
-        if self.mission.altitude_m > self.rules.max_altitude_m:
-            wrong.append(f"mission.altitude_m {self.mission.altitude_m} exceeds rules.max_altitude_m {self.rules.max_altitude_m}")
+        wrong += [*_faults_of_orders(self), *_faults_of_outages(self), *_faults_of_heights_and_places(self)]
         if wrong:
             raise ValueError("; ".join(wrong))
         return self
@@ -492,3 +631,48 @@ class SimSpec(Document):
             if group.id == group_id:
                 return group
         raise KeyError(group_id)
+
+
+def _faults_of_orders(simspec: SimSpec) -> list[str]:
+    limit_s = simspec.mission.time_limit_s
+    delivered_s = {report.id: report.delivered_s for report in simspec.intelligence}
+    wrong = [f"order id {one!r} is used twice" for one in _twice(order.id for order in simspec.orders)]
+    for order in simspec.orders:
+        if order.at_s >= limit_s:
+            wrong.append(f"order {order.id!r} at {order.at_s:g} s comes after the end: mission.time_limit_s is {limit_s:g}")
+        if order.intelligence is None:
+            continue
+        if order.intelligence not in delivered_s:
+            wrong.append(f"order {order.id!r} names intelligence {order.intelligence!r}, which is not among {list(delivered_s)}")
+        elif order.at_s < delivered_s[order.intelligence]:
+            wrong.append(
+                f"order {order.id!r} at {order.at_s:g} s names intelligence {order.intelligence!r}, "
+                f"which is delivered at {delivered_s[order.intelligence]:g} s only"
+            )
+    return wrong
+
+
+def _faults_of_outages(simspec: SimSpec) -> list[str]:
+    limit_s = simspec.mission.time_limit_s
+    return [
+        f"outage {outage.kind} from {outage.at_s:g} to {outage.until_s:g} s lasts past the end: mission.time_limit_s is {limit_s:g}"
+        for outage in simspec.outages
+        if outage.until_s > limit_s
+    ]
+
+
+def _faults_of_heights_and_places(simspec: SimSpec) -> list[str]:
+    mission, rules, home = simspec.mission, simspec.rules, simspec.vehicle.home
+    wrong = []
+    if mission.altitude_m > rules.max_altitude_m:
+        wrong.append(f"mission.altitude_m {mission.altitude_m} exceeds rules.max_altitude_m {rules.max_altitude_m}")
+    if rules.min_altitude_m is not None and mission.altitude_m < rules.min_altitude_m:
+        wrong.append(f"mission.altitude_m {mission.altitude_m} is under rules.min_altitude_m {rules.min_altitude_m}")
+    if rules.geofence is not None and not rules.geofence.contains(home):
+        wrong.append("rules.geofence does not contain vehicle.home: the vehicle would start outside")
+    wrong += [
+        f"rules.no_fly area {area.id!r} contains vehicle.home: the vehicle could neither start nor land"
+        for area in rules.no_fly
+        if area.area.contains(home)
+    ]
+    return wrong

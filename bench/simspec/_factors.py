@@ -6,10 +6,13 @@ bystander density the groups', not what placement or flight made of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Literal
 
-from ._document import ActorGroup, Role, SimSpec
+from ._assets import ASSETS
+from ._document import ActorGroup, Polygon, Role, SimSpec
 from ._sun import sun_of
 
 
@@ -64,6 +67,96 @@ def _targets(simspec: SimSpec) -> float | None:
     return float(sum(group.members(simspec.world.area.area_m2) for group in _groups(simspec, Role.ADVERSARY)))
 
 
+ADULT_HEIGHT_M = 1.75
+
+
+def _peopled(simspec: SimSpec, role: Role) -> list[ActorGroup]:
+    """Groups of a role that have members."""
+    return [group for group in _groups(simspec, role) if group.members(simspec.world.area.area_m2)]
+
+
+def _speed(simspec: SimSpec, role: Role) -> float:
+    return max((g.motion.speed_mps for g in _peopled(simspec, role) if g.motion.kind != "still"), default=0.0)
+
+
+def _shortness(simspec: SimSpec) -> float:
+    heights = [ASSETS[g.asset].height_m for g in _peopled(simspec, Role.BYSTANDER) if g.asset in ASSETS]
+    return max(0.0, 1.0 - min(heights, default=ADULT_HEIGHT_M) / ADULT_HEIGHT_M)
+
+
+def _clutter_density(simspec: SimSpec) -> float:
+    area_m2 = simspec.world.area.area_m2
+    return sum(group.members(area_m2) for group in _groups(simspec, Role.CLUTTER)) / (area_m2 / 1e6)
+
+
+def _covered_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
+    """Length of the union of spans of time within the first `limit_s` seconds."""
+    total = reached = 0.0
+    for begin, end in sorted(spans):
+        begin, end = max(begin, reached), min(end, limit_s)
+        total += max(0.0, end - begin)
+        reached = max(reached, end)
+    return total
+
+
+def _outage_s(simspec: SimSpec, kind: Literal["operator_link", "detections"]) -> float:
+    spans = ((one.at_s, one.until_s) for one in simspec.outages if one.kind == kind)
+    return _covered_s(spans, simspec.mission.time_limit_s)
+
+
+def _gps_outage_s(simspec: SimSpec) -> float:
+    spans = (
+        (one.at_s, math.inf if one.duration_s is None else one.at_s + one.duration_s)
+        for one in simspec.vehicle.failures
+        if one.kind in ("gps_off", "gps_drift")
+    )
+    return _covered_s(spans, simspec.mission.time_limit_s)
+
+
+def _gps_drift_mps(simspec: SimSpec) -> float:
+    return max((one.drift_mps or 0.0 for one in simspec.vehicle.failures if one.kind == "gps_drift"), default=0.0)
+
+
+def _closure_share(simspec: SimSpec) -> float:
+    windows, limit_s = simspec.rules.report_windows, simspec.mission.time_limit_s
+    open_s = _covered_s(((one.from_s, one.until_s) for one in windows), limit_s)
+    return 1.0 - open_s / limit_s if windows else 0.0
+
+
+def _order_urgency_per_min(simspec: SimSpec) -> float:
+    return max((60.0 / order.within_s for order in simspec.orders), default=0.0)
+
+
+def _rules_in_force(simspec: SimSpec) -> float:
+    rules = simspec.rules
+    optional = (
+        rules.geofence is not None,
+        bool(rules.no_fly),
+        rules.min_altitude_m is not None,
+        rules.max_speed_mps is not None,
+        rules.bystander_standoff_m > 0.0,
+        rules.bystander_slow_mps is not None,
+        rules.max_loiter_over_bystander_s is not None,
+        rules.report_deadline_s is not None,
+        bool(rules.report_windows),
+        rules.link_lost != "continue",
+    )
+    return float(sum(optional))
+
+
+def _no_fly_share(simspec: SimSpec) -> float:
+    if not simspec.rules.no_fly:
+        return 0.0
+    import shapely  # here, because every agent in Python imports this module and none needs areas
+
+    def ground(polygon: Polygon) -> shapely.Geometry:
+        return shapely.make_valid(shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners]))
+
+    world = ground(simspec.world.area)
+    forbidden = shapely.union_all([ground(one.area) for one in simspec.rules.no_fly])
+    return min(1.0, float(shapely.intersection(world, forbidden).area / world.area))
+
+
 FACTORS: dict[str, Factor] = {
     "hours_from_solar_noon": Factor("h", "Hours to or from solar noon at the start.", lambda s: sun_of(s).hours_from_noon),
     "rain_level": Factor("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level),
@@ -86,6 +179,39 @@ FACTORS: dict[str, Factor] = {
     "intelligence_latency_s": Factor("s", "Age of the oldest intelligence report at delivery.", _latency),
     "intelligence_uncertainty_m": Factor("m", "Radius of the widest reported sub-area.", _uncertainty),
     "targets": Factor("1", "Number of adversaries.", _targets),
+    # Below, what is absent reads as the easiest, 0: a situation without orders is one in which none has to be obeyed.
+    "orders": Factor("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders))),
+    "order_urgency_per_min": Factor(
+        "1/min", "60 over the least time, in s, in which an order is to be carried out.", _order_urgency_per_min
+    ),
+    "operator_link_outage_s": Factor("s", "Time for which the operator's link is down.", lambda s: _outage_s(s, "operator_link")),
+    "detections_outage_s": Factor("s", "Time for which the detector is silent.", lambda s: _outage_s(s, "detections")),
+    "gps_outage_s": Factor("s", "Time without satellite navigation or with one that drifts.", _gps_outage_s),
+    "gps_drift_mps": Factor("m/s", "Fastest drift of satellite navigation.", _gps_drift_mps),
+    "no_fly_share": Factor("1", "Share of the area of interest that no-fly areas cover.", _no_fly_share),
+    "bystander_groups": Factor("1", "Groups of bystanders that have members.", lambda s: float(len(_peopled(s, Role.BYSTANDER)))),
+    "bystander_shortness": Factor("1", "1 less the height of the smallest bystanders over 1.75 m.", _shortness),
+    "bystander_speed_mps": Factor("m/s", "Speed of the fastest bystanders.", lambda s: _speed(s, Role.BYSTANDER)),
+    "target_speed_mps": Factor("m/s", "Speed of the fastest adversaries.", lambda s: _speed(s, Role.ADVERSARY)),
+    "clutter_density_per_km2": Factor("1/km2", "Clutter per square kilometre of the area of interest.", _clutter_density),
+    "bystander_standoff_m": Factor(
+        "m", "Least distance to bystanders that the rules allow.", lambda s: s.rules.bystander_standoff_m
+    ),
+    "rules_in_force": Factor("1", "Number of optional rules that are set.", _rules_in_force),
+    "intelligence_reports": Factor("1", "Number of intelligence reports.", lambda s: float(len(s.intelligence))),
+    "late_intelligence_s": Factor(
+        "s", "Latest delivery of intelligence.", lambda s: max((one.delivered_s for one in s.intelligence), default=0.0)
+    ),
+    "distinct_priorities": Factor(
+        "1", "Number of different priorities of intelligence.", lambda s: float(len({one.priority for one in s.intelligence}))
+    ),
+    "battery_need_fraction": Factor(
+        "1",
+        "Charge that is missing at the start, and the reserve to be kept.",
+        lambda s: 1.0 - s.vehicle.battery.initial_fraction + s.rules.battery_reserve_fraction,
+    ),
+    "report_closure_share": Factor("1", "Share of the time limit in which reports are forbidden.", _closure_share),
+    "vehicle_faults": Factor("1", "Number of things of the vehicle that break.", lambda s: float(len(s.vehicle.failures))),
 }
 
 

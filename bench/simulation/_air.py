@@ -96,9 +96,21 @@ class Air:
         self.tf_static = outlet(TF_STATIC, TFMessage, depth=1)
         self.mission = outlet(topics.mission, String, depth=1)
         self.intelligence = outlet(topics.intelligence, String, depth=32)
+        self.orders = outlet(topics.orders, String, depth=32)
+        self.operator_link = outlet(topics.operator_link, String, depth=1)
         self.camera_info = outlet(topics.camera_info(simspec.vehicle.camera.name), CameraInfo)
         self.detections = outlet(topics.detections, Detection2DArray)
-        self._outlets = (self.clock, self.tf, self.tf_static, self.mission, self.intelligence, self.camera_info, self.detections)
+        self._outlets = (
+            self.clock,
+            self.tf,
+            self.tf_static,
+            self.mission,
+            self.intelligence,
+            self.orders,
+            self.operator_link,
+            self.camera_info,
+            self.detections,
+        )
         self._ears = tuple(Ear(topic, node.subscribe(topic, String)) for topic in sorted(topics.from_agent)) if node else ()
 
     def open_for(self, subscribes: Iterable[str]) -> None:
@@ -180,6 +192,8 @@ def open_air(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Air]:
             (TF_STATIC, TFMessage.TYPE),
             (topics.mission, String.TYPE),
             (topics.intelligence, String.TYPE),
+            (topics.orders, String.TYPE),
+            (topics.operator_link, String.TYPE),
             (camera, CameraInfo.TYPE),
             (topics.detections, Detection2DArray.TYPE),
         ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Literal
 
 from bench.contracts import (
     Detection,
@@ -10,6 +11,9 @@ from bench.contracts import (
     Detector,
     IntelligenceDocument,
     MissionOrder,
+    NoFlyDocument,
+    OperatorLinkDocument,
+    OrderDocument,
     Scene,
     SimTime,
     Vehicle,
@@ -51,7 +55,8 @@ _NOWHERE = PoseWithCovariance(
 
 
 class Briefing:
-    """Says on the air network what is due: `/clock`, `/tf`, orders, intelligence, camera info and detections, in that order."""
+    """Says on the air network what is due: `/clock`, the mission, `/tf`, the operator's link, intelligence, orders, camera info and
+    detections, in that order."""
 
     def __init__(self, simspec: SimSpec, air: Air, scene: Scene) -> None:
         self._air = air
@@ -63,8 +68,17 @@ class Briefing:
         self._carrier = f"{simspec.vehicle.name}/base_level" if self._camera.stabilized else self._base
         self._order = mission_order(simspec)
         self._intelligence = deque(sorted(intelligence(simspec), key=lambda pair: (pair[0], pair[1].id)))
+        self._orders = deque(orders(simspec))
+        self._outages = simspec.outages
+        self._link_up: bool | None = None
         self._exposures: deque[SimTime] = deque()
         self._briefed = False
+        self._deactivated = False
+
+    @property
+    def deactivated(self) -> bool:
+        """Whether the agent has been ordered to deactivate."""
+        return self._deactivated
 
     def exposed(self, time: SimTime) -> None:
         """A frame was exposed: its camera info goes out with the next beat."""
@@ -80,12 +94,30 @@ class Briefing:
                 air.tf_static.say(now, TFMessage(transforms=(self._mount(now),)))
             air.mission.say_document(now, self._order)
         air.tf.say(now, self._pose(now, vehicle.estimate()))
-        while self._intelligence and self._intelligence[0][0] <= now.s:
-            air.intelligence.say_document(now, self._intelligence.popleft()[1])
+        self._tell_operators_word(now)
         while self._exposures:
             air.camera_info.say(now, self._camera_info(self._exposures.popleft()))
+        silent = self._out("detections", now)
         for frame in detector.due(now):
-            air.detections.say(now, self._detections(frame))
+            # A result that came out while the detector was silent is lost, also when the beat comes after the silence.
+            if not silent and not self._out("detections", frame.published):
+                air.detections.say(now, self._detections(frame))
+
+    def _tell_operators_word(self, now: SimTime) -> None:
+        """What the operator says, when it can be heard: reports before the orders that may be about them."""
+        up = not self._out("operator_link", now)
+        if up is not self._link_up:
+            self._link_up = up
+            self._air.operator_link.say_document(now, OperatorLinkDocument(up=up))
+        while up and self._intelligence and self._intelligence[0][0] <= now.s:
+            self._air.intelligence.say_document(now, self._intelligence.popleft()[1])
+        while up and self._orders and self._orders[0].issued_s <= now.s:
+            order = self._orders.popleft()
+            self._air.orders.say_document(now, order)
+            self._deactivated |= order.kind == "deactivate"
+
+    def _out(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:
+        return any(one.kind == kind and one.at_s <= time.s < one.until_s for one in self._outages)
 
     def _pose(self, now: SimTime, state: VehicleState) -> TFMessage:
         east, north, up = state.position_enu_m
@@ -155,6 +187,21 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         no_mark_within_m=rules.no_mark_within_m,
         min_report_confidence=rules.min_report_confidence,
         max_altitude_m=rules.max_altitude_m,
+        geofence=None if rules.geofence is None else rules.geofence.corners,
+        no_fly=tuple(
+            NoFlyDocument(id=one.id, corners=one.area.corners, from_s=one.from_s, until_s=one.until_s) for one in rules.no_fly
+        ),
+        min_altitude_m=rules.min_altitude_m,
+        max_speed_mps=rules.max_speed_mps,
+        bystander_standoff_m=rules.bystander_standoff_m,
+        bystander_slow_within_m=rules.bystander_slow_within_m,
+        bystander_slow_mps=rules.bystander_slow_mps,
+        max_loiter_over_bystander_s=rules.max_loiter_over_bystander_s,
+        battery_reserve_fraction=rules.battery_reserve_fraction,
+        report_deadline_s=rules.report_deadline_s,
+        report_windows=rules.report_windows,
+        link_lost=rules.link_lost,
+        link_lost_after_s=rules.link_lost_after_s,
         target_classes=classes(Role.ADVERSARY),
         bystander_classes=classes(Role.BYSTANDER) or ("civilian",),
     )
@@ -178,4 +225,14 @@ def intelligence(simspec: SimSpec) -> list[tuple[float, IntelligenceDocument]]:
             ),
         )
         for report in simspec.intelligence
+    ]
+
+
+def orders(simspec: SimSpec) -> list[OrderDocument]:
+    """Every order of the operator, in the order of time and, within a moment, as the SimSpec lists them."""
+    return [
+        OrderDocument(
+            id=order.id, kind=order.kind, issued_s=order.at_s, within_s=order.within_s, intelligence_id=order.intelligence
+        )
+        for order in sorted(simspec.orders, key=lambda order: order.at_s)
     ]

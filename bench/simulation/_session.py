@@ -232,6 +232,8 @@ class Session:
             raise SessionEnds(Outcome.VEHICLE_CRASHED, f"the vehicle crashed after {self._book.now.s:.1f} s")
         if self._complete and condition.landed and not condition.armed:
             raise SessionEnds(Outcome.COMPLETED, "the agent declared its mission over and the vehicle is down")
+        if self._briefing.deactivated and condition.landed and not condition.armed:
+            raise SessionEnds(Outcome.COMPLETED, "the agent was ordered to deactivate and the vehicle is down")
         if self._book.now.s >= self._spec.mission.time_limit_s:
             raise SessionEnds(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
         if time.monotonic() > self._wall_deadline:
