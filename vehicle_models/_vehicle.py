@@ -41,7 +41,7 @@ from .controller import (
     attitude_quaternion,
     open_links,
 )
-from .x500 import FULL_THRUST_N, HOVER_THRUST, X500Plant
+from .x500 import FULL_THRUST_N, HOVER_THRUST, ROTORS, X500Plant
 
 _YAW_MAX_RADPS = 1.0
 _FASTEST_MPS, _CLIMB_MPS, _DESCENT_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says
@@ -152,6 +152,9 @@ class X500Airframe:
 
     def wanted_attitude(self) -> tuple[float, float, float, float]:
         return self._plant.wanted_attitude()
+
+    def test_rotor(self, number: int, share: float) -> None:
+        self._plant.write(f"test-{ROTORS[number]}", share)
 
     def outputs(self) -> list[float]:
         return self._plant.rotor_commands()
@@ -285,7 +288,7 @@ class Aircraft(ABC):
             landed,
             flight.crashed,
             flight.mode.name,
-            flight.battery_fraction,
+            flight.charge_fraction,
             flight.failsafe,
             self._failures.active,
         )
@@ -371,7 +374,7 @@ class Aircraft(ABC):
         flight.airspeed_mps = motion.airspeed_mps
         flight.on_ground = motion.up_m < _TOUCH_M
         battery = self._battery
-        flight.battery_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
+        flight.charge_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
         flight.battery_v, flight.battery_a = battery.voltage_v, battery.current_a
 
     def _state(self, error: Vector, wrong_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:

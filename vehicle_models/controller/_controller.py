@@ -34,11 +34,14 @@ from ._mission_flight import MissionFlight
 from ._mission_protocol import MissionProtocol
 from ._mission_store import Plans
 from ._modes import Modes
+from ._motor_test import MotorTest
 from ._navigator import Navigator
 from ._parameters import Parameters, ParameterStore
 from ._payload import Payload
 from ._personality import Event, Personality
+from ._pretended_battery import PretendedBattery
 from ._radio import Channel, Radio
+from ._remarks import Remarks
 from ._setpoints import Setpoints
 from ._signing import KeyKeeper, open_signing
 from ._streams import Streams
@@ -120,6 +123,9 @@ class Controller:
             self._streams,
             fence,
             Health(board),
+            MotorTest(board),
+            Remarks(board),
+            PretendedBattery(board),
             failsafe,
         ]
         self._camera: CameraComponent | None = None

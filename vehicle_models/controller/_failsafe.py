@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from ._board import Board, CommandHandler, Handler, Sender
-from ._failsafe_policy import Failsafes, Reaction, Text
+from ._failsafe_policy import BatteryStep, Failsafes, Reaction, Text
 from ._flight import Behaviour, Flight, Mode
 from ._modes import Modes
 from ._setpoints import Setpoints
@@ -59,6 +59,8 @@ class Failsafe:
         if not flight.armed:
             if self._causes or flight.failsafe:
                 self._clear()
+            if self._battery_step and not self._low(flight, self._policy.battery[0]):
+                self._battery_step = 0  # it has been charged
             return
         self._watch_setpoints(flight)
         self._watch_sticks(flight)
@@ -166,7 +168,7 @@ class Failsafe:
         if self._battery_step >= len(steps):
             return
         step = steps[self._battery_step]
-        if not (flight.battery_fraction < step.fraction or self._volts(flight) < step.volts):
+        if not self._low(flight, step):
             self._low_since_ns = None
             return
         if self._low_since_ns is None:
@@ -175,6 +177,9 @@ class Failsafe:
             self._low_since_ns = None
             self._battery_step += 1
             self.react("battery", step.reaction)
+
+    def _low(self, flight: Flight, step: BatteryStep) -> bool:
+        return flight.battery_fraction < step.fraction or self._volts(flight) < step.volts
 
     def _watch_place(self, flight: Flight) -> None:
         """Modes that need a position end when the estimate of it has been given up."""

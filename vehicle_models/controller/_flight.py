@@ -129,6 +129,9 @@ class Airframe(Protocol):
     def wanted_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch and yaw in radians that are steered to, and thrust as a share of all there is."""
 
+    def test_rotor(self, number: int, share: float) -> None:
+        """Turn one rotor at a share of its full speed, 0 to 1, disarmed on the ground; 0 stops it."""
+
     def outputs(self) -> list[float]:
         """Speed of each rotor, 0 to 1."""
 
@@ -174,12 +177,14 @@ class Flight:
     on_ground: bool = True  # the feet touch
     # Everything else.
     armed: bool = False
+    tests_motors: bool = False
     mission_ready: bool = False  # there is a mission, and it can be flown
     landed: Landed = Landed.ON_GROUND
     crashed: bool = False
     failsafe: str = ""
     target: Target = field(default_factory=Target)
-    battery_fraction: float = 1.0
+    charge_fraction: float = 1.0  # of the battery that the vehicle has
+    pretended_fraction: float | None = None  # of one that the autopilot is told of instead
     battery_v: float = 16.0
     battery_a: float = 0.0
     battery_used_wh: float = 0.0
@@ -192,6 +197,11 @@ class Flight:
     hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
     sticks: Sticks | None = None  # None: nobody holds any
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
+
+    @property
+    def battery_fraction(self) -> float:
+        """Charge as the autopilot knows it, 0 to 1."""
+        return self.charge_fraction if self.pretended_fraction is None else self.pretended_fraction
 
     @property
     def gps_ok(self) -> bool:

@@ -117,6 +117,14 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
+class BatteryPlan:
+    """A battery that is made up: from full to empty in `empties_s` of being armed, but never below `least_fraction`."""
+
+    empties_s: Seconds
+    least_fraction: float
+
+
+@dataclass(frozen=True, slots=True)
 class GpsFields:
     """What GPS_RAW_INT says of the receiver's quality."""
 
@@ -184,6 +192,10 @@ class Personality(ABC):
     failure_parameter: ClassVar[str | None]  # that allows INJECT_FAILURE, where that command exists
     lost_fix_type: ClassVar[int]  # GPS_RAW_INT without fixes
     texts: ClassVar[Mapping[Event, tuple[int, str]]]
+    clear_texts: ClassVar[tuple[tuple[int, str], ...]] = ()  # said when the vehicle has risen clear of the ground
+    touch_text: ClassVar[tuple[int, str] | None] = None  # said when it meets the ground, with {} for the speed
+    motor_order: ClassVar[tuple[int, ...]] = ()  # rotors as DO_MOTOR_TEST counts them; empty: no such command
+    slowest_hz: ClassVar[Mapping[str, float]] = {}  # message -> the rate that its stream never exceeds
     fixed_results: ClassVar[Mapping[int, Result | None]]  # commands that are answered and do nothing
     capabilities: ClassVar[int]
     flight_sw_version: ClassVar[int]
@@ -241,6 +253,14 @@ class Personality(ABC):
     def battery_volts(self, flight: Flight, parameters: ParameterStore) -> float:
         """What the battery's voltage is said to be."""
         return flight.battery_v
+
+    def pretended_battery(self, parameters: ParameterStore) -> BatteryPlan | None:
+        """The battery that the autopilot's own simulation makes up, when its parameters ask for one."""
+        return None
+
+    def wind(self, flight: Flight) -> tuple[float, float, float] | None:
+        """Degrees that the wind comes from, its speed and its speed downwards, as the estimator has them, if it has."""
+        return None
 
     @abstractmethod
     def ready(self, flight: Flight) -> bool:

@@ -132,6 +132,8 @@ class Streams:
         """Change one rate; None stops it."""
         streams = [one for one in self._streams[channel.name] if one.number != number]
         if interval_ns is not None:
+            most_hz = self._board.personality.slowest_hz.get(_NAMES[number])
+            interval_ns = max(interval_ns, round(1e9 / most_hz)) if most_hz else interval_ns
             streams.append(_Stream(number, interval_ns, self._board.flight.time_ns + min(interval_ns, 1_000_000_000)))
         streams.sort(key=lambda one: self._order[one.number])
         self._streams[channel.name] = streams

@@ -11,6 +11,7 @@ from typing import Any
 
 from ._board import Board
 from ._flight import Flight
+from ._terrain import Terrain
 
 Values = tuple[Any, ...]
 _STANDARD_GRAVITY_MPS2 = 9.80665
@@ -27,6 +28,7 @@ class MoreTelemetry:
         self._flight: Flight = board.flight
         self._imu = imu
         self._pressure = pressure
+        self._terrain = Terrain(board)
 
     def says(self) -> Mapping[str, Callable[[], Values | None]]:
         return {
@@ -39,7 +41,9 @@ class MoreTelemetry:
             "SCALED_PRESSURE2": lambda: self._pressure(),
             "SIMSTATE": self._simstate,
             "ESC_TELEMETRY_1_TO_4": self._motors,
-            "TERRAIN_REPORT": lambda: (self._flight.latitude_e7, self._flight.longitude_e7, 0.0, 0.0, 0, 0, 0),
+            "WIND": lambda: self._board.personality.wind(self._flight),
+            "TERRAIN_REQUEST": self._terrain.request,
+            "TERRAIN_REPORT": self._terrain.report,
         }
 
     def _link(self) -> Values:

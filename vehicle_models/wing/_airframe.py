@@ -94,6 +94,9 @@ class WingAirframe:
         """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays what it is."""
         return self._wanted
 
+    def test_rotor(self, number: int, share: float) -> None:
+        self._plant.write("throttle", share)
+
     def outputs(self) -> list[float]:
         return self._plant.outputs()
 

@@ -40,6 +40,7 @@ _WRITTEN = (
     "target-yaw-rad",
     "target-yawrate-radps",
     *(f"works-{name}" for name in ROTORS),
+    *(f"test-{name}" for name in ROTORS),
     "speed-max-mps",
     "climb-max-mps",
     "descent-max-mps",

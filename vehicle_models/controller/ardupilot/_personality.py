@@ -21,6 +21,7 @@ from ._health import (
     PLACE_S,
     STABILIZE_READY_S,
     STANDBY_S,
+    USES_GPS_S,
     boot_texts,
     estimator_flags,
     failing,
@@ -46,10 +47,12 @@ _GROUPS: dict[int, tuple[str, ...]] = {
     12: (
         "AHRS",
         "SYSTEM_TIME",
+        "WIND",
         "BATTERY_STATUS",
         "EKF_STATUS_REPORT",
         "VIBRATION",
         "ESC_TELEMETRY_1_TO_4",
+        "TERRAIN_REQUEST",
         "TERRAIN_REPORT",
     ),
 }
@@ -115,6 +118,10 @@ class ArduPilot(Personality):
         Event.DISARMED_IDLE: (INFO, "Disarming motors"),
         Event.CRASHED: (CRITICAL, "Crash: Disarming"),
     }
+    clear_texts = tuple((INFO, f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete") for unit in (0, 1))
+    touch_text = (INFO, "SIM Hit ground at {:f} m/s")
+    motor_order = (0, 3, 1, 2)  # clockwise from the front right
+    slowest_hz = {"TERRAIN_REQUEST": 0.5}
     fixed_results = {
         **dict.fromkeys(_ACCEPTED, Result.ACCEPTED),
         **dict.fromkeys(_FAILED, Result.FAILED),
@@ -232,8 +239,12 @@ class ArduPilot(Personality):
     def knows_place(self, flight: Flight) -> bool:
         return flight.time_s >= PLACE_S
 
+    def wind(self, flight: Flight) -> tuple[float, float, float] | None:
+        """Without an airspeed sensor the filter holds the wind at zero, which comes out as a wind from the south."""
+        return (-180.0, 0.0, 0.0) if flight.time_s >= USES_GPS_S and flight.position_ok else None
+
     def heartbeat(self, flight: Flight, has_setpoints: bool) -> tuple[int, int]:
-        base = flight.mode.base | (_ARMED if flight.armed else 0)
+        base = flight.mode.base | (_ARMED if flight.armed or flight.tests_motors else 0)
         if flight.time_s < STANDBY_S:
             return 89, _BOOTING
         if flight.failsafe and flight.armed:
@@ -290,10 +301,6 @@ class ArduPilot(Personality):
             case 189:
                 no_landing = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
                 return Answer((Result.FAILED,), no_landing)
-            case 209 if flight.flying:
-                return Answer((Result.FAILED,), ((CRITICAL, "Motor Test: vehicle not landed"),))
-            case 209:
-                return Answer((Result.ACCEPTED,), ((INFO, "starting motor test"),))
             case 218:
                 text = f"Invalid channel option ({first:.0f})" if math.isfinite(first) else "Invalid channel option"
                 return Answer((Result.FAILED,), ((WARNING, text),))

@@ -11,7 +11,18 @@ from .._flight import Behaviour, Flight, Mode
 from .._metadata import Metadata
 from .._parameter_table import read_parameters
 from .._parameters import ParameterStore, ParameterStyle
-from .._personality import Answer, ChaseLimits, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
+from .._personality import (
+    Answer,
+    BatteryPlan,
+    ChaseLimits,
+    Event,
+    GpsFields,
+    Limits,
+    Personality,
+    Refusal,
+    SensorBits,
+    StickLimits,
+)
 from .._texts import CRITICAL, INFO
 from ._failsafes import failsafes
 from ._fence import Px4Fence
@@ -28,6 +39,7 @@ _PREARM = 0x10000000
 _SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
 _GPS_AND_POSITION = 0x20 | 0x4000
 _ARMED = 128
+_SITL_BATTERY = (60.0, 50.0)  # SIM_BAT_DRAIN and SIM_BAT_MIN_PCT as they come
 _STANDBY, _ACTIVE, _CRITICAL, _TERMINATED, _UNABLE = 3, 4, 5, 8, 0
 
 _COMMON_STREAMS = {
@@ -229,6 +241,18 @@ class Px4(Personality):
 
     def failsafes(self, parameters: ParameterStore) -> Failsafes:
         return failsafes(parameters)
+
+    def pretended_battery(self, parameters: ParameterStore) -> BatteryPlan | None:
+        """Asked for by a drain or a least charge other than the defaults, of which the vehicle's own battery knows nothing."""
+        drain_s, least_pct = parameters["SIM_BAT_DRAIN"], parameters["SIM_BAT_MIN_PCT"]
+        asked = (drain_s, least_pct) != _SITL_BATTERY and parameters["SIM_BAT_ENABLE"] == 1.0
+        return BatteryPlan(max(drain_s, 1.0), min(max(least_pct, 0.0), 100.0) / 100.0) if asked else None
+
+    def battery_volts(self, flight: Flight, parameters: ParameterStore) -> float:
+        if flight.pretended_fraction is None:
+            return flight.battery_v
+        empty, full = parameters["BAT1_V_EMPTY"], parameters["BAT1_V_CHARGED"]
+        return max(parameters["BAT1_N_CELLS"], 1.0) * (empty + (full - empty) * flight.pretended_fraction)
 
     def ready(self, flight: Flight) -> bool:
         return flight.time_s >= READY_S and _armable(flight) and not flight.crashed
