@@ -7,6 +7,11 @@ print(found.explain("KA-18"), score_run(decomposition, found, result.observation
 
 from __future__ import annotations
 
+from ._competence import Competence as Competence
+from ._competence import Trials as Trials
+from ._competence import competence as competence
+from ._competence import competence_of as competence_of
+from ._competence import tally as tally
 from ._configuration import configuration_of as configuration_of
 from ._configuration import configuration_tension as configuration_tension
 from ._configuration import studied as studied
@@ -15,9 +20,13 @@ from ._difficulty import FactorRating as FactorRating
 from ._difficulty import NodeDifficulty as NodeDifficulty
 from ._difficulty import ObservableDifficulty as ObservableDifficulty
 from ._difficulty import difficulty as difficulty
+from ._difficulty import difficulty_given as difficulty_given
 from ._difficulty import difficulty_of as difficulty_of
 from ._difficulty import rate as rate
 from ._difficulty import tension as tension
+from ._external import ExternalTable as ExternalTable
+from ._external import read_table as read_table
+from ._external import score_external as score_external
 from ._intervals import clopper_pearson as clopper_pearson
 from ._intervals import effective_size as effective_size
 from ._intervals import wilson as wilson

@@ -171,6 +171,18 @@ def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
     return difficulty(decomposition, factor_values(simspec))
 
 
+def difficulty_given(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
+    """Difficulty of every node where those of the observables are stated and not rated.
+
+    An observable without a value is infinitely hard here: it is not known, and so never the least. A node over nothing
+    else is infinite, which whoever writes it down makes null.
+    """
+    observables = {one: ObservableDifficulty(one, values.get(one, math.inf), ()) for one in decomposition.observables}
+    return Difficulty(
+        decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
+    )
+
+
 def _of_observable(decomposition: Decomposition, observable: str, values: Mapping[str, float]) -> ObservableDifficulty:
     policies = decomposition.policies
     rows = [
@@ -191,12 +203,17 @@ def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, 
 
 def _make_sure_of(decomposition: Decomposition, values: Mapping[str, float]) -> None:
     needing: dict[str, list[str]] = {}
+    unrated = [one for one in decomposition.observables if not decomposition.key_factors(one)]
     for one in decomposition.observables:
         for row in decomposition.key_factors(one):
             if row.factor not in values or not math.isfinite(values[row.factor]):
                 needing.setdefault(row.factor, []).append(one)
-    if needing:
-        raise SetupError([_missing(decomposition, factor, ones) for factor, ones in needing.items()])
+    faults = [_missing(decomposition, factor, ones) for factor, ones in needing.items()]
+    if unrated:
+        where = f"difficulty of {decomposition.name}: {', '.join(unrated)}"
+        faults.append(Fault(where, "no key factors, so no difficulty", "give them tables, or state difficulties with the runs"))
+    if faults:
+        raise SetupError(faults)
 
 
 def _missing(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
@@ -210,6 +227,8 @@ def _missing(decomposition: Decomposition, factor: str, observables: list[str]) 
 
 
 def _told(one: ObservableDifficulty) -> str:
+    if not one.ratings:
+        return f"{one.observable} has its difficulty stated."
     if not one.ruled_by:
         return f"{one.observable} has the mean of its {len(one.ratings)} ratings."
     rulers = " and ".join(f"{row.factor} = {row.value:g} {row.unit}" for row in one.ratings if row.rating == one.difficulty)

@@ -1,0 +1,345 @@
+"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (reading.md 19).
+
+Nothing is guessed and nothing is mended: whatever does not hold is a fault with its line, and all of them are told at once.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import polars as pl
+
+from bench.contracts import Observation, Outcome
+from bench.errors import Fault, SetupError
+from decompositions import Decomposition
+
+from ._difficulty import Difficulty, difficulty, difficulty_given
+from ._table import ScoredRun, score_table
+
+REQUIRED = ("run", "observable", "x")
+COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
+AGENT = "agent"  # of a table that names none
+MOST_FAULTS = 200
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalTable:
+    """The runs of a table in the order in which they first come; `lines` says where each (run, observable) stands in it."""
+
+    runs: tuple[ScoredRun, ...]
+    lines: Mapping[tuple[str, str], int]
+
+
+def read_table(text: str, decomposition: Decomposition, source: str = "") -> ExternalTable:
+    """Read a table of observations: CSV with a header, a JSON list of objects, or one JSON object a line.
+
+    Columns: `run`, `observable`, `x`, and either `difficulty` or one for each key factor of the decomposition, in the unit
+    of its tables; optionally `considered`, `design_point` and `agent`. Raises SetupError with every fault and its line.
+    """
+    faults = _Faults(source)
+    text = text.removeprefix("\ufeff")
+    if text.lstrip()[:1] in ("[", "{"):
+        rows = list(_json_rows(text, faults))
+        columns = _columns(rows)
+    else:
+        columns = {}
+        rows = list(_csv_rows(text, columns, faults))
+    if not rows and not faults.found:
+        faults.add(1, "the table has no rows", "give one row for each run and observable")
+    reader = _Reader(decomposition, faults, columns)
+    reader.check_columns()
+    for row in rows:
+        reader.take(row)
+    faults.raise_any()
+    return reader.table()
+
+
+def score_external(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
+    """The score table of such runs, with null for the difficulty of a node none of whose observables has a row in the run."""
+    scores = score_table(decomposition, runs, study)
+    if scores["difficulty"].is_finite().all():
+        return scores
+    known = pl.when(pl.col("difficulty").is_finite()).then(pl.col("difficulty"))
+    return scores.with_columns(
+        known.alias("difficulty"), pl.col("configuration").cast(pl.String).str.replace_all("=inf", "=unknown", literal=True)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One record: what stands in its columns (text in CSV, plain values in JSON) and the line on which it begins."""
+
+    line: int
+    cells: Mapping[str, Any]
+
+
+@dataclass(slots=True)
+class _Faults:
+    """What is wrong so far, with lines; beyond MOST_FAULTS they are counted alone."""
+
+    source: str
+    found: list[Fault] = field(default_factory=list)
+    more: int = 0
+
+    def add(self, line: int, what: str, mend: str) -> None:
+        if len(self.found) >= MOST_FAULTS:
+            self.more += 1
+            return
+        self.found.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, mend))
+
+    def raise_any(self) -> None:
+        if self.more:
+            self.found.append(Fault(self.source, f"{self.more} more faults", "mend these first"))
+        if self.found:
+            raise SetupError(self.found)
+
+
+def _csv_rows(text: str, columns: dict[str, int], faults: _Faults) -> Iterator[_Row]:
+    """The records, and the header's names into `columns`, with its line."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    header: list[str] = []
+    line = 1
+    try:
+        for cells in reader:
+            begun, line = line, reader.line_num + 1
+            if not any(cell.strip() for cell in cells):
+                continue
+            values = [cell.strip() for cell in cells]
+            if not header:
+                header = values
+                columns.update(dict.fromkeys(header, begun))
+                _check_header(header, begun, faults)
+            elif len(values) != len(header):
+                faults.add(begun, f"{len(values)} cells, and the header has {len(header)}", "give one cell for each column")
+            else:
+                yield _Row(begun, dict(zip(header, values, strict=True)))
+    except csv.Error as error:
+        faults.add(reader.line_num, f"not valid CSV: {error}", "mend the quotes on that line")
+
+
+def _check_header(header: list[str], line: int, faults: _Faults) -> None:
+    for name in dict.fromkeys(name for name in header if header.count(name) > 1):
+        faults.add(line, f"the column {name!r} stands here twice", "keep one")
+    if len(header) == 1 and re.search(r"[;\t]", header[0]):
+        faults.add(line, "the columns are not separated by commas", "write commas")
+
+
+def _json_rows(text: str, faults: _Faults) -> Iterator[_Row]:
+    decoder = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
+    listed = text.lstrip().startswith("[")
+    place, line, counted = (text.index("[") + 1 if listed else 0), 1, 0
+    while True:
+        place = _next_record(text, place, listed=listed)
+        line, counted = line + text.count("\n", counted, place), place
+        if place >= len(text) or (listed and text[place] == "]"):
+            break
+        try:
+            value, place = decoder.raw_decode(text, place)
+        except (ValueError, RecursionError) as error:
+            faults.add(line, f"not valid JSON: {str(error).split(': line')[0]}", "mend the syntax of the record that begins here")
+            return
+        if not isinstance(value, dict):
+            faults.add(line, f"a record is {type(value).__name__}", "write objects, one for each run and observable")
+            continue
+        yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
+    if listed and place >= len(text):
+        faults.add(line, "the list does not end", "close it with ]")
+
+
+def _next_record(text: str, place: int, *, listed: bool) -> int:
+    gaps = " \t\r\n," if listed else " \t\r\n"
+    while place < len(text) and text[place] in gaps:
+        place += 1
+    return place
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) != len(pairs):
+        raise ValueError("a name stands twice in one object")
+    return made
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _columns(rows: Sequence[_Row]) -> dict[str, int]:
+    """Every column, with the line on which it first comes."""
+    columns: dict[str, int] = {}
+    for row in rows:
+        for name in row.cells:
+            columns.setdefault(name, row.line)
+    return columns
+
+
+@dataclass(slots=True)
+class _Run:
+    """What is known of one run so far: what its rows must agree in (values by column), and its observations."""
+
+    line: int
+    common: dict[str, Any]
+    difficulties: dict[str, float] = field(default_factory=dict)
+    observations: list[Observation] = field(default_factory=list)
+
+
+class _Reader:
+    """Takes rows one by one, keeps what is sound, and notes what is not."""
+
+    def __init__(self, decomposition: Decomposition, faults: _Faults, columns: Mapping[str, int]) -> None:
+        self._asked = decomposition
+        self._faults = faults
+        self._columns = columns
+        self._factors = [name for name in decomposition.factors() if name in columns]
+        self._units = {row.factor: row.unit for rows in decomposition.tables.values() for row in rows}
+        self._runs: dict[str, _Run] = {}
+        self._lines: dict[tuple[str, str], int] = {}
+
+    def check_columns(self) -> None:
+        """Whether the table has the columns that it needs, and no others."""
+        if not self._columns:
+            return
+        known, first = (*COLUMNS, *self._asked.factors()), min(self._columns.values())
+        for name, line in self._columns.items():
+            if name not in known:
+                self._faults.add(line, f"unknown column {name!r}", f"known: {', '.join(known)}")
+        for name in REQUIRED:
+            if name not in self._columns:
+                self._faults.add(first, f"the column {name!r} is missing", "add it")
+        self._check_difficulty(first)
+
+    def _check_difficulty(self, first: int) -> None:
+        needed = ", ".join(f"{name} ({self._units[name]})" for name in self._asked.factors())
+        given = "difficulty" in self._columns
+        if given and self._factors:
+            also = ", ".join(self._factors)
+            self._faults.add(first, f"there is a difficulty and factor columns beside it: {also}", "keep the one or the others")
+        if given:
+            return
+        if not self._factors:
+            mend = f"add it, or the key factors of {self._asked.name}: {needed}" if needed else "add it; no tables rate it here"
+            self._faults.add(first, "the column 'difficulty' is missing", mend)
+        else:
+            for name in self._asked.factors():
+                if name not in self._columns:
+                    self._faults.add(first, f"the factor column {name!r} is missing", f"all are needed: {needed}")
+            for name in self._asked.observables:
+                if not self._asked.key_factors(name):
+                    self._faults.add(first, f"{name} has no key factors in {self._asked.name}", "give difficulties instead")
+
+    def take(self, row: _Row) -> None:
+        """One row into its run."""
+        name, observable = self._id(row, "run"), self._id(row, "observable")
+        considered = self._considered(row)
+        x = self._number(row, "x", 0.0, 1.0, needed=considered is True) if "x" in self._columns else None
+        stated = self._number(row, "difficulty", 0.0, 100.0) if "difficulty" in self._columns else None
+        common: dict[str, Any] = {one: self._id(row, one) for one in ("agent", "design_point") if one in self._columns}
+        common |= {one: self._number(row, one, -math.inf, math.inf) for one in self._factors}
+        if observable is not None and observable not in self._asked.observables:
+            near = ", ".join(self._asked.observables)
+            self._faults.add(row.line, f"there is no observable {observable!r} in {self._asked.name}", f"known: {near}"[:400])
+            observable = None
+        if name is None:
+            return
+        run = self._runs.setdefault(name, _Run(row.line, common))
+        self._agree(row, name, run, common)
+        if observable is None or considered is None:
+            return
+        if (name, observable) in self._lines:
+            before = self._lines[name, observable]
+            self._faults.add(row.line, f"run {name!r} has {observable} already on line {before}", "keep one of the rows")
+            return
+        self._lines[name, observable] = row.line
+        if stated is not None:
+            run.difficulties[observable] = stated
+        if not (considered and x is None):
+            run.observations.append(Observation(observable=observable, considered=considered, x=x if considered else None))
+
+    def table(self) -> ExternalTable:
+        """All runs; to be asked when no fault was found."""
+        shared: dict[object, Difficulty] = {}
+        replicates: dict[str, int] = {}
+        runs = []
+        for name, run in self._runs.items():
+            point = run.common.get("design_point", name)
+            replicate = replicates[point] = replicates.get(point, -1) + 1
+            runs.append(
+                ScoredRun(
+                    realization=name,
+                    design_point=point,
+                    replicate=replicate,
+                    agent=run.common.get("agent", AGENT),
+                    outcome=Outcome.COMPLETED,
+                    difficulty=self._difficulty(run, shared),
+                    observations=tuple(run.observations),
+                )
+            )
+        return ExternalTable(tuple(runs), self._lines)
+
+    def _difficulty(self, run: _Run, shared: dict[object, Difficulty]) -> Difficulty:
+        """Equal situations share one object, as replicates of a campaign do."""
+        values = {name: run.common[name] for name in self._factors} or run.difficulties
+        rate: Callable[[Decomposition, Mapping[str, float]], Difficulty] = difficulty if self._factors else difficulty_given
+        key = tuple(sorted(values.items()))
+        if key not in shared:
+            shared[key] = rate(self._asked, values)
+        return shared[key]
+
+    def _agree(self, row: _Row, name: str, run: _Run, common: Mapping[str, Any]) -> None:
+        for column, value in common.items():
+            stated = run.common[column]
+            if value is not None and stated is not None and value != stated:
+                what = f"run {name!r} has {column} {value!r} here and {stated!r} on line {run.line}"
+                self._faults.add(row.line, what, "one run has one; give another run another id")
+
+    def _id(self, row: _Row, column: str) -> str | None:
+        """The text of an id; None where it is faulty, or its column missing."""
+        if column not in self._columns:
+            return None
+        value = row.cells.get(column)
+        if value is None or value == "":
+            self._faults.add(row.line, f"{column} is empty", "name it")
+        elif not isinstance(value, str):
+            self._faults.add(row.line, f"{column} is {value!r}, and ids are text (7 is not 007)", f'write "{value}" in quotes')
+        else:
+            return value
+        return None
+
+    def _number(self, row: _Row, column: str, low: float, high: float, *, needed: bool = True) -> float | None:
+        """A number within bounds; None where it is faulty, or empty and may be."""
+        value = row.cells.get(column)
+        if value is None or value == "":
+            if needed:
+                where = " where considered is not false" if column == "x" else ""
+                self._faults.add(row.line, f"{column} is empty{where}", "give a number")
+            return None
+        if isinstance(value, str):
+            found = float(value) if _NUMBER.fullmatch(value) else math.nan
+        else:
+            found = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+        if not math.isfinite(found):
+            self._faults.add(row.line, f"{column} is {value!r}, which is no number", "write a decimal number with a point")
+            return None
+        if not low <= found <= high:
+            self._faults.add(row.line, f"{column} {found:g} lies outside {low:g} to {high:g}", f"keep it in [{low:g}, {high:g}]")
+            return None
+        return found
+
+    def _considered(self, row: _Row) -> bool | None:
+        """Whether the run exercised the observable; None where that cannot be read."""
+        value = row.cells.get("considered")
+        if value is None:
+            return True
+        found = _WORDS.get(str(value).lower())
+        if found is None:
+            self._faults.add(row.line, f"considered is {value!r}", "write true, false, 1, 0, yes or no; empty is true")
+        return found

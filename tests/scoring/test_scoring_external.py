@@ -1,0 +1,214 @@
+"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at once."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from bench.errors import Fault, SetupError
+from bench.scoring import ExternalTable, absent_pairs, read_table, score_external, score_run, summary_frame
+from decompositions import Decomposition, DecompositionDocument, Vocabulary, decomposition_of
+
+FOG = {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "The whole scale."}
+RAIN = FOG | {"factor": "rain_level"}
+
+
+def made(**rows: list[dict[str, Any]]) -> Decomposition:
+    """The paper's worked graph, its observables rated by `rows` where there are any."""
+    leaves = [
+        {
+            "id": name,
+            "title": name,
+            "asks": "?",
+            "measure": "m",
+            "threshold": 0.5,
+            "threshold_reason": "Given.",
+            "considered": "Given.",
+            "key_factors": rows.get(name, []),
+        }
+        for name in ("OBS1", "OBS2", "OBS3")
+    ]
+
+    def node(name: str, *children: str) -> dict[str, Any]:
+        return {"id": name, "title": name, "asks": "?", "children": list(children)}
+
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "worked",
+        "title": "Worked",
+        "key_attributes": [node("KA1", "VAB1", "VAB2")],
+        "vabs": [node("VAB1", "OBS1", "OBS2"), node("VAB2", "OBS3")],
+        "observables": leaves,
+    }
+    return decomposition_of(DecompositionDocument.model_validate(document), Vocabulary(difficulty="given"))
+
+
+@pytest.fixture
+def given() -> Decomposition:
+    return made()
+
+
+@pytest.fixture
+def rated() -> Decomposition:
+    return made(OBS1=[FOG], OBS2=[FOG, RAIN], OBS3=[RAIN])
+
+
+WORKED = """run,observable,difficulty,x,considered
+1,OBS1,30,1,
+1,OBS2,80,1,true
+1,OBS3,50,0.9,YES
+2,OBS1,30,0,1
+2,OBS2,80,0.5,
+2,OBS3,50,1,
+"""
+
+
+def told(text: str, asked: Decomposition) -> list[Fault]:
+    with pytest.raises(SetupError) as caught:
+        read_table(text, asked, "t.csv")
+    return list(caught.value.faults)
+
+
+def records(text: str) -> list[dict[str, Any]]:
+    """The same rows as JSON records, numbers as numbers and what is empty left out."""
+    header, *lines = text.split()
+    rows = [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
+    numbers = {"x", "difficulty"}
+    return [{k: float(v) if k in numbers else v for k, v in row.items() if v != ""} for row in rows]
+
+
+def test_csv_and_both_kinds_of_json_say_the_same(given: Decomposition) -> None:
+    """One table in three forms: equal runs, and the worked example's numbers."""
+    table = read_table(WORKED, given)
+    rows = records(WORKED)
+    for text in (json.dumps(rows), json.dumps(rows, indent=2), "\n".join(map(json.dumps, rows)), "\ufeff" + WORKED):
+        assert read_table(text, given).runs == table.runs
+    assert [run.realization for run in table.runs] == ["1", "2"]
+    second = score_run(given, table.runs[1].difficulty, table.runs[1].observations)
+    assert (second["VAB1"].score, second["KA1"].score, second["KA1"].confidence) == (80.0, 50.0, 2 / 3)
+    summary = summary_frame(score_external(given, table.runs), given)
+    row = summary.filter(node="KA1", configuration="all").row(0, named=True)
+    assert (row["score_mean"], row["confidence_mean"]) == (40.0, pytest.approx(5 / 6))
+
+
+def test_lines_are_those_of_the_file(given: Decomposition) -> None:
+    """Blank lines, quoted line breaks and pretty-printed records do not shift the lines that are told."""
+    text = 'run,observable,difficulty,x\n\n"a\nb",OBS1,30,1\nc,OBS1,30,1\n'
+    assert dict(read_table(text, given).lines) == {("a\nb", "OBS1"): 3, ("c", "OBS1"): 5}
+    pretty = json.dumps(records(WORKED), indent=1)
+    lines = read_table(pretty, given).lines
+    assert pretty.splitlines()[lines["1", "OBS2"] - 1].strip() == "{"
+    assert '"OBS2"' in "".join(pretty.splitlines()[lines["1", "OBS2"] : lines["1", "OBS3"] - 1])
+
+
+def test_ids_are_text(given: Decomposition) -> None:
+    """7 is not 007, and a JSON number is no id."""
+    table = read_table("run,observable,difficulty,x\n7,OBS1,30,1\n007,OBS1,30,0\n", given)
+    assert [run.realization for run in table.runs] == ["7", "007"]
+    (fault,) = told('[{"run": 7, "observable": "OBS1", "difficulty": 3, "x": 1}]', given)
+    assert "7 is not 007" in fault.what
+
+
+def test_a_missing_row_is_not_considered_and_is_counted(given: Decomposition) -> None:
+    """Absent pairs have neither score nor difficulty; they are shown by number."""
+    table = read_table("run,observable,difficulty,x,considered\na,OBS1,30,1,\nb,OBS3,40,,no\n", given)
+    assert absent_pairs(given, table.runs) == 4
+    scores = score_external(given, table.runs)
+    rows = {(row["realization"], row["node"]): row for row in scores.iter_rows(named=True)}
+    assert (rows["a", "KA1"]["score"], rows["a", "KA1"]["difficulty"], rows["a", "VAB2"]["difficulty"]) == (30.0, 30.0, None)
+    assert (rows["b", "VAB1"]["considered"], rows["b", "KA1"]["confidence"], rows["b", "OBS3"]["difficulty"]) == (0, None, 40.0)
+    summary = summary_frame(scores, given).filter(node="VAB2", configuration="all").row(0, named=True)
+    assert (summary["considered"], summary["score_mean"], summary["difficulty"]) == (0, None, 40.0)
+
+
+def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
+    """A run that says nothing of a key attribute lies in a configuration of its own, said to be unknown."""
+    document = made().document.model_dump()
+    document["key_attributes"] = [
+        {"id": "KA1", "title": "t", "asks": "?", "children": ["VAB1"]},
+        {"id": "KA2", "title": "t", "asks": "?", "children": ["VAB2"]},
+    ]
+    asked = decomposition_of(DecompositionDocument.model_validate(document), Vocabulary(difficulty="given"))
+    scores = score_external(asked, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", asked).runs)
+    assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]
+
+
+def test_design_points_and_agents_are_optional(given: Decomposition) -> None:
+    """Without a design point each run is its own; runs of one share it as replicates."""
+    alone = read_table(WORKED, given).runs
+    assert [(run.design_point, run.replicate, run.agent) for run in alone] == [("1", 0, "agent"), ("2", 0, "agent")]
+    text = "run,observable,difficulty,x,design_point,agent\na,OBS1,30,1,p,one\nb,OBS1,30,1,p,two\n"
+    together = read_table(text, given).runs
+    assert [(run.design_point, run.replicate, run.agent) for run in together] == [("p", 0, "one"), ("p", 1, "two")]
+
+
+def test_factor_columns_are_rated_by_the_tables(rated: Decomposition) -> None:
+    """With the key factors in the table, difficulty is rated here, for every observable, absent ones too."""
+    table = read_table("run,observable,x,fog_level,rain_level\na,OBS1,1,9,4.5\na,OBS2,1,9,4.5\nb,OBS1,1,0,4.5\n", rated)
+    first, second = table.runs
+    assert first.difficulty.of("OBS1") == 100.0
+    assert first.difficulty.observables["OBS2"].ruled_by == ("rain_level",)
+    assert (first.difficulty.of("KA1"), second.difficulty.of("KA1")) == (55.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("run,observable,difficulty,x\na,OBS1,30,1\na,OBS1,30,1\n", 3, "has OBS1 already on line 2"),
+        ("run,observable,difficulty,x\na,OBS9,30,1\n", 2, "no observable 'OBS9'"),
+        ("run,observable,difficulty,x\na,OBS1,30,1.01\n", 2, "x 1.01 lies outside 0 to 1"),
+        ("run,observable,difficulty,x\na,OBS1,30,-1e-9\n", 2, "lies outside 0 to 1"),
+        ("run,observable,difficulty,x\na,OBS1,30,nan\n", 2, "is no number"),
+        ("run,observable,difficulty,x\na,OBS1,30,1_0\n", 2, "is no number"),
+        ("run,observable,difficulty,x\na,OBS1,30,\n", 2, "x is empty where considered is not false"),
+        ("run,observable,difficulty,x\na,OBS1,101,1\n", 2, "difficulty 101 lies outside 0 to 100"),
+        ("run,observable,difficulty,x\na,OBS1,,1\n", 2, "difficulty is empty"),
+        ("run,observable,difficulty,x,considered\na,OBS1,1,1,maybe\n", 2, "considered is 'maybe'"),
+        ("run,observable,difficulty,x\n,OBS1,1,1\n", 2, "run is empty"),
+        ("run,observable,difficulty,x\na,OBS1,1\n", 2, "3 cells, and the header has 4"),
+        ("run,observable,difficulty,x,mood\na,OBS1,1,1,good\n", 1, "unknown column 'mood'"),
+        ("run,observable,difficulty\na,OBS1,1\n", 1, "the column 'x' is missing"),
+        ("run,observable,x\na,OBS1,1\n", 1, "the column 'difficulty' is missing"),
+        ("run,observable,difficulty,x,x\na,OBS1,1,1,1\n", 1, "'x' stands here twice"),
+        ("run;observable;difficulty;x\na;OBS1;1;1\n", 1, "not separated by commas"),
+        ("run,observable,difficulty,x,agent\na,OBS1,1,1,n\na,OBS2,1,1,m\n", 3, "agent 'm' here and 'n' on line 2"),
+        ("run,observable,difficulty,x,fog_level\na,OBS1,1,1,3\n", 1, "a difficulty and factor columns beside it: fog_level"),
+        ("run,observable,x,fog_level\na,OBS1,1,3\n", 1, "the factor column 'rain_level' is missing"),
+        ("run,observable,x,fog_level,rain_level\na,OBS1,1,3,1\na,OBS2,1,4,1\n", 3, "fog_level 4.0 here and 3.0 on line 2"),
+        ("run,observable,x,fog_level,rain_level\na,OBS1,1,,1\n", 2, "fog_level is empty"),
+        ("run,observable,difficulty,x\n", 1, "has no rows"),
+        ("", 1, "has no rows"),
+        ('run,observable,difficulty,x\n"a,OBS1,1,1\n', 2, "not valid CSV"),
+        ('[{"run": "a"},\n {"run": }]', 2, "not valid JSON"),
+        ('[{"run": "a", "observable": "OBS1", "difficulty": 1, "x": 1}', 1, "the list does not end"),
+        ('{"run": "a", "run": "b"}', 1, "a name stands twice"),
+        ('{"run": "a", "observable": "OBS1", "difficulty": 1, "x": NaN}', 1, "no number of JSON"),
+        ('{"run": "a", "observable": "OBS1", "difficulty": 1, "x": true}', 1, "is no number"),
+        ('[{"run": "a", "observable": "OBS1", "difficulty": 1, "x": 1}, 7]', 1, "a record is int"),
+    ],
+)
+def test_each_fault_has_its_line(text: str, line: int, what: str, rated: Decomposition) -> None:
+    """What does not hold is told with file, line and mend."""
+    found = [fault for fault in told(text, rated) if what in fault.what]
+    assert found, told(text, rated)
+    assert found[0].where == f"t.csv:{line}"
+    assert found[0].mend
+
+
+def test_all_faults_come_at_once(given: Decomposition) -> None:
+    """Ten rows with ten faults are mended in one round; ten thousand are cut short and counted."""
+    rows = ["a,OBS1,101,2,maybe", "a,OBS9,30,1,", ",OBS2,30,1,", "b,OBS1,30,,1"]
+    text = "run,observable,difficulty,x,considered\n" + "\n".join(rows)
+    assert [fault.where for fault in told(text, given)] == ["t.csv:2"] * 3 + ["t.csv:3", "t.csv:4", "t.csv:5"]
+    many = told("run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), given)
+    assert (len(many), many[-1].what) == (201, "800 more faults")
+
+
+def test_what_stands_beside_a_row_that_is_not_considered_is_ignored(given: Decomposition) -> None:
+    """x of such a row plays no part, and an empty one is right there."""
+    table: ExternalTable = read_table(
+        "run,observable,difficulty,x,considered\na,OBS1,30,0.2,FALSE\na,OBS2,30,,No\na,OBS3,30,,0\n", given
+    )
+    assert all(not one.considered and one.x is None for one in table.runs[0].observations)
