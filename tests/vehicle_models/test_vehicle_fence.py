@@ -49,19 +49,151 @@ def test_px4_reposition_outside_is_a_text(make: Make) -> None:
     assert client.vehicle.truth().position_enu_m[1] == pytest.approx(30.0, abs=0.5)
 
 
-@pytest.mark.parametrize(("action", "mode"), [(1, "OFFBOARD"), (2, "AUTO_LOITER"), (3, "AUTO_RTL"), (5, "AUTO_LAND")])
-def test_px4_polygon_and_its_action(make: Make, action: int, mode: str) -> None:
-    """Flying out of an inclusion polygon under offboard control leads to GF_ACTION."""
+ACTIONS = {  # GF_ACTION: mode soon after the breach, mode after the Hold, failsafe shown
+    0: ("OFFBOARD", "OFFBOARD", ""),
+    1: ("OFFBOARD", "OFFBOARD", ""),
+    2: ("AUTO_LOITER", "AUTO_LOITER", "fence"),
+    3: ("AUTO_LOITER", "AUTO_RTL", "fence"),
+    4: ("TERMINATION", "TERMINATION", "fence"),
+    5: ("AUTO_LOITER", "AUTO_LAND", "fence"),
+}
+
+
+def states(client: Client) -> tuple[str, str]:
+    condition = client.vehicle.condition()
+    return condition.mode, condition.failsafe
+
+
+def said(client: Client) -> list[str]:
+    return [one.strip() for one in client.texts() if "Geofence" in one or "Failsafe" in one]
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
+    """Flying out of an inclusion polygon under offboard control leads to GF_ACTION; return and landing hold for 5 s first."""
+    soon, then, failsafe = ACTIONS[action]
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
     client.airborne()
     rows = square(client, (0, 0), 20.0)
     assert upload(client, rows, 1) == 0
     assert [one.frame for one in download(client, 1)] == [5] * 4
     client.offboard(0, 0, -10)
-    client.fly(8.0, lambda: client.setpoint(50, 0, -10))
-    assert client.vehicle.condition().mode == mode
-    assert "Geofence violated\t" in client.texts()
-    assert client.vehicle.condition().failsafe == ("fence" if action != 1 else "")
+    while client.vehicle.truth().position_enu_m[1] < 20.5:
+        client.fly(0.1, lambda: client.setpoint(50, 0, -10))
+    assert states(client) == (soon, failsafe)
+    hold = ["Failsafe activated: entering Hold for 5 seconds"] if action in (3, 5) else []
+    acts = [] if hold or not action else ["Failsafe activated"]
+    breach = ["Geofence: approaching or outside geofence"] if action else []
+    assert said(client) == [*breach, *hold, *acts]
+    client.fly(5.5, lambda: client.setpoint(50, 0, -10))
+    assert states(client) == (then, failsafe)
+    assert said(client) == [*breach, *hold, *(acts or (["Failsafe activated"] if hold else []))]
+
+
+def test_px4_termination_by_the_fence_is_for_good(make: Make) -> None:
+    """GF_ACTION 4: the rotors stop, it falls, status 8; no mode, command or setpoint brings it back."""
+    client = make(simspec(vehicle={"parameters": {"GF_ACTION": 4, "GF_MAX_HOR_DIST": 15.0}}))
+    client.airborne(30.0)
+    client.offboard(0, 0, -30)
+    while client.vehicle.condition().mode != "TERMINATION":
+        client.fly(0.1, lambda: client.setpoint(30, 0, -30))
+    assert client.command(176, 1, 4, 3)[-1] == 1
+    client.command(20)
+    client.setpoint(0, 0, -30)
+    client.fly(1.5)
+    assert states(client) == ("TERMINATION", "fence")
+    assert client.vehicle.truth().velocity_enu_mps[2] < -8.0
+    assert client.last("HEARTBEAT").system_status == 8
+    assert "Geofence: exceeding maximum distance to Home" in said(client)
+
+
+def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
+    """Above GF_MAX_VER_DIST it holds at once; the operator may fly on, and the next breach counts after a way back inside."""
+    client = make(simspec(vehicle={"parameters": {"GF_ACTION": 2, "GF_MAX_VER_DIST": 15.0}}))
+    client.airborne()
+    client.offboard(0, 0, -10)
+    client.fly(6.0, lambda: client.setpoint(0, 0, -25))
+    assert states(client) == ("AUTO_LOITER", "fence")
+    assert said(client)[-2:] == ["Geofence: exceeding maximum altitude above Home", "Failsafe activated"]
+    assert client.last("HEARTBEAT").system_status == 5
+    count = len(said(client))
+    client.offboard(0, 0, -18)
+    client.fly(2.0, lambda: client.setpoint(0, 0, -18))
+    assert states(client) == ("OFFBOARD", "")
+    assert len(said(client)) == count
+    client.fly(5.0, lambda: client.setpoint(0, 0, -10))
+    client.fly(5.0, lambda: client.setpoint(0, 0, -18))
+    assert states(client) == ("AUTO_LOITER", "fence")
+    assert len(said(client)) == count + 2
+
+
+def empty(client: Client) -> None:
+    """Make the charge that is left a critical one."""
+    for name in (b"BAT_LOW_THR", b"BAT_CRIT_THR"):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, 0.9999, 9))
+
+
+def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
+    """A battery that lands it is not undone by a fence that returns; a return by the fence gives way to a landing."""
+    client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": 2}}))
+    client.airborne()
+    empty(client)
+    client.fly(1.0)
+    assert states(client) == ("AUTO_LAND", "battery")
+    client.say(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
+    client.fly(0.5)
+    assert "Geofence: exceeding maximum altitude above Home" in said(client)
+    assert client.vehicle.condition().mode == "AUTO_LAND"
+
+    client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_LOW_BAT_ACT": 2}}))
+    client.airborne()
+    client.say(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
+    client.fly(6.0)
+    assert states(client) == ("AUTO_RTL", "fence")
+    empty(client)
+    client.fly(6.0)
+    assert states(client) == ("AUTO_LAND", "battery")
+
+
+COPTER_ACTIONS = {0: "GUIDED", 1: "RTL", 2: "LAND", 3: "RTL", 4: "BRAKE", 5: "RTL"}
+
+
+@pytest.mark.parametrize("action", COPTER_ACTIONS)
+def test_ardupilot_fence_actions(make: Make, action: int) -> None:
+    """FENCE_ACTION leads to its mode at once, with the text of the breach; a report alone changes no mode; no failsafe is shown."""
+    client = airborne_ardupilot(make)
+    for name, value in ((b"FENCE_ALT_MAX", 5.0), (b"FENCE_ACTION", float(action)), (b"FENCE_ENABLE", 1.0)):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.fly(0.3)
+    assert states(client) == (COPTER_ACTIONS[action], "")
+    texts = [one for one in client.texts() if "breached" in one or "recovery" in one]
+    assert texts == ["Max Alt fence breached", *(["Manual recovery started"] if action else [])]
+
+
+def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
+    """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands; inside it is over."""
+    client = airborne_ardupilot(make)
+    for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.fly(0.1)
+    outwards(client, 9.0)
+    assert client.vehicle.condition().mode == "RTL"
+    assert client.command(176, 1, 4) == [0]
+    assert client.texts()[-1] == "Manual recovery started"
+    outwards(client, 9.0)
+    assert client.vehicle.condition().mode == "GUIDED"
+    outwards(client, 2.0)
+    assert client.vehicle.condition().mode == "RTL"
+    assert client.texts().count("Circle fence breached") == 2
+    client.fly(25.0)
+    assert client.texts()[-1] == "Fence breach cleared"
+
+    client = airborne_ardupilot(make)
+    outwards(client, 30.0)
+    for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
+        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+    client.fly(0.3)
+    assert client.vehicle.condition().mode == "LAND"
 
 
 def test_px4_exclusions_and_missions(make: Make) -> None:

@@ -98,7 +98,7 @@ class Controller:
         failsafe = Failsafe(board, modes, self._setpoints, lambda: self._arming.disarm(Event.DISARMED))
         telemetry.charge_state = failsafe.charge_state
         plans = Plans()
-        self._fence = fence = Fence(board, modes, plans)
+        self._fence = fence = Fence(board, modes, failsafe, plans)
         self._guidance.refuge = Rally(board, plans).refuge
         missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm)
         telemetry.mission_current, telemetry.fence_status = missions.current, fence.status

@@ -89,6 +89,8 @@ class Failsafe:
             flight.failsafe = name
         if reaction.action is None or (self._policy.strongest and _strength(reaction) <= stronger):
             return
+        if reaction.action is Behaviour.TERMINATE:  # no hold before it, and none that goes on
+            self._then = None
         if self._then:  # the hold that runs already ends for this cause
             self._then = (self._then[0], name)
             return

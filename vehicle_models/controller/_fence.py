@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result
+from ._failsafe import Failsafe
 from ._fence_policy import Breach, FenceLimits
-from ._flight import Airframe, Behaviour, Flight, Home, Target
+from ._flight import Airframe, Flight, Home, Target
 from ._mission_store import Item, Plan, Plans
 from ._modes import Modes
 
@@ -41,6 +42,13 @@ class Area:
             before = corner
         return inside
 
+    def edge_m(self, place: Place) -> float:
+        """Metres from a place to the nearest edge."""
+        if len(self.corners) == 1:
+            return abs(math.dist(place, self.corners[0]) - self.radius_m)
+        edges = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
+        return min(_from_edge_m(place, *edge) for edge in edges)
+
 
 def areas(plan: Plan, airframe: Airframe) -> tuple[Area, ...]:
     """The areas of a fence plan; what is incomplete or not on Earth is left out."""
@@ -62,25 +70,36 @@ def areas(plan: Plan, airframe: Airframe) -> tuple[Area, ...]:
     return tuple(found)
 
 
+def _from_edge_m(place: Place, begin: Place, end: Place) -> float:
+    along = (end[0] - begin[0], end[1] - begin[1])
+    length = along[0] ** 2 + along[1] ** 2
+    share = ((place[0] - begin[0]) * along[0] + (place[1] - begin[1]) * along[1]) / length if length else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.dist(place, (begin[0] + share * along[0], begin[1] + share * along[1]))
+
+
 def _local(item: Item, airframe: Airframe) -> Place | None:
     degrees = item.place_deg
     return airframe.to_local_m(*degrees) if degrees else None
 
 
 class Fence:
-    """Watches the fence while the vehicle is armed; DO_FENCE_ENABLE where there is one. One action a breach."""
+    """Watches the fence while the vehicle is armed; DO_FENCE_ENABLE where there is one. One reaction a breach."""
 
-    def __init__(self, board: Board, modes: Modes, plans: Plans) -> None:
-        self._board, self._modes, self._plan = board, modes, plans.fence
+    def __init__(self, board: Board, modes: Modes, failsafe: Failsafe, plans: Plans) -> None:
+        self._board, self._failsafe, self._plan = board, failsafe, plans.fence
         self._policy = board.personality.fence
         self._areas: tuple[Area, ...] = ()
         self._due_ns = 0
         self._limits: FenceLimits = self._policy.limits(board.parameters)
         self._enabled: bool | None = None  # as commanded; None: as the parameter says
-        self._breach, self._since_ns, self._count, self._acted = Breach.NONE, 0, 0, Breach.NONE
+        self._breach, self._since_ns, self._count = Breach.NONE, 0, 0
+        self._acted_m: float | None = None  # so far outside when it was last acted upon; None: it is inside
+        self._spared_ns = 0  # until then nobody looks
         board.allows = self.allows
         self._holds_back = False
         self._plan.on_change.append(self._plan_changed)
+        modes.on_change.append(self._mode_changed)
         board.parameters.on_change(self._parameters_changed)
 
     def handlers(self) -> Mapping[str, Handler]:
@@ -94,7 +113,7 @@ class Fence:
         """Whether the fence is watched."""
         name = self._policy.enabling
         if name is None:
-            return self._limits.action is not None
+            return self._limits.watched
         return bool(self._board.parameters[name]) if self._enabled is None else self._enabled
 
     def tick(self) -> None:
@@ -103,14 +122,22 @@ class Fence:
             return
         self._due_ns = flight.time_ns + _LOOKS_NS
         if not flight.armed or not flight.flying or not self.on:
-            self._acted = self._breach = Breach.NONE
+            self._breach, self._acted_m, self._spared_ns = Breach.NONE, None, 0
+            return
+        if flight.time_ns < self._spared_ns:
             return
         here = (flight.north_m, flight.east_m)
         self._breach = self.beyond(here, flight.height_m, 0.0)
-        if self._breach is not Breach.NONE and self._acted is Breach.NONE:
-            self._act(flight)
-        elif self._acted is not Breach.NONE and self.beyond(here, flight.height_m, _BACK_M) is Breach.NONE:
-            self._acted = Breach.NONE
+        if self._breach is not Breach.NONE:
+            outside_m = self._outside_m(here, flight.height_m)
+            farther = self._breach is not Breach.POLYGON and outside_m > (self._acted_m or 0.0) + self._policy.again_m
+            if self._acted_m is None or farther:
+                self._act(flight, outside_m)
+        elif self._acted_m is not None and self.beyond(here, flight.height_m, _BACK_M) is Breach.NONE:
+            self._acted_m = None
+            self._failsafe.over("fence")
+            if self._policy.over_text:
+                self._board.texts.say(*self._policy.over_text)
 
     def beyond(self, place: Place, height_m: float, margin_m: float) -> Breach:
         """What of the fence a place lies beyond, were the fence nearer by a margin."""
@@ -169,18 +196,26 @@ class Fence:
         enough = any if self._policy.needs_one else all
         return enough(one.contains(place) for one in inclusions)
 
-    def _act(self, flight: Flight) -> None:
-        policy, action = self._policy, self._limits.action
-        self._acted, self._since_ns, self._count = self._breach, flight.time_ns, min(self._count + 1, 65535)
-        if self._breach in policy.texts:
-            self._board.texts.say(*policy.texts[self._breach])
-        if action is None or action is Behaviour.FOLLOW:
-            return  # a warning only
-        self._modes.to(action)
-        if policy.marks_failsafe:
-            flight.failsafe = "fence"
-        if policy.action_text:
-            self._board.texts.say(*policy.action_text)
+    def _outside_m(self, place: Place, height_m: float) -> float:
+        """How far a place is outside what it has been found to lie beyond."""
+        limits, home = self._limits, self._board.flight.home
+        if self._breach is Breach.CEILING:
+            return height_m - (limits.ceiling_m or 0.0)
+        if self._breach is Breach.CIRCLE and home:
+            return math.hypot(place[0] - home.north_m, place[1] - home.east_m) - (limits.radius_m or 0.0)
+        broken = [one.edge_m(place) for one in self._areas if one.contains(place) is not one.keeps_in]
+        return min(broken, default=0.0)
+
+    def _act(self, flight: Flight, outside_m: float) -> None:
+        self._acted_m, self._since_ns, self._count = outside_m, flight.time_ns, min(self._count + 1, 65535)
+        self._failsafe.react("fence", self._policy.reaction(self._breach, outside_m, self._board.parameters))
+
+    def _mode_changed(self) -> None:
+        """Whoever changes the mode during a breach is given time to bring the vehicle back."""
+        if self._breach is Breach.NONE or self._policy.recovery_text is None:
+            return
+        self._spared_ns = self._board.flight.time_ns + round(self._policy.recovery_s * 1e9)
+        self._board.texts.say(*self._policy.recovery_text)
 
     def _enable(self, command: Command) -> Result | None:
         if command.params[0] not in (0.0, 1.0, 2.0):

@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import ClassVar
 
 from ._board import Result
-from ._flight import Behaviour
+from ._failsafe_policy import Reaction
 from ._mission_policy import Text
 from ._parameters import ParameterStore
 
@@ -31,16 +31,18 @@ class FenceLimits:
     radius_m: float | None
     ceiling_m: float | None
     polygons: bool
-    action: Behaviour | None
+    watched: bool  # where the fence cannot be turned on by itself
     ceiling_margin_m: float | None = None  # so far below the ceiling climbing ends; None: it does not
 
 
 class FencePolicy(ABC):
     """One autopilot's way with fences."""
 
-    texts: ClassVar[Mapping[Breach, Text]]
-    action_text: ClassVar[Text | None]
-    marks_failsafe: ClassVar[bool]
+    texts: ClassVar[Mapping[Breach, Text]]  # of a breach
+    recovery_text: ClassVar[Text | None]  # with any change of mode during a breach
+    recovery_s: ClassVar[float]  # for which the fence is not looked at then
+    over_text: ClassVar[Text | None]  # back inside
+    again_m: ClassVar[float]  # so much farther beyond a circle or a ceiling is another breach
     needs_one: ClassVar[bool]  # inside one of several inclusions is enough, else inside all
     can_be_enabled: ClassVar[bool]  # DO_FENCE_ENABLE
     enabling: ClassVar[str | None]  # the parameter that turns the fence on; None: it is always on
@@ -50,6 +52,10 @@ class FencePolicy(ABC):
     @abstractmethod
     def limits(self, p: ParameterStore) -> FenceLimits:
         """The fence as the present parameters have it."""
+
+    @abstractmethod
+    def reaction(self, breach: Breach, beyond_m: float, p: ParameterStore) -> Reaction:
+        """What is done about a breach, so many metres outside."""
 
     @abstractmethod
     def rally_limit_m(self, p: ParameterStore) -> float:

@@ -39,9 +39,16 @@ class Modes:
             if isinstance(risen, Takeoff):
                 self._guidance.manoeuvre = risen.hold(flight)
 
+    @property
+    def terminated(self) -> bool:
+        """Whether the flight has been ended, which no mode undoes."""
+        return self._board.flight.armed and self._board.flight.mode.behaviour is Behaviour.TERMINATE
+
     def switch(self, mode: Mode) -> None:
         """Enter a mode, whoever wants it."""
         board = self._board
+        if self.terminated:
+            return
         changed = mode is not board.flight.mode
         board.flight.mode = mode
         self._guidance.begin(mode.behaviour, board.flight)
@@ -69,6 +76,8 @@ class Modes:
         wanted = personality.mode_of(number)
         if wanted and wanted.name == personality.orbit_mode and not self._board.flight.armed:
             wanted = personality.mode_of(number & 0xFFFFFF)  # a mode that only a command can fill ends in its main mode
+        if self.terminated:
+            return Refusal(Result.TEMPORARILY_REJECTED)
         refusal = personality.refuse_mode(self._board.flight, wanted, number, self._has_setpoints())
         if refusal is None and wanted is not None:
             if wanted is not self._board.flight.mode:

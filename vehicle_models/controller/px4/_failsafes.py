@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from .._failsafe_policy import BatteryStep, Failsafes, Reaction
+import dataclasses
+
+from .._failsafe_policy import BatteryStep, Failsafes, Reaction, Text
 from .._flight import Behaviour
 from .._parameters import ParameterStore
 from .._texts import EMERGENCY, ERROR, WARNING
@@ -14,6 +16,12 @@ _ACTIONS: dict[int, Behaviour] = {
     5: Behaviour.TERMINATE,
     6: Behaviour.TERMINATE,  # disarming in the air, which comes to the same
 }
+_FENCE: dict[int, Behaviour] = {
+    2: Behaviour.HOLD,
+    3: Behaviour.RETURN,
+    4: Behaviour.TERMINATE,
+    5: Behaviour.LAND,
+}
 # Modes for lost setpoints: without sticks position and altitude cannot be flown, and a return takes their place.
 _SETPOINTS: dict[int, Behaviour | None] = {4: Behaviour.LAND, 5: Behaviour.HOLD, 6: Behaviour.TERMINATE, 7: Behaviour.TERMINATE}
 _ACTIVATED = ((ERROR, "Failsafe activated"),)
@@ -21,7 +29,7 @@ _SILENCE_S = 1.9  # until a link that says nothing is seen to be silent: COM_DL_
 
 
 def failsafes(p: ParameterStore) -> Failsafes:
-    hold_s = min(max(p["COM_FAIL_ACT_T"], 0.0), 25.0)
+    hold_s = _hold_s(p)
     setpoints = _SETPOINTS.get(int(p["COM_OBL_RC_ACT"]), Behaviour.RETURN)
     return Failsafes(
         hold_texts=((ERROR, f"Failsafe activated: entering Hold for {hold_s:.0f} seconds"),),
@@ -38,10 +46,23 @@ def failsafes(p: ParameterStore) -> Failsafes:
     )
 
 
+def fence_reaction(text: Text, p: ParameterStore) -> Reaction:
+    """GF_ACTION: 1 warns; 2 holds and 4 terminates at once; 3 returns and 5 lands after the Hold."""
+    reaction = _reaction(_FENCE.get(int(p["GF_ACTION"])), _hold_s(p))
+    if reaction is None:
+        return Reaction(texts=(text, *_ACTIVATED), shows=False)
+    return dataclasses.replace(reaction, texts=(text,))
+
+
+def _hold_s(p: ParameterStore) -> float:
+    return min(max(p["COM_FAIL_ACT_T"], 0.0), 25.0)
+
+
 def _reaction(action: Behaviour | None, hold_s: float) -> Reaction | None:
     if action is None:
         return None
-    return Reaction(action, 0.0 if action is Behaviour.HOLD else hold_s, acts=_ACTIVATED)
+    at_once = action in (Behaviour.HOLD, Behaviour.TERMINATE)
+    return Reaction(action, 0.0 if at_once else hold_s, acts=_ACTIVATED)
 
 
 def _battery(p: ParameterStore, hold_s: float) -> tuple[BatteryStep, ...]:

@@ -1,22 +1,26 @@
-"""PX4's fence and rally points. What a breach looks like on the link was not observed; the texts are the firmware's own."""
+"""PX4's fence and rally points. What a breach looks like on the link was not observed; it is as its source has it."""
 
 from __future__ import annotations
 
-from .._board import Result
-from .._fence_policy import Breach, FenceLimits, FencePolicy
-from .._flight import Behaviour
-from .._parameters import ParameterStore
-from .._texts import CRITICAL, ERROR
+import math
 
-# GF_ACTION: warning, hold, return, terminate (here: land), land. FOLLOW stands for "nothing but a warning".
-_ACTIONS = {1: Behaviour.FOLLOW, 2: Behaviour.HOLD, 3: Behaviour.RETURN, 4: Behaviour.LAND, 5: Behaviour.LAND}
-_VIOLATED = (CRITICAL, "Geofence violated")
+from .._board import Result
+from .._failsafe_policy import Reaction
+from .._fence_policy import Breach, FenceLimits, FencePolicy
+from .._parameters import ParameterStore
+from .._texts import CRITICAL
+from ._failsafes import fence_reaction
 
 
 class Px4Fence(FencePolicy):
-    texts = dict.fromkeys(Breach, _VIOLATED)
-    action_text = (ERROR, "Failsafe activated")
-    marks_failsafe = True
+    texts = {
+        Breach.CEILING: (CRITICAL, "Geofence: exceeding maximum altitude above Home"),
+        Breach.CIRCLE: (CRITICAL, "Geofence: exceeding maximum distance to Home"),
+        Breach.POLYGON: (CRITICAL, "Geofence: approaching or outside geofence"),
+    }
+    recovery_text = over_text = None
+    recovery_s = 0.0
+    again_m = math.inf
     needs_one = True
     can_be_enabled = False
     enabling = None
@@ -28,11 +32,14 @@ class Px4Fence(FencePolicy):
             radius_m=p["GF_MAX_HOR_DIST"] if p["GF_MAX_HOR_DIST"] > 0.0 else None,
             ceiling_m=p["GF_MAX_VER_DIST"] if p["GF_MAX_VER_DIST"] > 0.0 else None,
             polygons=True,
-            action=_ACTIONS.get(int(p["GF_ACTION"])),
+            watched=int(p["GF_ACTION"]) != 0,
         )
 
+    def reaction(self, breach: Breach, beyond_m: float, p: ParameterStore) -> Reaction:
+        return fence_reaction(self.texts[breach], p)
+
     def rally_limit_m(self, p: ParameterStore) -> float:
-        return float("inf")
+        return math.inf
 
     def home_counts(self, p: ParameterStore) -> bool:
         return True

@@ -43,6 +43,10 @@ EVENTS = tuple(
         ("Mission finished", "navigator_mission_finished"),
         ("Executing Mission", "navigator_executing_mission"),
         ("Reposition is outside geofence", "navigator_reposition_outside_geofence"),
+        ("Geofence: exceeding maximum distance", "check_gf_violation_max_hor_dist"),
+        ("Geofence: exceeding maximum altitude", "check_gf_violation_max_alt"),
+        ("Geofence: approaching or outside", "check_gf_violation_custom_gf"),
+        ("Pilot took over", "commander_rc_override"),
         ("Orbit radius limit exceeded", "navigator_orbit_radius_exceeded"),
     )
 )
