@@ -12,6 +12,7 @@ import polars as pl
 from bench.contracts import Outcome
 from decompositions import Decomposition, Level, Policies
 
+from ._competence import SHARES, Trials, competence, tally
 from ._difficulty import DECIMALS
 from ._intervals import clopper_pearson, effective_size
 from ._plan import Bools, Counts, Floats
@@ -38,13 +39,20 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
     "confidence_low": pl.Float64,
     "confidence_high": pl.Float64,
     "method": pl.String,
+    "competence_50": pl.Float64,
+    "competence_50_low": pl.Float64,
+    "competence_50_at_least": pl.Boolean,
+    "competence_90": pl.Float64,
+    "competence_90_low": pl.Float64,
+    "competence_90_at_least": pl.Boolean,
 }
 """Columns of the summary: one row for each agent, configuration (and `all` of them together) and node.
 
 `runs` are distinct realizations whose outcome the agent answers for, `excluded` the others; `considered` and `scored` count
 runs, `design_points` the considered runs' distinct design points. `difficulty` is null where it differs among the runs.
 `raised_by_failure` flags a mean score above `passed_score_mean`, the mean had every failed observable passed at its
-threshold. `method` names the interval of the confidence."""
+threshold. `method` names the interval of the confidence. `competence_*` is over difficulties: it stands in the rows of `all`
+alone, and is null where the node was never considered (see `_competence`)."""
 
 EXACT = "clopper-pearson"
 CLUSTERED = "korn-graubard"
@@ -206,9 +214,11 @@ def _summarised(rows: _Rows, configuration: _Texts, policies: Policies, titles: 
             "raised_by_failure": score_mean > passed_mean + 1e-9,
             "confidence_mean": confidence,
             **_intervals(confidence, runs, points, squared, level == str(Level.OBSERVABLE)),
+            **(_competence(rows, groups) if configuration.names == (ALL,) else {}),
         },
-        schema=SUMMARY_COLUMNS,
     )
+    absent = [pl.lit(None, dtype).alias(name) for name, dtype in SUMMARY_COLUMNS.items() if name not in frame.columns]
+    frame = frame.with_columns(absent).select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
     return frame.with_columns(pl.col(pl.Float64).fill_nan(None)).filter(pl.col("runs") + pl.col("excluded") > 0)
 
 
@@ -233,3 +243,24 @@ def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats
     low, high = clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
     method = np.where(considered == 0, NOTHING, np.where(plain, EXACT, CLUSTERED))
     return {"confidence_low": low, "confidence_high": high, "method": method}
+
+
+def _competence(rows: _Rows, groups: _Groups) -> dict[str, pl.Series]:
+    """The columns of competence, null in groups without a trial."""
+    achieved, _ = rows.column("achieved")
+    asked, _ = rows.column("considered")
+    difficulty, _ = rows.column("difficulty")
+    tried = (asked > 0) & rows.counts & (groups.key < groups.size)
+    points = rows.design_point.numbers[tried]
+    counted = tally(Trials(groups.key[tried], difficulty[tried], (achieved == asked)[tried], points), groups.size)
+    columns: dict[str, pl.Series] = {}
+    for name, share in SHARES.items():
+        found = competence(counted, share)
+        known = pl.Series(found.trials > 0)
+        parts = (("", found.value), ("_low", found.low), ("_at_least", found.at_least))
+        columns |= {f"competence_{name}{part}": _known(pl.Series(values), known) for part, values in parts}
+    return columns
+
+
+def _known(values: pl.Series, known: pl.Series) -> pl.Series:
+    return pl.DataFrame({"value": values, "known": known}).select(pl.when("known").then("value")).to_series()

@@ -1,0 +1,230 @@
+"""Competence: the difficulty up to which an agent passes, which failing can never raise (reading.md 17).
+
+A trial is a run in which a node is considered. It passes when every considered descendant observable is achieved, and its
+difficulty is the node's configured one. Isotonic fit: Ayer, Brunk, Ewing, Reid and Silverman (1955), Annals of Mathematical
+Statistics 26(4), 641-647.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike
+
+from ._difficulty import DECIMALS
+from ._plan import Bools, Counts, Floats
+
+LEVEL = 0.95
+SHARES = {"50": (1, 2), "90": (9, 10)}
+"""Pass rates that competence is asked at, as fractions, so that a pass rate of exactly nine tenths is one."""
+
+CLASSES = 32
+_STEPS = np.array([0.995, 0.9, 0.75, 0.5])
+_WEIGHTS = np.array([0.4, 0.2, 0.2, 0.2])  # 5 and 33 straight passes reach the shares of 50 and 90 %; exact tests need 5 and 29
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """Trials of many groups (a node of an agent is one) as arrays with an entry for each; design points are numbers."""
+
+    group: Counts
+    difficulty: Floats
+    passed: Bools
+    design_point: Counts
+
+
+@dataclass(frozen=True, slots=True)
+class Competence:
+    """Competence of every group, as arrays; all 0 and False where `trials` is 0, which is not a competence of 0.
+
+    `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0 where none is.
+    `at_least` says that it is the highest difficulty tested, so that nothing shows where it ends. `low` is a one-sided 95 %
+    lower bound of the largest tested difficulty at which the pass probability reaches the share.
+    """
+
+    trials: Counts
+    value: Floats
+    low: Floats
+    at_least: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Trials counted: `cells` are the difficulties (in millionths) of each group, easiest first, with their sums.
+
+    `alike` are design points that had as many trials and as many passes, with the number of their cell and how many they are.
+    """
+
+    groups: int
+    cells: pl.DataFrame
+    alike: pl.DataFrame
+
+
+def tally(trials: Trials, groups: int) -> Tally:
+    """Count the trials of groups 0 to `groups` - 1; the order in which they come does not matter."""
+    points = _points(trials)
+    keyed = (points["group"].to_numpy() << 32) | points["difficulty"].to_numpy()
+    cell_keys, cell = np.unique(keyed, return_inverse=True)
+    tried, passed = points["tried"].to_numpy(), points["passed"].to_numpy()
+    most = int(tried.max(initial=0)) + 1
+    kinds, count = np.unique((cell * most + tried) * most + passed, return_counts=True)
+    alike = pl.DataFrame({"cell": kinds // most**2, "tried": kinds // most % most, "passed": kinds % most, "points": count})
+
+    def summed(values: Counts) -> Counts:
+        return np.bincount(cell, weights=values, minlength=cell_keys.size).astype(np.int64)
+
+    cells = pl.DataFrame(
+        {
+            "group": cell_keys >> 32,
+            "difficulty": cell_keys & 0xFFFFFFFF,
+            "tried": summed(tried),
+            "passed": summed(passed),
+            "points": np.bincount(cell, minlength=cell_keys.size).astype(np.int64),
+        }
+    )
+    return Tally(groups, cells, alike)
+
+
+def competence(counted: Tally, share: tuple[int, int]) -> Competence:
+    """Competence of every group at a pass rate of `share` (numerator, denominator).
+
+    **The value.** Difficulties equal to six decimals are one cell. With G(k) the sum over the k easiest cells of passes
+    less share x trials, the antitonic fit (weights: trials) reaches the share at cell j exactly when the greatest G from j on
+    is no less than every G before j (min-max formula). The largest such j is the last k at which G is greatest; 0 is none.
+    A pass turned into a failure lowers G from its cell on, so the last maximum never moves up. All is in whole numbers.
+
+    **The bound.** Assumed: the pass probability p does not rise with difficulty; design points are independent; a design
+    point's mean pass rate is on average p of its difficulty, whatever its replicates have in common. H(j) says p(j) <
+    share. If it holds, so it does at everything harder. For one design point with the share Y of passes, 1 + t (Y - share)
+    / share is then a bet of mean at most 1, for every t in [0, 1]; the product from cell j upwards, averaged over fixed t, is
+    a non-negative supermartingale, and by Ville's inequality it ever reaches 20 with probability at most 5 % (Waudby-Smith
+    and Ramdas 2024, JRSS B 86(1), 1-27; Howard et al. 2021, Annals of Statistics 49(2), 1055-1080). So H(j) is rejected
+    where it does at the end of some cell from j on: no correction is owed for choosing where. The H(j) are tested from easy
+    to hard, and the first that stands ends it (fixed sequence: Maurer, Hothorn and Lehmacher 1995): to claim too much, the
+    first true H(j) must be rejected, so the whole claim is wrong with probability at most 5 %. Every bet grows with Y, so a
+    failure can only lower the bound. It never exceeds the value. Above 32 difficulties, neighbours are bound into 32
+    classes with like numbers of design points, claimed at their easiest.
+    """
+    cells = counted.cells
+    group, tried, passed = (cells[name].to_numpy() for name in ("group", "tried", "passed"))
+    difficulty = cells["difficulty"].to_numpy() / 10.0**DECIMALS
+    total = np.bincount(group, weights=tried, minlength=counted.groups).astype(np.int64)
+    value, at_least = _last_maximum(group, difficulty, share[1] * passed - share[0] * tried, counted.groups)
+    low = _bound(counted, group, difficulty, share[0] / share[1])
+    return Competence(total, value, np.minimum(value, low), at_least)
+
+
+def competence_of(
+    difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, share: tuple[int, int] = (1, 2)
+) -> tuple[float, float, bool]:
+    """Value, lower bound and `at least` of one list of trials; without design points each trial is its own."""
+    hard = np.asarray(difficulty, dtype=np.float64)
+    names = list(design_points) if design_points is not None else [str(number) for number in range(hard.size)]
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    points = np.array([numbers[name] for name in names], dtype=np.int64)
+    trials = Trials(np.zeros(hard.size, dtype=np.int64), hard, np.asarray(passed, dtype=np.bool_), points)
+    found = competence(tally(trials, 1), share)
+    return float(found.value[0]), float(found.low[0]), bool(found.at_least[0])
+
+
+def _points(trials: Trials) -> pl.DataFrame:
+    """Trials and passes of each design point in each group and difficulty."""
+    width = int(trials.design_point.max(initial=0)) + 1
+    slot = trials.group * width + trials.design_point
+    size = int(slot.max(initial=-1)) + 1
+    difficulty = np.zeros(size)
+    difficulty[slot] = trials.difficulty
+    if not np.array_equal(difficulty[slot], trials.difficulty):  # a table from elsewhere may vary it within a design point
+        return _points_of_many_difficulties(trials)
+    tried = np.bincount(slot, minlength=size)
+    some = np.flatnonzero(tried)
+    passed = np.bincount(slot[trials.passed], minlength=size)
+    return pl.DataFrame(
+        {"group": some // width, "difficulty": _millionths(difficulty[some]), "tried": tried[some], "passed": passed[some]}
+    )
+
+
+def _points_of_many_difficulties(trials: Trials) -> pl.DataFrame:
+    hard = _millionths(trials.difficulty)
+    frame = pl.DataFrame({"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed})
+    counted = frame.group_by("group", "difficulty", "point").agg(pl.len().alias("tried"), pl.col("passed").sum())
+    return counted.select(pl.col("group", "difficulty", "tried", "passed").cast(pl.Int64))
+
+
+def _millionths(difficulty: Floats) -> Counts:
+    return np.rint(difficulty * 10.0**DECIMALS).astype(np.int64)
+
+
+def _last_maximum(group: Counts, difficulty: Floats, gain: Counts, groups: int) -> tuple[Floats, Bools]:
+    value, at_least = np.zeros(groups), np.zeros(groups, dtype=np.bool_)
+    if not group.size:
+        return value, at_least
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    cells = np.diff(first, append=group.size)
+    summed = np.cumsum(gain)
+    summed -= np.repeat(summed[first] - gain[first], cells)
+    highest = np.maximum(np.maximum.reduceat(summed, first), 0)
+    at = np.where(summed == np.repeat(highest, cells), np.arange(group.size), -1)
+    last = np.maximum.reduceat(at, first)
+    some = last >= 0
+    value[group[first]] = np.where(some, difficulty[last], 0.0)
+    at_least[group[first]] = some & (last == first + cells - 1)
+    return value, at_least
+
+
+def _classes(group: Counts, points: Counts) -> Counts:
+    """Number of each cell's class within its group: its own where there are few, else by design points."""
+    if not group.size:
+        return np.zeros(0, dtype=np.int64)
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    cells = np.diff(first, append=group.size)
+    summed = np.cumsum(points)
+    before = summed - points - np.repeat(summed[first] - points[first], cells)
+    total = np.repeat(np.add.reduceat(points, first), cells)
+    place = np.arange(group.size) - np.repeat(first, cells)
+    wanted = np.where(np.repeat(cells, cells) <= CLASSES, place, before * CLASSES // total)
+    fresh = np.diff(wanted, prepend=-1) != 0
+    fresh[first] = False
+    number = np.cumsum(fresh)
+    dense: Counts = number - np.repeat(number[first], cells)
+    return dense
+
+
+def _bound(counted: Tally, group: Counts, difficulty: Floats, share: float) -> Floats:
+    low = np.zeros(counted.groups)
+    if not group.size:
+        return low
+    classes = _classes(group, counted.cells["points"].to_numpy())
+    width = int(classes.max()) + 1
+    slot = group * width + classes
+    easiest = np.full(counted.groups * width, np.inf)
+    np.minimum.at(easiest, slot, difficulty)
+    shape = (counted.groups, width)
+    claimed = _leading(_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - LEVEL))
+    some = claimed > 0
+    low[some] = easiest.reshape(shape)[some, claimed[some] - 1]
+    return low
+
+
+def _wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], share: float) -> Floats:
+    """The most that bets from each class upwards ever came to, (groups, classes)."""
+    slot, points = slot_of_cell[alike["cell"].to_numpy()], alike["points"].to_numpy()
+    excess = (alike["passed"].to_numpy() / alike["tried"].to_numpy() - share) / share
+    size = shape[0] * shape[1]
+    gains = [np.bincount(slot, weights=points * np.log1p(step * excess), minlength=size) for step in _STEPS]
+    summed = np.zeros((len(_STEPS), shape[0], shape[1] + 1))
+    np.cumsum(np.stack(gains).reshape(len(_STEPS), *shape), axis=2, out=summed[:, :, 1:])
+    best = np.zeros(shape)
+    for start in range(shape[1]):
+        gained = np.minimum(summed[:, :, start + 1 :] - summed[:, :, start : start + 1], 600.0)
+        best[:, start] = np.tensordot(_WEIGHTS, np.exp(gained), axes=1).max(axis=1)
+    return best
+
+
+def _leading(claims: Bools) -> Counts:
+    """How many of each row's first entries are true without a gap."""
+    counted: Counts = np.cumprod(claims, axis=1, dtype=np.int64).sum(axis=1)
+    return counted
