@@ -7,7 +7,7 @@ import pytest
 
 from bench.documents import dump_json, dump_yaml, load_document, parse_text, read_document
 from bench.errors import SetupError
-from bench.simspec import SimSpec, load_simspec
+from bench.simspec import Point, Polygon, SimSpec, load_simspec
 
 SQUARE = "world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 100, north_m: 0}, {east_m: 100, north_m: 100}, {east_m: 0, north_m: 100}]}}\n"
 
@@ -73,6 +73,81 @@ actors:
 def test_contradictions_are_named(extra: str, words: str) -> None:
     """What a schema cannot say is still said in words."""
     assert any(words in one for one in faults("name: x\n" + SQUARE + extra))
+
+
+GOVERNED = """name: governed
+world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 100, north_m: 0}, {east_m: 100, north_m: 100}, {east_m: 0, north_m: 100}]}}
+actors: [{id: radar, asset: radar-vehicle, role: adversary, count: 1}]
+intelligence: [{id: first, about: radar}, {id: late, about: radar, delivered_s: 50}]
+mission: {altitude_m: 60, time_limit_s: 100}
+"""
+
+
+def box(west: float, south: float, east: float, north: float) -> str:
+    """A rectangle as a polygon in YAML."""
+    corners = ((west, south), (east, south), (east, north), (west, north))
+    return "{corners: [" + ", ".join(f"{{east_m: {x}, north_m: {y}}}" for x, y in corners) + "]}"
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ("orders: [{id: o, at_s: 100, kind: hold}]", "order 'o' at 100 s comes after the end: mission.time_limit_s is 100"),
+        ("orders: [{id: o, at_s: 1, kind: hold}, {id: o, at_s: 2, kind: resume}]", "order id 'o' is used twice"),
+        ("orders: [{id: o, at_s: 1, kind: retask}]", "retask needs intelligence"),
+        ("orders: [{id: o, at_s: 1, kind: hold, intelligence: first}]", "hold has no intelligence"),
+        ("orders: [{id: o, at_s: 1, kind: mark, intelligence: second}]", "'second', which is not among ['first', 'late']"),
+        ("orders: [{id: o, at_s: 1, kind: mark, intelligence: late}]", "delivered at 50 s only"),
+        ("orders: [{id: o, at_s: 1, kind: dance}]", "'hold'"),
+        ("outages: [{kind: detections, at_s: 90, duration_s: 20}]", "from 90 to 110 s lasts past the end"),
+        ("rules: {bystander_slow_mps: 3}", "give both or none"),
+        ("rules: {bystander_slow_within_m: 3}", "give both or none"),
+        (f"rules: {{geofence: {box(10, 10, 90, 90)}}}", "rules.geofence does not contain vehicle.home"),
+        (f"rules: {{no_fly: [{{id: a, area: {box(-9, -9, 9, 9)}}}]}}", "rules.no_fly area 'a' contains vehicle.home"),
+        (f"rules: {{no_fly: [{{id: a, area: {box(5, 5, 9, 9)}, from_s: 9, until_s: 9}}]}}", "until_s 9 must exceed from_s 9"),
+        (f"rules: {{no_fly: [{', '.join([f'{{id: a, area: {box(5, 5, 9, 9)}}}'] * 2)}]}}", "no_fly id 'a' is used twice"),
+        ("rules: {min_altitude_m: 61}", "mission.altitude_m 60.0 is under rules.min_altitude_m 61.0"),
+        ("rules: {min_altitude_m: 130}", "must be under max_altitude_m 120"),
+        ("rules: {report_windows: [{from_s: 9, until_s: 3}]}", "until_s 3 must exceed from_s 9"),
+        (
+            "rules: {report_windows: [{from_s: 9, until_s: 20}, {from_s: 3, until_s: 8}]}",
+            "the one from 3 s begins before the one before it ends, at 20 s",
+        ),
+        ("rules: {link_lost: panic}", "'continue'"),
+    ],
+)
+def test_orders_outages_and_rules_that_cannot_be_kept_are_refused(extra: str, words: str) -> None:
+    """What the operator cannot mean is said in words, with the numbers that pull apart."""
+    assert any(words in one for one in faults(GOVERNED + extra + "\n"))
+
+
+def test_all_that_pulls_apart_is_said_at_once() -> None:
+    """An order, an outage and two rules that are wrong are four sentences, not one after another."""
+    extra = f"""orders: [{{id: o, at_s: 200, kind: hold}}]
+outages: [{{kind: operator_link, at_s: 99, duration_s: 2}}]
+rules: {{min_altitude_m: 61, geofence: {box(10, 10, 90, 90)}}}
+"""
+    found = " ".join(faults(GOVERNED + extra))
+    for words in ("order 'o'", "outage operator_link", "rules.min_altitude_m", "rules.geofence"):
+        assert words in found
+
+
+def test_a_polygon_knows_its_inside_whichever_way_it_runs() -> None:
+    """An L: the notch is outside, both arms are inside."""
+    corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (30, 0), (30, 10), (10, 10), (10, 30), (0, 30)))
+    for polygon in (Polygon(corners=corners), Polygon(corners=corners[::-1])):
+        inside = [polygon.contains(Point(east_m=x, north_m=y)) for x, y in ((20, 5), (5, 20), (20, 20), (-1, 5), (5, 31))]
+        assert inside == [True, True, False, False, False]
+
+
+def test_the_governed_example_is_a_situation_with_everything_in_it() -> None:
+    """What a reader copies from has an order of each sort that the pages speak of."""
+    spec = load_simspec(Path(__file__).parents[2] / "examples" / "governed.yaml")
+    assert {order.kind for order in spec.orders} == {"hold", "resume", "retask", "mark"}
+    assert {outage.kind for outage in spec.outages} == {"operator_link"}
+    assert {group.asset for group in spec.actors if group.role == "bystander"} == {"civilian", "child", "aid-worker"}
+    assert spec.rules.geofence
+    assert spec.rules.no_fly
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,88 @@ def test_a_situation_without_bystanders_has_no_bystander_factors() -> None:
     assert "bystander_proximity_m" not in values
 
 
+EASIEST = [
+    "orders",
+    "order_urgency_per_min",
+    "operator_link_outage_s",
+    "detections_outage_s",
+    "gps_outage_s",
+    "gps_drift_mps",
+    "no_fly_share",
+    "bystander_standoff_m",
+    "rules_in_force",
+    "late_intelligence_s",
+    "report_closure_share",
+    "vehicle_faults",
+    "bystander_speed_mps",
+    "target_speed_mps",
+    "clutter_density_per_km2",
+    "bystander_shortness",
+]
+
+
+def test_what_a_situation_does_not_ask_reads_as_the_easiest() -> None:
+    """Orders, outages and rules that are absent are zeros, so that every situation can be rated by them."""
+    values = factor_values(read_document(SPEC, SimSpec))
+    assert {name: values[name] for name in EASIEST} == dict.fromkeys(EASIEST, 0.0)
+    assert (values["bystander_groups"], values["intelligence_reports"], values["distinct_priorities"]) == (2.0, 2.0, 1.0)
+    assert values["battery_need_fraction"] == pytest.approx(0.2)
+
+
+ASKED = """
+orders: [{id: a, at_s: 5, kind: hold, within_s: 20}, {id: b, at_s: 9, kind: resume, within_s: 5}]
+outages:
+- {kind: operator_link, at_s: 10, duration_s: 20}
+- {kind: operator_link, at_s: 20, duration_s: 20}
+- {kind: detections, at_s: 0, duration_s: 7}
+vehicle:
+  home: {east_m: 1, north_m: 1}
+  battery: {initial_fraction: 0.7}
+  failures: [{at_s: 250, kind: gps_off}, {at_s: 10, kind: gps_drift, drift_mps: 0.5, duration_s: 5}, {at_s: 20, kind: motor_off, instance: 1}]
+rules:
+  battery_reserve_fraction: 0.3
+  bystander_standoff_m: 12
+  bystander_slow_within_m: 30
+  bystander_slow_mps: 3
+  report_windows: [{from_s: 30, until_s: 90}, {from_s: 270, until_s: 400}]
+  no_fly:
+  - {id: a, area: {corners: [{east_m: 300, north_m: 0}, {east_m: 450, north_m: 0}, {east_m: 450, north_m: 250}, {east_m: 300, north_m: 250}]}}
+  - {id: b, area: {corners: [{east_m: 400, north_m: -9}, {east_m: 900, north_m: -9}, {east_m: 900, north_m: 125}, {east_m: 400, north_m: 125}]}}
+"""
+
+
+def test_what_a_situation_asks_is_counted_once() -> None:
+    """Overlaps count once, open outages last to the time limit, and no-fly ground counts inside the area of interest."""
+    people = SPEC.replace("density_per_km2: 313.3", "density_per_km2: 313.3, motion: {kind: wander, speed_mps: 1.5}")
+    late = people.replace("latency_s: 30", "latency_s: 30, priority: 3, delivered_s: 44")
+    child = "- {id: child, asset: child, role: bystander, count: 1}\n- {id: none, asset: aid-worker, role: bystander, count: 0}\n"
+    tree = "- {id: trees, asset: tree, role: clutter, count: 3}\n"
+    values = factor_values(read_document(late + child + tree + ASKED, SimSpec))
+    expected = {
+        "orders": 2.0,
+        "order_urgency_per_min": 12.0,
+        "operator_link_outage_s": 30.0,
+        "detections_outage_s": 7.0,
+        "gps_outage_s": 55.0,
+        "gps_drift_mps": 0.5,
+        "no_fly_share": (150 * 250 + 150 * 125) / (600 * 250),
+        "bystander_groups": 3.0,
+        "bystander_shortness": 1.0 - 1.2 / 1.75,
+        "bystander_speed_mps": 1.5,
+        "target_speed_mps": 0.0,
+        "clutter_density_per_km2": 20.0,
+        "bystander_standoff_m": 12.0,
+        "rules_in_force": 4.0,
+        "intelligence_reports": 2.0,
+        "late_intelligence_s": 44.0,
+        "distinct_priorities": 2.0,
+        "battery_need_fraction": 0.6,
+        "report_closure_share": 0.7,
+        "vehicle_faults": 3.0,
+    }
+    assert {name: values[name] for name in expected} == pytest.approx(expected)
+
+
 def test_a_density_becomes_a_count_over_the_area() -> None:
     """313.3 per km2 over 0.15 km2 are 47 people."""
     spec = read_document(SPEC, SimSpec)

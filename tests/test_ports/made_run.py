@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.contracts import (
     SESSION_EVENTS,
+    TF,
     TRUTH_ACTORS,
     TRUTH_CAST,
     TRUTH_ODOMETRY,
@@ -23,6 +24,9 @@ from bench.contracts import (
     DetectionFrame,
     EventDocument,
     Frame,
+    OperatorLinkDocument,
+    OrderAnswer,
+    OrderDocument,
     Record,
     Sighting,
     SightingDocument,
@@ -50,7 +54,10 @@ from bench.streams import (
     PoseWithCovariance,
     Quaternion,
     String,
+    TFMessage,
     Time,
+    Transform,
+    TransformStamped,
     Twist,
     TwistWithCovariance,
     UInt8MultiArray,
@@ -161,6 +168,21 @@ def tracks(time_s: float, *held: tuple[str, float, float], frames: int = 8) -> A
     return At(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(made)))
 
 
+def order(time_s: float, kind: str, **more: Any) -> At[OrderDocument]:
+    """An order delivered at `time_s`, and given then unless `issued_s` says otherwise; its id is its kind, or as given."""
+    fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **more}
+    return At(at_s(time_s), OrderDocument.model_validate(fields))
+
+
+def answer(time_s: float, order_id: str, *, accepted: bool = True, reason: str = "") -> At[OrderAnswer]:
+    return At(at_s(time_s), OrderAnswer(time_s=time_s, order=order_id, accepted=accepted, reason=reason))
+
+
+def link(*changes: tuple[float, bool]) -> tuple[At[OperatorLinkDocument], ...]:
+    """The operator's link up or down from each moment on."""
+    return tuple(At(at_s(time_s), OperatorLinkDocument(up=up)) for time_s, up in changes)
+
+
 BOX = (600.0, 300.0, 640.0, 380.0)
 
 
@@ -191,9 +213,14 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
     facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(starts), 1))
     yield said(0.0, TRUTH_CAST, CastDocument(members=cast(spec)))
     yield said(0.0, SESSION_EVENTS, EventDocument(name="begun"))
+    for one in link((0.0, True), (seconds * 0.4, False), (seconds * 0.6, True)):
+        yield said(one.time.s, topics.operator_link, one.value)
+    yield said(seconds * 0.6, topics.orders, order(seconds * 0.6, "hold", issued_s=seconds * 0.5).value)
+    yield said(seconds * 0.6, topics.answers, answer(seconds * 0.6, "hold").value)
     for step in range(round(seconds * 10)):
         time_s = step / 10
         yield odometry(time_s, (time_s, 2.0 * time_s, 60.0), yaw_rad=np.pi / 2, forward_mps=3.0)
+        yield estimate(time_s, (time_s + 0.5, 2.0 * time_s, 60.0))
         yield Record(at_s(time_s), "/mavlink/onboard/to_agent", UInt8MultiArray.TYPE, encode(UInt8MultiArray(data=b"\xfd" * 90)))
         if step % 5 == 0:
             moved = starts + np.array([0.05 * step, 0.0, 0.0])
@@ -211,8 +238,17 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
     yield said(seconds / 2, topics.reports, report(seconds / 2, "mobile_radar", 101.0, 99.0, mark=True).value)
 
 
-def odometry(time_s: float, place: tuple[float, float, float], yaw_rad: float, forward_mps: float) -> Record:
-    turn = Quaternion(0.0, 0.0, float(np.sin(yaw_rad / 2)), float(np.cos(yaw_rad / 2)))
+def odometry(
+    time_s: float, place: tuple[float, float, float], yaw_rad: float, forward_mps: float, pitch_rad: float = 0.0
+) -> Record:
+    """Truth of one moment; `pitch_rad` is nose down, about the axis to the left."""
+    yawed, pitched = (np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)), (np.sin(pitch_rad / 2), np.cos(pitch_rad / 2))
+    turn = Quaternion(
+        float(-yawed[0] * pitched[0]),
+        float(yawed[1] * pitched[0]),
+        float(yawed[0] * pitched[1]),
+        float(yawed[1] * pitched[1]),
+    )
     message = Odometry(
         header=Header(Time.of(at_s(time_s).ns), "map"),
         child_frame_id="vehicle_1/base_link",
@@ -220,6 +256,14 @@ def odometry(time_s: float, place: tuple[float, float, float], yaw_rad: float, f
         twist=TwistWithCovariance(Twist(Vector3(forward_mps, 0.0, 0.0), Vector3())),
     )
     return Record(at_s(time_s), TRUTH_ODOMETRY, Odometry.TYPE, encode(message))
+
+
+def estimate(time_s: float, place: tuple[float, float, float], vehicle: str = "vehicle_1") -> Record:
+    """/tf of one beat: where the vehicle believes to be, its level frame beside it."""
+    header, transform = Header(Time.of(at_s(time_s).ns), "map"), Transform(Vector3(*place), Quaternion(0.0, 0.0, 0.0, 1.0))
+    frames = (f"{vehicle}/base_link", f"{vehicle}/base_level")
+    message = TFMessage(tuple(TransformStamped(header, frame, transform) for frame in frames))
+    return Record(at_s(time_s), TF, TFMessage.TYPE, encode(message))
 
 
 def detections(exposed_s: float, topic: str, label: str, score: float, box: tuple[float, float, float, float]) -> Record:

@@ -9,7 +9,7 @@ import made_run
 import numpy as np
 import pytest
 
-from bench.contracts import DetectionFrame, Record, SimTime, Tape, VehicleTopics
+from bench.contracts import TF, DetectionFrame, Record, SimTime, Tape, VehicleTopics
 from bench.streams import Detection2D, Detection2DArray, encode
 from test_ports import TapeBuilder, open_recording, read_tape
 
@@ -45,6 +45,7 @@ def test_live_and_read_tapes_are_equal(tmp_path: Path) -> None:
     assert same(live, read_tape(record(tmp_path / "recording.mcap", records)))
     assert live.malformed == {TOPICS.reports: 1}
     assert all(len(getattr(live, name)) for name in ("frames", "detections", "condition", "reports", "tracks", "events"))
+    assert all(len(getattr(live, name)) for name in ("orders", "answers", "operator_link", "estimate_time_s"))
 
 
 def test_every_stream_arrives_in_si_and_map_axes() -> None:
@@ -68,12 +69,36 @@ def test_every_stream_arrives_in_si_and_map_axes() -> None:
     assert tape.reports[0].value.mark
 
 
+def test_orders_and_answers_stand_on_the_tape_as_they_were_heard() -> None:
+    """The moment of an order is its delivery; the operator's link is said on change."""
+    tape = built(made_run.records(made_run.simspec(), seconds=10.0))
+    assert [(one.time.s, one.value.id, one.value.issued_s) for one in tape.orders] == [(6.0, "hold", 5.0)]
+    assert [(one.value.order, one.value.accepted) for one in tape.answers] == [("hold", True)]
+    assert [(one.time.s, one.value.up) for one in tape.operator_link] == [(0.0, True), (4.0, False), (6.0, True)]
+
+
+def test_what_the_vehicle_believes_stands_beside_what_is_true() -> None:
+    """Only map to base_link is its belief; the level frame of the camera's mount in the same message is not counted twice."""
+    tape = built(made_run.records(made_run.simspec(), seconds=10.0))
+    assert tape.estimate_position_enu_m.shape == (100, 3)
+    np.testing.assert_allclose(tape.estimate_time_s, tape.vehicle_time_s)
+    np.testing.assert_allclose(tape.estimate_position_enu_m - tape.vehicle_position_enu_m, np.tile([0.5, 0.0, 0.0], (100, 1)))
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 1e-9, 0.3, 2.0, np.pi])
+def test_tilt_is_the_angle_from_the_vertical_whatever_the_heading(tilt_rad: float) -> None:
+    """From level over small angles, which rounding must not eat, to upside down."""
+    turned = [made_run.odometry(0.1, (0.0, 0.0, 0.0), yaw_rad, 0.0, pitch_rad=tilt_rad) for yaw_rad in (0.0, 1.0, -2.5)]
+    np.testing.assert_allclose(built(turned).vehicle_tilt_rad, [tilt_rad] * 3, rtol=1e-6, atol=1e-15)
+
+
 def test_an_empty_run_has_an_empty_tape() -> None:
     """A session that ended before anything was recorded still has a tape, of the right shapes."""
     tape = built([])
     assert tape.end_s == 0.0
     assert tape.vehicle_position_enu_m.shape == (0, 3)
     assert tape.actor_position_enu_m.shape == (0, 0, 3)
+    assert (tape.vehicle_tilt_rad.shape, tape.estimate_position_enu_m.shape) == ((0,), (0, 3))
     assert tape.malformed == {}
 
 
@@ -86,6 +111,8 @@ def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
         made_run.said(1.0, TOPICS.tracks, '{"time_s": 1.0, "tracks": [{"id": "a"}]}'),
         made_run.said(1.0, TOPICS.reports, '{"id": "r", "time_s": NaN}'),
         made_run.said(1.0, TOPICS.decisions, "[" * 5000),
+        made_run.said(1.0, TOPICS.answers, '{"time_s": 1.0, "order": "hold", "accepted": "perhaps"}'),
+        Record(made_run.at_s(1.0), TF, "tf2_msgs/msg/TFMessage", b"\x00\x01\x00\x00\x07"),
     ]
     good = made_run.records(made_run.simspec())
     actors = next(one for one in good if one.topic == "/truth/actors")
@@ -93,6 +120,7 @@ def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
     other = next(one for one in made_run.records(stranger) if one.topic == actors.topic)
     tape = built(sorted([*good, *bad, other], key=lambda one: one.time.ns))
     topics = ["/truth/odometry", TOPICS.detections, TOPICS.status, TOPICS.tracks, TOPICS.reports, TOPICS.decisions]
+    topics += [TOPICS.answers, TF]
     assert tape.malformed == dict.fromkeys([*topics, "/truth/actors"], 1)
     plain = built(good)
     assert len(tape.actor_time_s) == len(plain.actor_time_s)
