@@ -8,25 +8,32 @@ from pathlib import Path
 import pytest
 
 from agent_adapters import open_agent
-from bench.contracts import AgentManifest, Outcome, Record, SimTime
+from bench.contracts import AgentManifest, Outcome, Record, SimTime, Tape
 from bench.simspec import (
     ActorGroup,
     AgentSpec,
     Budgets,
     Home,
+    Intelligence,
     Mission,
+    Order,
+    Outage,
     Pace,
     PlacedActor,
+    PlacedReport,
     Point,
     Polygon,
     Realized,
     Role,
+    Rules,
     SimSpec,
     VehicleSpec,
     World,
 )
 from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation._briefing import mission_order
 from bench.testing import agent_manifest
+from test_ports import TapeBuilder
 
 SQUARE = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))))
 
@@ -168,6 +175,128 @@ def test_two_sessions_say_the_same_bytes(tmp_path: Path) -> None:
     """Same SimSpec, same agent: the same records, byte for byte, whatever ports and credentials were drawn."""
     first, second = (fly(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
     assert first == second
+
+
+OBEDIENT = """
+import json, os
+from agent_adapters.client import Wanted, open_bench, read_environment
+from bench.streams import String
+from bench.contracts import VehicleTopics
+
+environment = read_environment(os.environ)
+topics = VehicleTopics(environment.vehicle)
+heard = {topics.orders: 32, topics.intelligence: 32, topics.operator_link: 1}
+with open_bench("obedient", environment, [Wanted(topic, String, latched=True, depth=depth) for topic, depth in heard.items()]) as bench:
+    for moment in bench.moments("obedient"):
+        for sample in moment.samples:
+            said = json.loads(sample.message().data)
+            if sample.topic == topics.orders:
+                answer = {"time_s": moment.time.s, "order": said["id"], "accepted": True, "reason": said["kind"]}
+                bench.publish(topics.answers, json.dumps(answer))
+            else:
+                about = said.get("id", said.get("up"))
+                bench.publish(topics.decisions, json.dumps({"time_s": moment.time.s, "action": "hear", "subject": str(about)}))
+"""
+
+
+def operated(**changes: object) -> SimSpec:
+    """Four seconds in which the operator speaks, is cut off from 1 to 2 s, and the detector is silent from 2.5 to 3 s."""
+    spec = situation(
+        mission=Mission(time_limit_s=4.0),
+        intelligence=(Intelligence(id="first", about="target"), Intelligence(id="late", about="target", delivered_s=1.5)),
+        orders=(
+            Order(id="go-on", at_s=1.25, kind="resume"),
+            Order(id="wait", at_s=0.52, kind="hold", within_s=2.0),
+            Order(id="other", at_s=1.75, kind="retask", intelligence="late"),
+        ),
+        outages=(
+            Outage(kind="operator_link", at_s=1.0, duration_s=1.0),
+            Outage(kind="detections", at_s=2.5, duration_s=0.5),
+        ),
+    )
+    assert spec.realized is not None
+    places = tuple(PlacedReport(id=name, east_m=50, north_m=50) for name in ("first", "late"))
+    realized = spec.realized.model_copy(update={"reports": places})
+    return SimSpec.model_validate(spec.model_copy(update={"realized": realized, **changes}).model_dump())
+
+
+def heard(records: list[Record], spec: SimSpec) -> Tape:
+    builder = TapeBuilder(spec)
+    for record in records:
+        builder(record)
+    return builder.tape()
+
+
+def test_the_operator_is_heard_in_time_and_after_an_outage(tmp_path: Path) -> None:
+    """Orders go out at the first tick they are due, or when the link is back, after the reports that they are about; the
+    agent has them in the very tick, its answers are recorded, and it is the same bytes again."""
+    script = tmp_path / "obedient.py"
+    script.write_text(OBEDIENT)
+    manifest = AgentManifest(name="obedient", command=("{python}", str(script)), pace=("lockstep",))
+    (end, first), (_, second) = (fly(tmp_path / name, manifest, operated()) for name in ("a", "b"))
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    assert first == second
+    tape = heard(first, operated())
+    assert [(one.time.s, one.value.up) for one in tape.operator_link] == [(0.0, True), (1.0, False), (2.0, True)]
+    assert [(one.time.s, one.value.id) for one in tape.intelligence] == [(0.0, "first"), (2.0, "late")]
+    orders = [(pytest.approx(0.6), "wait", 0.52), (2.0, "go-on", 1.25), (2.0, "other", 1.75)]
+    assert [(one.time.s, one.value.id, one.value.issued_s) for one in tape.orders] == orders
+    answers = [(order.time, order.time.s, order.value.id, order.value.kind) for order in tape.orders]
+    assert [(one.time, one.value.time_s, one.value.order, one.value.reason) for one in tape.answers] == answers
+    said = [(one.time.s, one.value.subject) for one in tape.decisions]
+    assert said == [(0.0, "first"), (0.0, "True"), (1.0, "False"), (2.0, "late"), (2.0, "True")]
+    assert tape.malformed == {}
+
+
+def test_a_silent_detector_delivers_nothing_and_the_frames_go_on(tmp_path: Path) -> None:
+    """What it would have said in the outage is lost, not late; the camera and the truth do not notice."""
+    _, records = fly(tmp_path, agent_manifest("idle"), operated())
+    tape = heard(records, operated())
+    delivered = [one.published.s for one in tape.detections]
+    assert not [time_s for time_s in delivered if 2.5 <= time_s <= 3.0]
+    assert [time_s for time_s in delivered if time_s > 3.0]
+    assert len(tape.frames) == 21
+    assert [one.exposed.s for one in tape.frames if 2.45 < one.exposed.s < 2.95] == pytest.approx([2.6, 2.8])
+    lost = {one.exposed for one in tape.frames} - {one.exposed for one in tape.detections}
+    assert sorted(one.s for one in lost if one.s < 3.5) == pytest.approx([2.4, 2.6, 2.8])
+
+
+def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
+    """Once the order is delivered, a vehicle that is down and disarmed ends the session; while the link is down it is not."""
+    orders = (Order(id="off", at_s=1.2, kind="deactivate"),)
+    end, records = fly(tmp_path, agent_manifest("idle"), operated(orders=orders))
+    assert (end.outcome, end.simulated_s) == (Outcome.COMPLETED, pytest.approx(2.1))
+    assert "ordered to deactivate" in end.reason
+    assert [one.time.s for one in heard(records, operated()).orders] == [2.0]
+
+
+def test_the_agent_is_told_every_rule() -> None:
+    """The mission order has each rule of the SimSpec under the same name; places come as corners."""
+    corner = {"east_m": 1.0, "north_m": 2.0}
+    corners = [corner, {**corner, "east_m": 9.0}, {**corner, "north_m": 9.0}]
+    stated = {
+        "no_mark_within_m": 31.0,
+        "min_report_confidence": 0.7,
+        "max_altitude_m": 99.0,
+        "min_altitude_m": 22.0,
+        "max_speed_mps": 9.0,
+        "bystander_standoff_m": 12.0,
+        "bystander_slow_within_m": 33.0,
+        "bystander_slow_mps": 4.0,
+        "max_loiter_over_bystander_s": 15.0,
+        "battery_reserve_fraction": 0.3,
+        "report_deadline_s": 66.0,
+        "report_windows": [{"from_s": 0.0, "until_s": 50.0}],
+        "link_lost": "return",
+        "link_lost_after_s": 7.0,
+    }
+    places = {"geofence": {"corners": corners}, "no_fly": [{"id": "school", "area": {"corners": corners}, "until_s": 40.0}]}
+    rules = Rules.model_validate({**stated, **places})
+    told = mission_order(situation(rules=rules)).model_dump(mode="json")
+    assert set(stated) | set(places) == set(Rules.model_fields)
+    assert {name: told[name] for name in stated} == stated
+    assert told["geofence"] == corners
+    assert told["no_fly"] == [{"id": "school", "corners": corners, "from_s": 0.0, "until_s": 40.0}]
 
 
 def test_truth_and_placement_stay_off_the_air() -> None:
