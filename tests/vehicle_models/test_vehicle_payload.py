@@ -8,7 +8,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
+import numpy as np
 import pytest
+from test_vehicle_missions import bare, to, upload
 from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import START, CarriesCamera, LinkSpec, SimTime, VehiclePlan
@@ -210,6 +212,110 @@ def test_the_camera_refuses_what_it_has_not(make: Make) -> None:
     assert camera_command(client, 2000, 0, 1, math.inf) == [2]
     assert camera_command(client, 512, NAN) == [3]
     assert not client.vehicle.condition().armed
+
+
+def off_target_deg(client: Client, east: float, north: float, up: float) -> float:
+    """The angle between where the camera truly looks and the way to a place."""
+    state = client.vehicle.truth()
+    yaw = state.yaw_rad + math.radians(pan_deg(client))
+    tilt = math.radians(tilt_deg(client))
+    looks = (math.sin(yaw) * math.cos(tilt), math.cos(yaw) * math.cos(tilt), -math.sin(tilt))
+    way = [goal - here for goal, here in zip((east, north, up), state.position_enu_m, strict=True)]
+    dot = sum(one * other for one, other in zip(looks, way, strict=True)) / math.hypot(*way)
+    return math.degrees(math.acos(min(dot, 1.0)))
+
+
+def in_mission(make: Make, autopilot: str, rows: Callable[[Client], list[Any]], **camera: Any) -> Client:
+    """A vehicle at 20 m that has just begun to fly a mission of these items."""
+    client = make(carrying(autopilot, **camera), system=255)
+    if autopilot == "px4":
+        client.airborne(20.0)
+        assert upload(client, rows(client)) == 0
+        assert client.command(300)[-1] == 0
+    else:
+        client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        client.fly(43.0)
+        assert upload(client, [to(client, 0, 0, 0), *rows(client)]) == 0
+        client.command(176, 1, 4)
+        client.command(400, 1)
+        assert client.command(22, 0, 0, 0, 0, 0, 0, 20) == [0]
+        client.fly(15.0)
+        client.command(176, 1, 3)
+        assert client.command(300)[-1] == 0
+    client.fly(0.5)
+    return client
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_mission_keeps_the_camera_on_a_region_of_interest(make: Make, autopilot: str) -> None:
+    """Flying by at 5 m/s the camera's true direction stays within 2 degrees of the place and the nose on the course; NONE lets go."""
+
+    def rows(client: Client) -> list[Any]:
+        look = (195, 3, 0, 0, 0, 0, *client.vehicle_goal(20.0, 25.0), 0)
+        return [bare(178, 1, 5, -1), look, to(client, 0, 60, 20, hold=1.0), bare(197), to(client, 0, 65, 20, hold=5.0)]
+
+    client = in_mission(make, autopilot, rows, gimbal=True)
+    client.fly(3.0)
+    off = []
+    while client.vehicle.truth().position_enu_m[1] < 48.0:
+        client.fly(0.2)
+        off.append(off_target_deg(client, 20.0, 25.0, 0.0))
+    assert len(off) > 30
+    assert max(off) < 2.0
+    assert abs(math.degrees(client.vehicle.truth().yaw_rad)) < 10.0
+    client.fly(8.0)
+    assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(60.0), pytest.approx(0.0))
+
+
+def test_px4_a_region_of_interest_turns_the_nose_where_there_is_no_gimbal(make: Make) -> None:
+    """By command: the nose points at it from wherever the vehicle is, until it is let go."""
+    client = make()
+    client.airborne(10.0)
+    assert client.command_int(195, 0, 0, 0, 0, 0, *client.vehicle_goal(30.0, 0.0), 488.0) == [0]
+    client.fly(4.0)
+    assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(90.0, abs=2.0)
+    assert client.command(197) == [0]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_mission_turns_the_gimbal(make: Make, autopilot: str) -> None:
+    """DO_MOUNT_CONTROL and DO_GIMBAL_MANAGER_PITCHYAW of a mission set tilt and pan, whoever is in control."""
+
+    def rows(client: Client) -> list[Any]:
+        mount = (205, 2, -30.0, 0.0, 40.0, 0.0, 0, 0, 2.0)
+        turn = (1000, 2, -10.0, -20.0, NAN if autopilot == "px4" else 0.0, 0.0, 0, 0, 0.0)
+        return [mount, to(client, 0, 10, 20, hold=3.0), turn, to(client, 0, 20, 20, hold=9.0)]
+
+    client = in_mission(make, autopilot, rows, gimbal=True)
+    client.fly(2.0)
+    assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(30.0), pytest.approx(40.0))
+    client.fly(10.0)
+    assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(10.0), pytest.approx(-20.0))
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_mission_takes_pictures(make: Make, autopilot: str) -> None:
+    """One by DO_DIGICAM_CONTROL, one every 10 m, then a series by time until it is stopped."""
+
+    def rows(client: Client) -> list[Any]:
+        shoot = (203, 2, 0, 0, 0, 0, 1, 0, 0.0)
+        north = [to(client, 0, one, 20, hold=hold) for one, hold in ((5, 2.0), (55, 6.0), (56, 4.0), (57, 9.0))]
+        series, stop = (2000, 2, 0, 1.0, 0, 0, 0, 0, 0.0), (2001, 2, 0, 0, 0, 0, 0, 0, 0.0)
+        return [shoot, north[0], bare(206, 10.0), north[1], bare(206, 0.0), series, north[2], stop, north[3]]
+
+    client = in_mission(make, autopilot, rows, mavlink=True)
+    expose(client, range(4))
+    assert len(images(client)) == 1
+    expose(client, range(4, 250))
+    taken = images(client)
+    north_m = [(one.lat - client.last("HOME_POSITION").latitude) * 1e-7 * 111_200.0 for one in taken]
+    by_distance = [one for one in north_m[1:] if one < 54.0]
+    assert len(by_distance) in (4, 5)
+    assert np.diff(by_distance) == pytest.approx(10.0, abs=2.0)
+    assert 4 <= len([one for one in north_m if one > 54.0]) <= 10
+    count = len(taken)
+    expose(client, range(250, 270))
+    assert len(images(client)) == count
 
 
 def test_truth_is_told_where_it_is_allowed_and_nowhere_else(make: Make) -> None:

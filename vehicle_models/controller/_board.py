@@ -11,6 +11,8 @@ from ._flight import Airframe, Flight
 from ._radio import Channel, Radio
 
 if TYPE_CHECKING:
+    from ._camera import CameraComponent
+    from ._gimbal import Gimbal
     from ._parameters import ParameterStore
     from ._personality import Personality
     from ._texts import Texts
@@ -74,6 +76,8 @@ class Board:
     parameters: ParameterStore
     allows: Callable[[float, float, float], bool] = field(default=_anywhere)
     """Whether the fence lets the vehicle fly to a place of the local frame: north, east, down in metres."""
+    gimbal: Gimbal | None = None
+    camera: CameraComponent | None = None
 
 
 class Service(Protocol):

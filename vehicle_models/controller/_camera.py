@@ -50,6 +50,9 @@ class CameraComponent:
         self._sequences = {channel.name: 0 for channel in board.radio.channels}
         self._beat_ns = _SECOND_NS
         self._series: _Series | None = None
+        self._wanted = False  # a picture beside those of the series
+        self._apart_m: float | None = None
+        self._taken_at = (0.0, 0.0)
         self._last_sequence = 0  # of single pictures, so that a repeated command takes none twice
         self._count = 0
         self._images: deque[dict[str, Any]] = deque(maxlen=_KEPT)
@@ -77,22 +80,28 @@ class CameraComponent:
         if flight.time_ns >= self._beat_ns:
             self._beat_ns += _SECOND_NS
             self._broadcast("HEARTBEAT", type=30, autopilot=8, system_status=4, mavlink_version=3)
+        if self._apart_m is not None and math.dist(self._place(), self._taken_at) >= self._apart_m:
+            self._taken_at = self._place()
+            self.shoot()
 
     def exposed(self, frame: int) -> None:
         """The scene has exposed a frame: a picture, when one is due."""
         series, now = self._series, self._board.flight.time_ns
-        if series is None or (series.due_ns is not None and now < series.due_ns):
+        due = series is not None and (series.due_ns is None or now >= series.due_ns)
+        if series is not None and due:
+            series.due_ns = (now if series.due_ns is None else series.due_ns) + series.interval_ns
+            if series.left is not None:
+                series.left -= 1
+                if series.left <= 0:
+                    self._series = None
+        elif not self._wanted:
             return
-        series.due_ns = (now if series.due_ns is None else series.due_ns) + series.interval_ns
-        if series.left is not None:
-            series.left -= 1
-            if series.left <= 0:
-                self._series = None
+        self._wanted = False  # one frame serves all who wait for one
         image = self._image(frame)
         self._images.append(image)
         self._count += 1
         self._broadcast("CAMERA_IMAGE_CAPTURED", **image)
-        if self._series is None:
+        if due and self._series is None:
             self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
 
     def _run(self, m: Any, sender: Sender) -> Result:
@@ -100,10 +109,9 @@ class CameraComponent:
         if number == REQUEST_MESSAGE or number in _OLD_REQUESTS:
             return self._request(_OLD_REQUESTS.get(number, m.param1), m.param2, sender.channel)
         if number == START_CAPTURE:
-            return self._start(m.param2, m.param3, m.param4)
+            return self.start(m.param2, m.param3, m.param4)
         if number == STOP_CAPTURE:
-            self._series = None
-            self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
+            self.stop()
             return Result.ACCEPTED
         if number == SET_MODE:
             return Result.ACCEPTED if m.param2 == 0 else Result.DENIED  # pictures are the one mode
@@ -124,7 +132,25 @@ class CameraComponent:
         self._tell(channel, name, **fields())
         return Result.ACCEPTED
 
-    def _start(self, interval_s: float, count: float, sequence: float) -> Result:
+    def stop(self) -> None:
+        """End a series of pictures."""
+        self._series = None
+        self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
+
+    def shoot(self) -> None:
+        """One picture more, beside any series."""
+        self._wanted = True
+
+    def every(self, distance_m: float) -> None:
+        """A picture each so many metres from here on; 0 for no more."""
+        self._apart_m = distance_m if 0.0 < distance_m < math.inf else None
+        self._taken_at = self._place()
+
+    def _place(self) -> tuple[float, float]:
+        return self._board.flight.north_m, self._board.flight.east_m
+
+    def start(self, interval_s: float, count: float, sequence: float) -> Result:
+        """So many pictures (0: until stopped), so far apart; a single one is taken once for each `sequence` above 0."""
         if not (0.0 <= interval_s <= 3600.0 and 0 <= count < 2**24):
             return Result.DENIED
         if count == 1 and sequence > 0 and sequence == self._last_sequence:

@@ -145,13 +145,13 @@ class Controller:
         """Services of what the vehicle carries, and of what the bench allows."""
         board, camera = self._board, payload.camera
         if camera and camera.gimbal:
-            gimbal = Gimbal(board, math.radians(camera.tilt_deg))
+            gimbal = board.gimbal = Gimbal(board, math.radians(camera.tilt_deg))
             self._services.append(gimbal)
             self._streams.add_answers(gimbal.answers())
             for name, values in gimbal.streams().items():
                 self._streams.add(name, values, board.personality.gimbal_streams.get(name))
         if camera and camera.mavlink:
-            self._camera = CameraComponent(board, camera, self._system)
+            self._camera = board.camera = CameraComponent(board, camera, self._system)
         if payload.truth:
             self._streams.add("HIL_STATE_QUATERNION", payload.truth)
         if payload.break_part:

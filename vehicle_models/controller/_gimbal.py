@@ -19,8 +19,8 @@ ROI_LOCATION, ROI_NONE, ROI = 195, 197, 201
 DEVICE = 1  # 1 to 6: a device that is not a component of its own
 RATE_RADPS = math.radians(90.0)
 LOWEST_RAD, HIGHEST_RAD = math.radians(-90.0), math.radians(30.0)
-_RETRACT, _NEUTRAL, _ROLL_LOCK, _PITCH_LOCK, _YAW_LOCK, _VEHICLE_FRAME, _EARTH_FRAME = 1, 2, 4, 8, 16, 32, 64
-_KNOWN_FLAGS = 127
+_RETRACT, NEUTRAL, _ROLL_LOCK, _PITCH_LOCK, _YAW_LOCK, _VEHICLE_FRAME, _EARTH_FRAME = 1, 2, 4, 8, 16, 32, 64
+KNOWN_FLAGS = 127
 # Neutral; pitch axis, locked; yaw axis, following or locked, without end, in earth frame; points at places.
 _CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096 | 131072
 _DEVICE_CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096
@@ -113,11 +113,11 @@ class Gimbal:
         yaw_rad = math.remainder(aim.yaw_rad + aim.yaw_radps * span_s, 2.0 * math.pi)
         return _Aim(pitch_rad, yaw_rad, aim.locked, aim.pitch_radps, aim.yaw_radps)
 
-    def _turn(self, flags: int, pitch_rad: float, yaw_rad: float, pitch_radps: float, yaw_radps: float) -> None:
+    def turn(self, flags: int, pitch_rad: float, yaw_rad: float, pitch_radps: float, yaw_radps: float) -> None:
         """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at zero."""
         flight = self._board.flight
         self._place = None
-        if flags & _NEUTRAL:
+        if flags & NEUTRAL:
             self._aim = _Aim(0.0, 0.0)
             return
         locked = bool(flags & _YAW_LOCK)
@@ -140,11 +140,11 @@ class Gimbal:
     def _pitch_yaw(self, command: Command) -> Result | None:
         pitch, yaw, pitch_rate, yaw_rate, flags = (math.radians(one) for one in command.params[:5])
         flags = command.params[4]
-        if not _for_us(command.params[6]) or not 0 <= flags <= _KNOWN_FLAGS or int(flags) & _RETRACT:
+        if not _for_us(command.params[6]) or not 0 <= flags <= KNOWN_FLAGS or int(flags) & _RETRACT:
             return Result.DENIED
         if not self._may(command.sender):
             return Result.DENIED
-        self._turn(int(flags), pitch, yaw, pitch_rate, yaw_rate)
+        self.turn(int(flags), pitch, yaw, pitch_rate, yaw_rate)
         return Result.ACCEPTED
 
     def _configure(self, command: Command) -> Result | None:
@@ -177,7 +177,7 @@ class Gimbal:
 
     def _set_pitch_yaw(self, m: Any, sender: Sender) -> None:
         if self._heeds(m, sender):
-            self._turn(m.flags, m.pitch, m.yaw, m.pitch_rate, m.yaw_rate)
+            self.turn(m.flags, m.pitch, m.yaw, m.pitch_rate, m.yaw_rate)
 
     def _set_attitude(self, m: Any, sender: Sender) -> None:
         if not self._heeds(m, sender):
@@ -187,12 +187,12 @@ class Gimbal:
         if all(math.isfinite(one) for one in m.q):
             pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
             yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        self._turn(m.flags, pitch, yaw, m.angular_velocity_y, m.angular_velocity_z)
+        self.turn(m.flags, pitch, yaw, m.angular_velocity_y, m.angular_velocity_z)
 
     def _set_manual(self, m: Any, sender: Sender) -> None:
         """Sticks: shares of the fastest rate. Angles by stick are not offered; NaN and they are no rate."""
         if self._heeds(m, sender):
-            self._turn(m.flags, math.nan, math.nan, m.pitch_rate * RATE_RADPS, m.yaw_rate * RATE_RADPS)
+            self.turn(m.flags, math.nan, math.nan, m.pitch_rate * RATE_RADPS, m.yaw_rate * RATE_RADPS)
 
     def _heeds(self, m: Any, sender: Sender) -> bool:
         return _for_us(m.gimbal_device_id) and not m.flags & _RETRACT and self._may(sender)

@@ -12,6 +12,7 @@ from ._flight import Behaviour, Flight
 from ._guidance import Guidance
 from ._manoeuvres import Hold, Land
 from ._mission_legs import Climb, Descend, Goto, Leg, Place, Turns, bearing
+from ._mission_payload import use_payload
 from ._mission_policy import Text
 from ._mission_store import ABOVE_SEA, PLACELESS, Item, Plans
 from ._modes import Modes
@@ -387,9 +388,21 @@ class MissionFlight:
             relative = item.params[3] == 1.0
             self._yaw_rad = flight.yaw_rad + math.copysign(turn, item.params[2] or 1.0) if relative else turn
         elif item.command == ROI_NONE:
-            self._roi = None
+            self._regard(None, flight.down_m)
         elif item.command in ROI:
-            self._roi = self._place(item) if item.frame not in PLACELESS else None
+            self._regard(self._place(item) if item.frame not in PLACELESS else None, self._down_m(item))
+        else:
+            use_payload(self._board, item)
+
+    def _regard(self, place: Place | None, down_m: float) -> None:
+        """A region of interest: the gimbal points at it, or the nose where there is no gimbal."""
+        gimbal = self._board.gimbal
+        if gimbal is None:
+            self._roi = place
+        elif place is None:
+            gimbal.forget()
+        else:
+            gimbal.look_at(*place, down_m)
 
     def _change_speed(self, item: Item, kind: float, speed: float) -> None:
         if kind in (0.0, 1.0) and math.isfinite(speed):
