@@ -207,7 +207,7 @@ class Packer:
         return b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
 
 
-def wire_values(name: str, **fields: Any) -> tuple[int, tuple[Any, ...]]:
+def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
     """Id and values in wire order of a message given by field names; what is left out is zero.
 
     Text is bytes. For messages that are sent now and then; streams write their tuples themselves.
