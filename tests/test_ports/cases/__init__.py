@@ -1,0 +1,148 @@
+"""Made situations for every measure: one in which it is achieved, one in which it fails, one in which it is not considered.
+
+Each module of this package holds `CASES`: from the name of a measure to a function of an observable's options. So one test
+can go over all observables of a decomposition, make the three recordings for each, and measure what was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from made_run import at_s, estimate, said
+
+from bench.contracts import (
+    SESSION_EVENTS,
+    TRUTH_ACTORS,
+    TRUTH_CAST,
+    TRUTH_ODOMETRY,
+    TRUTH_VEHICLE,
+    TRUTH_VIEW,
+    CastDocument,
+    DetectionFrame,
+    Option,
+    Record,
+    SightingDocument,
+    Tape,
+    VehicleTopics,
+    ViewDocument,
+)
+from bench.simspec import SimSpec
+from bench.streams import (
+    BoundingBox2D,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Odometry,
+    Point,
+    Point2D,
+    Pose,
+    Pose2D,
+    PoseWithCovariance,
+    Quaternion,
+    Time,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+    encode,
+    encode_pose_array,
+)
+from test_ports import open_recording, read_tape
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A made situation and what was recorded in it."""
+
+    simspec: SimSpec
+    tape: Tape
+
+
+@dataclass(frozen=True, slots=True)
+class Cases:
+    """The three runs of one measure with one set of options; `not_considered` is None for what is always considered."""
+
+    achieved: Run
+    failed: Run
+    not_considered: Run | None
+
+
+CasesOf = Callable[[Mapping[str, Option]], Cases]
+
+
+def recorded(run: Run, path: Path) -> Tape:
+    """The run written as a recording at `path` and read back, as a re-scoring reads it."""
+    with open_recording(path, simspec=run.simspec, versions={}) as recorder:
+        for record in sorted(_records(run), key=lambda record: record.time.ns):
+            recorder(record)
+    return read_tape(path)
+
+
+def _records(run: Run) -> Iterator[Record]:
+    spec, tape = run.simspec, run.tape
+    topics = VehicleTopics(spec.vehicle.name)
+    yield said(0.0, TRUTH_CAST, CastDocument(members=tape.cast))
+    yield from _vehicle(tape)
+    turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(tape.cast), 1))
+    for time_s, places in zip(tape.actor_time_s, tape.actor_position_enu_m, strict=True):
+        data = encode_pose_array(Time.of(at_s(time_s).ns), "map", places, turns)
+        yield Record(at_s(time_s), TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data)
+    for time_s, place in zip(tape.estimate_time_s, tape.estimate_position_enu_m, strict=True):
+        yield estimate(float(time_s), tuple(map(float, place)), spec.vehicle.name)  # type: ignore[arg-type]
+    for frame in tape.frames:
+        seen = tuple(
+            SightingDocument(actor=one.actor, range_m=one.range_m, height_px=one.height_px, visible=one.visible, box=one.box)
+            for one in frame.sightings
+        )
+        yield said(frame.exposed.s, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=seen))
+    yield from (_detected(one, topics.detections) for one in tape.detections)
+    documents = (
+        (TRUTH_VEHICLE, tape.condition),
+        (SESSION_EVENTS, tape.events),
+        (topics.intelligence, tape.intelligence),
+        (topics.reports, tape.reports),
+        (topics.decisions, tape.decisions),
+        (topics.status, tape.status),
+        (topics.tracks, tape.tracks),
+        (topics.orders, tape.orders),
+        (topics.answers, tape.answers),
+        (topics.operator_link, tape.operator_link),
+    )
+    for topic, stream in documents:
+        for one in stream:
+            yield said(one.time.s, topic, one.value)
+    for topic, count in tape.malformed.items():
+        for _ in range(count):
+            yield said(0.0, topic, "{")
+
+
+def _vehicle(tape: Tape) -> Iterator[Record]:
+    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes, as ROS has it."""
+    tilts = tape.vehicle_tilt_rad if len(tape.vehicle_tilt_rad) else np.zeros(len(tape.vehicle_time_s))
+    rows = zip(tape.vehicle_time_s, tape.vehicle_position_enu_m, tape.vehicle_velocity_enu_mps, tilts, strict=True)
+    for time_s, place, velocity, tilt in rows:
+        turn = Quaternion(0.0, float(np.sin(tilt / 2)), 0.0, float(np.cos(tilt / 2)))
+        ahead = float(np.cos(tilt) * velocity[0] - np.sin(tilt) * velocity[2])
+        up = float(np.sin(tilt) * velocity[0] + np.cos(tilt) * velocity[2])
+        message = Odometry(
+            header=Header(Time.of(at_s(float(time_s)).ns), "map"),
+            child_frame_id="vehicle_1/base_link",
+            pose=PoseWithCovariance(Pose(Point(*map(float, place)), turn)),
+            twist=TwistWithCovariance(Twist(Vector3(ahead, float(velocity[1]), up), Vector3())),
+        )
+        yield Record(at_s(float(time_s)), TRUTH_ODOMETRY, Odometry.TYPE, encode(message))
+
+
+def _detected(frame: DetectionFrame, topic: str) -> Record:
+    found = []
+    for one in frame.detections:
+        left, top, right, bottom = one.box
+        result = ObjectHypothesisWithPose(ObjectHypothesis(one.class_label, one.score))
+        box = BoundingBox2D(Pose2D(Point2D((left + right) / 2, (top + bottom) / 2)), right - left, bottom - top)
+        found.append(Detection2D(results=(result,), bbox=box, id=one.track))
+    message = Detection2DArray(Header(Time.of(frame.exposed.ns), "vehicle_1/front"), tuple(found))
+    return Record(frame.published, topic, Detection2DArray.TYPE, encode(message))
