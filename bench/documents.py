@@ -38,11 +38,11 @@ def load_document(path: Path | str, kind: type[D]) -> D:
     return read_document(read_text(path), kind, source=str(path))
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
     """Text of a file; SetupError when it is missing, too large or not UTF-8."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise SetupError(Fault(str(path), f"the file is larger than {MAX_BYTES} bytes", "split it"))
+        if path.stat().st_size > most_bytes:
+            raise SetupError(Fault(str(path), f"the file is larger than {most_bytes} bytes", "split it"))
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise SetupError(Fault(str(path), "there is no such file", near_miss(path))) from None

@@ -50,20 +50,24 @@ from ._versions import versions as versions
 if TYPE_CHECKING:
     from ._asked import load_asked as load_asked
     from ._asked import measures_of as measures_of
+    from ._finish import CampaignRuns as CampaignRuns
     from ._finish import Finished as Finished
     from ._finish import finish_campaign as finish_campaign
     from ._finish import is_campaign as is_campaign
+    from ._finish import read_runs as read_runs
     from ._finish import rescore_campaign as rescore_campaign
     from ._fly import fly_realization as fly_realization
     from ._rescore import rescore as rescore
 
 _HEAVY = {
+    "CampaignRuns": "_finish",
     "Finished": "_finish",
     "finish_campaign": "_finish",
     "fly_realization": "_fly",
     "is_campaign": "_finish",
     "load_asked": "_asked",
     "measures_of": "_asked",
+    "read_runs": "_finish",
     "rescore": "_rescore",
     "rescore_campaign": "_finish",
 }

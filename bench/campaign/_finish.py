@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import polars as pl
@@ -87,6 +88,40 @@ def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
             journal.forget(name)
             journal.finish(result, digest)
     return finish_campaign(path, decomposition)
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignRuns:
+    """The runs of a campaign that have a result, as scoring takes them; recordings, and why each ended so, by realization."""
+
+    decomposition: Decomposition
+    study: tuple[str, ...]
+    runs: tuple[ScoredRun, ...]
+    recordings: Mapping[str, Path]
+    reasons: Mapping[str, str]
+
+
+def read_runs(path: Path, decomposition: str | None = None) -> CampaignRuns:
+    """The runs that lie in a campaign folder; nothing is written.
+
+    With another decomposition than the campaign's own their recordings are measured anew. Raises SetupError when the
+    folder is no campaign, or a recording cannot be measured.
+    """
+    folder, campaign, asked = read_campaign_folder(path, decomposition)
+    with open_journal(folder.journal) as journal:
+        entries = journal.entries()
+    runs, _ = _scored_runs(folder, asked, entries)
+    recordings = {run.realization: folder.run(run.realization) / RECORDING for run in runs}
+    recordings = {name: recording for name, recording in recordings.items() if recording.is_file()}
+    if decomposition is not None:
+        runs = [
+            replace(run, observations=rescore(folder.run(run.realization), asked).observations)
+            if run.realization in recordings
+            else run
+            for run in runs
+        ]
+    reasons = {entry.id: entry.reason for entry in entries}
+    return CampaignRuns(asked, studied(asked, campaign.study), tuple(runs), recordings, reasons)
 
 
 def read_campaign_folder(path: Path, decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:

@@ -106,6 +106,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
     from bench.campaign import Finished, finish_campaign, load_asked, load_campaign, run_campaign
 
     from ._progress import open_progress
+    from ._scores import campaign_report
 
     campaign = load_campaign(path)
     asked = load_asked(campaign.decomposition)
@@ -130,7 +131,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
         raise typer.Exit(130)
     (scores,) = finished
     if as_json:
-        print(json.dumps(scores.summary.to_dicts(), indent=1))
+        print(campaign_report(folder).model_dump_json(indent=1))
         return
     from bench.reporting import score_table
 

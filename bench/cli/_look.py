@@ -29,13 +29,14 @@ def register(app: typer.Typer) -> None:
 
 def schema(
     name: Annotated[
-        str, typer.Argument(help="simspec, campaign, decomposition, agent, or a document of the streams")
+        str, typer.Argument(help="simspec, campaign, decomposition, agent, score-report, or a document of the streams")
     ] = "simspec",
 ) -> None:
     """Print the JSON Schema of a document. Example: rebar schema simspec > simspec.schema.json"""
     from bench import contracts
     from bench.campaign import Campaign
     from bench.errors import Fault, SetupError
+    from bench.scoring import Explanation, ScoreReport
     from bench.simspec import SimSpec
     from decompositions import decomposition_schema
 
@@ -53,6 +54,8 @@ def schema(
         "agent-tracks": contracts.AgentTracks,
         "order-answer": contracts.OrderAnswer,
         "session-result": contracts.SessionResult,
+        "score-report": ScoreReport,
+        "score-explanation": Explanation,
     }
     if name == "decomposition":
         print(json.dumps(decomposition_schema(), indent=2))

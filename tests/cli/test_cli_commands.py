@@ -140,7 +140,7 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     campaign, out = small_campaign(tmp_path), tmp_path / "out"
     assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
-    assert {row["agent"] for row in first} == {"reference-naive"}
+    assert {row["agent"] for row in first["nodes"]} == {"reference-naive"}
     assert run(["verify", str(out)]) == 0
     assert (out / "report.html").stat().st_size > 1_000_000
 

@@ -1,0 +1,264 @@
+"""Why a node has the score that it has: from the mean to the runs, their ruling observables, and the moments behind those."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bench.contracts import Evidence, Observation, Outcome
+from bench.documents import Document
+from decompositions import Decomposition, Level, Observable
+
+from ._difficulty import ObservableDifficulty
+from ._report import NodeReport
+from ._scores import NodeScore, RunScores, score_run
+from ._table import ScoredRun
+
+State = Literal["failed", "near miss", "achieved", "not considered"]
+_FIRST: tuple[State, ...] = ("failed", "near miss", "achieved", "not considered")
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Where a reviewer finds each run: recordings and why a session ended so, by realization; lines of a table's rows."""
+
+    recordings: Mapping[str, str] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    rows: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+
+class FactorTold(Document):
+    """One key factor of an observable in a run's situation; `ruling` is whether its rating is the difficulty."""
+
+    factor: str
+    value: float
+    unit: str
+    rating: float
+    ruling: bool
+
+
+class ObservableTold(Document):
+    """One observable in one run, with what its outcome rests on."""
+
+    id: str
+    title: str
+    state: State
+    ruling: Annotated[bool, Field(description="It gives the node its score in this run.")]
+    x: float | None
+    threshold: float
+    difficulty: Annotated[float | None, Field(description="Null where it is not known.")]
+    factors: Annotated[tuple[FactorTold, ...], Field(description="Its key factors, the ruling ones first.")]
+    credit: Annotated[float, Field(description="Points of partial credit within the score; negative on a near miss.")]
+    score: float | None
+    reason: Annotated[str, Field(description="Where it was not considered: when a run considers it.")]
+    evidence: tuple[Evidence, ...]
+    evidence_left_out: int
+    row: Annotated[str | None, Field(description="Place in the table that the observation came from.")]
+
+
+class RunTold(Document):
+    """One run: what the node scored in it, the way down to what ruled that, and the observables."""
+
+    run: str
+    agent: str
+    design_point: str
+    state: Annotated[
+        Literal["failed", "passed", "not considered", "excluded"],
+        Field(description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."),
+    ]
+    outcome: Outcome
+    reason: str
+    recording: str | None
+    difficulty: float | None
+    score: float | None
+    achieved: int
+    considered: int
+    ruled_by: Annotated[
+        tuple[str, ...], Field(description="From the node down by the child with the least score; empty without a score.")
+    ]
+    observables: tuple[ObservableTold, ...]
+    observables_left_out: int
+
+
+class AgentTold(Document):
+    """The node's numbers for one agent, and the runs that they are made of, failures first."""
+
+    summary: NodeReport
+    scored_runs: Annotated[tuple[str, ...], Field(description="The runs whose mean the score is, at most `limit` of them.")]
+    runs: tuple[RunTold, ...]
+    runs_left_out: Annotated[dict[str, int], Field(description="Runs beyond the limit, by state.")]
+
+
+class Explanation(Document):
+    """What `rebar score --explain NODE --json` prints."""
+
+    format: Literal["rebar.score-explanation/1"] = "rebar.score-explanation/1"
+    source: str
+    decomposition: str
+    id: str
+    level: Level
+    title: str
+    asks: str
+    limit: Annotated[int, Field(description="Most runs an agent, observables a run and moments an observable; 0 is all.")]
+    agents: tuple[AgentTold, ...]
+
+
+def explain(
+    decomposition: Decomposition,
+    node: str,
+    runs: Sequence[ScoredRun],
+    summaries: Sequence[NodeReport],
+    sources: Sources,
+    source: str = "",
+    limit: int = 0,
+) -> Explanation:
+    """Walk from a node's numbers to the samples behind them.
+
+    `summaries` has the node's rows over all configurations, one for each agent. Raises KeyError for an unknown node.
+    """
+    asked = decomposition.nodes[node]
+    told = _Teller(decomposition, node, sources, limit)
+    return Explanation(
+        source=source,
+        decomposition=decomposition.name,
+        id=node,
+        level=asked.level,
+        title=asked.title,
+        asks=asked.asks,
+        limit=limit,
+        agents=tuple(told.agent(one, [run for run in runs if run.agent == one.agent]) for one in summaries),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Teller:
+    """What every part of one explanation needs to know."""
+
+    asked: Decomposition
+    node: str
+    sources: Sources
+    limit: int
+
+    def agent(self, summary: NodeReport, runs: Sequence[ScoredRun]) -> AgentTold:
+        scored = [(run, self._scores(run)) for run in runs]
+        behind = [run.realization for run, scores in scored if scores[self.node].score is not None]
+        scored.sort(key=lambda pair: self._rank(*pair))
+        most = self.limit or len(scored)
+        left: dict[str, int] = {}
+        for run, scores in scored[most:]:
+            state = _state_of_run(run, scores[self.node])
+            left[state] = left.get(state, 0) + 1
+        return AgentTold(
+            summary=summary,
+            scored_runs=tuple(behind[:most]),
+            runs=tuple(self._run(run, scores) for run, scores in scored[:most]),
+            runs_left_out=left,
+        )
+
+    def _scores(self, run: ScoredRun) -> RunScores:
+        return score_run(self.asked, run.difficulty, run.observations if run.outcome.counts else ())
+
+    def _rank(self, run: ScoredRun, scores: RunScores) -> tuple[int, float, float]:
+        """Failures first, the worst of them before the others; then the passes that score least."""
+        one = scores[self.node]
+        order = ("failed", "passed", "not considered", "excluded").index(_state_of_run(run, one))
+        return order, one.confidence or 0.0, one.score if one.score is not None else -1.0
+
+    def _run(self, run: ScoredRun, scores: RunScores) -> RunTold:
+        one = scores[self.node]
+        way = self._way(scores)
+        observed = {each.observable: each for each in (run.observations if run.outcome.counts else ())}
+        leaves = [
+            self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in way)
+            for leaf in self.asked.observables_under(self.node)
+        ]
+        leaves.sort(key=lambda leaf: (_FIRST.index(leaf.state), not leaf.ruling))
+        most = self.limit or len(leaves)
+        shown = leaves[:most] + [leaf for leaf in leaves[most:] if leaf.ruling]
+        return RunTold(
+            run=run.realization,
+            agent=run.agent,
+            design_point=run.design_point,
+            state=_state_of_run(run, one),
+            outcome=run.outcome,
+            reason=self.sources.reasons.get(run.realization, ""),
+            recording=self.sources.recordings.get(run.realization),
+            difficulty=_finite(run.difficulty.of(self.node)),
+            score=one.score,
+            achieved=one.achieved,
+            considered=one.considered,
+            ruled_by=way,
+            observables=tuple(shown) if run.outcome.counts else (),
+            observables_left_out=len(leaves) - len(shown),
+        )
+
+    def _way(self, scores: RunScores) -> tuple[str, ...]:
+        """Down from the node by the child that gives the minimum; the first of equals. A mean has no one that rules."""
+        here = self.node
+        if scores[here].score is None or self.asked.policies.inner_score != "minimum":
+            return ()
+        way = [here]
+        while children := self.asked.children(here):
+            here = next(child for child in children if scores[child].score == scores[here].score)
+            way.append(here)
+        return tuple(way)
+
+    def _observable(
+        self, run: ScoredRun, leaf: str, seen: Observation | None, score: NodeScore, *, ruling: bool
+    ) -> ObservableTold:
+        asked, rated = self.asked.observables[leaf], run.difficulty.observables[leaf]
+        state = _state(score)
+        evidence = seen.evidence if seen else ()
+        most = self.limit or len(evidence)
+        return ObservableTold(
+            id=leaf,
+            title=asked.title,
+            state=state,
+            ruling=ruling,
+            x=seen.x if seen and seen.considered else None,
+            threshold=asked.threshold,
+            difficulty=_finite(rated.difficulty),
+            factors=_factors(rated),
+            credit=0.0 if score.score is None else score.score - rated.difficulty,
+            score=score.score,
+            reason=_why_not(asked, seen) if state == "not considered" else "",
+            evidence=evidence[:most],
+            evidence_left_out=len(evidence[most:]),
+            row=self.sources.rows.get((run.realization, leaf)),
+        )
+
+
+def _state(score: NodeScore) -> State:
+    if not score.considered:
+        return "not considered"
+    if score.achieved:
+        return "achieved"
+    return "failed" if score.score is None else "near miss"
+
+
+def _state_of_run(run: ScoredRun, score: NodeScore) -> Literal["failed", "passed", "not considered", "excluded"]:
+    if not run.outcome.counts:
+        return "excluded"
+    if not score.considered:
+        return "not considered"
+    return "passed" if score.achieved == score.considered else "failed"
+
+
+def _why_not(asked: Observable, seen: Observation | None) -> str:
+    return (
+        f"considered when: {asked.considered}" if seen else f"there is no observation of it; considered when: {asked.considered}"
+    )
+
+
+def _factors(rated: ObservableDifficulty) -> tuple[FactorTold, ...]:
+    return tuple(
+        FactorTold(factor=row.factor, value=row.value, unit=row.unit, rating=row.rating, ruling=row.factor in rated.ruled_by)
+        for row in rated.ratings
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if value != float("inf") else None

@@ -1,0 +1,167 @@
+"""Scores as one document for a machine: the same for a run, a campaign, and a table from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+import polars as pl
+from pydantic import Field
+
+from bench.contracts import Outcome
+from bench.documents import Document
+from decompositions import Decomposition
+
+Points = Annotated[float, Field(description="On the scale of difficulty.")]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class NodeReport(Document):
+    """One node of one agent over its runs in one difficulty configuration, or in `all` of them together."""
+
+    agent: str
+    configuration: Annotated[str, Field(description="Difficulties of the studied key attributes; `all` is every run.")]
+    id: str
+    level: Literal["principle", "ka", "vab", "observable"]
+    title: str
+    difficulty_low: Annotated[Points | None, Field(description="Least difficulty among the runs; null where none is known.")]
+    difficulty_high: Annotated[Points | None, Field(description="Greatest difficulty among the runs.")]
+    runs: Annotated[Count, Field(description="Runs whose outcome the agent answers for.")]
+    excluded: Annotated[Count, Field(description="Runs that the bench itself spoilt.")]
+    design_points: Annotated[Count, Field(description="Distinct design points of the considered runs.")]
+    considered: Annotated[Count, Field(description="Runs in which the node was considered.")]
+    passed: Annotated[Count, Field(description="Considered runs in which every considered observable was achieved.")]
+    scored: Annotated[Count, Field(description="Runs in which the node has a score.")]
+    score: Annotated[Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")]
+    score_low: Annotated[Points | None, Field(description="Lower end of the interval of the score, where there is one.")] = None
+    score_high: Annotated[Points | None, Field(description="Upper end of that interval.")] = None
+    raised_by_failure: Annotated[
+        bool, Field(description="The score exceeds what it would be had every failed observable passed at its threshold.")
+    ]
+    confidence: Annotated[Share | None, Field(description="Mean over the considered runs. Null: never considered.")]
+    confidence_low: Annotated[Share, Field(description="Lower end of its two-sided 95 % interval.")]
+    confidence_high: Annotated[Share, Field(description="Upper end of that interval.")]
+    method: Annotated[str, Field(description="How the interval of the confidence was found.")]
+    competence_50: Annotated[
+        Points | None,
+        Field(description="Highest tested difficulty at which half of such runs pass; in `all` alone. Failing never raises it."),
+    ] = None
+    competence_50_low: Annotated[Points | None, Field(description="One-sided 95 % lower bound of it.")] = None
+    competence_50_at_least: Annotated[bool | None, Field(description="It is the highest difficulty that was tested.")] = None
+    competence_90: Annotated[Points | None, Field(description="As competence_50, for nine in ten.")] = None
+    competence_90_low: Points | None = None
+    competence_90_at_least: bool | None = None
+
+
+class RunNode(Document):
+    """One node in one run."""
+
+    id: str
+    level: Literal["principle", "ka", "vab", "observable"]
+    difficulty: Annotated[Points | None, Field(description="Null where it is not known.")]
+    score: Annotated[Points | None, Field(description="Null: not scored.")]
+    confidence: Annotated[Share | None, Field(description="Null: not considered.")]
+    achieved: Annotated[Count, Field(description="Distinct descendant observables that were achieved.")]
+    considered: Annotated[Count, Field(description="Distinct descendant observables that were considered.")]
+    x: Annotated[Share | None, Field(description="Measured value; of considered observables alone.")]
+
+
+class RunReport(Document):
+    """One run with all of its nodes."""
+
+    run: str
+    agent: str
+    design_point: str
+    replicate: int
+    configuration: str
+    outcome: Outcome
+    recording: Annotated[str | None, Field(description="Path of its recording, where there is one.")]
+    nodes: tuple[RunNode, ...]
+
+
+class ScoreReport(Document):
+    """What `rebar score --json` prints."""
+
+    format: Literal["rebar.score-report/1"] = "rebar.score-report/1"
+    kind: Literal["campaign", "run", "observations"]
+    source: Annotated[str, Field(description="The folder or file that was scored, as it was named.")]
+    decomposition: str
+    decomposition_sha256: Annotated[str, Field(description="Digest of the decomposition: scores compare where it is equal.")]
+    study: Annotated[tuple[str, ...], Field(description="Key attributes whose difficulties make a configuration.")]
+    absent: Annotated[Count, Field(description="Pairs of run and observable without an observation; they are not considered.")]
+    nodes: tuple[NodeReport, ...]
+    runs: Annotated[tuple[RunReport, ...] | None, Field(description="With --per-run, and where a single run was named.")] = None
+
+
+_NAMES = {"node": "id", "score_mean": "score", "confidence_mean": "confidence"}
+
+
+def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeReport, ...]:
+    """The rows of a summary, with the number of runs passed from the score table beside them."""
+    passed = _passed(scores)
+    return tuple(NodeReport.model_validate(_node(row, passed)) for row in summary.iter_rows(named=True))
+
+
+def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = None) -> tuple[RunReport, ...]:
+    """The rows of a score table, run by run in its order."""
+    made = []
+    for frame in scores.partition_by("realization", maintain_order=True):
+        rows: Sequence[dict[str, Any]] = frame.to_dicts()
+        first = rows[0]
+        made.append(
+            RunReport(
+                run=first["realization"],
+                agent=first["agent"],
+                design_point=first["design_point"],
+                replicate=first["replicate"],
+                configuration=first["configuration"],
+                outcome=Outcome(first["outcome"]),
+                recording=(recordings or {}).get(first["realization"]),
+                nodes=tuple(RunNode.model_validate(_run_node(row)) for row in rows),
+            )
+        )
+    return tuple(made)
+
+
+def score_report(
+    kind: Literal["campaign", "run", "observations"],
+    source: str,
+    decomposition: Decomposition,
+    study: Sequence[str],
+    scores: pl.DataFrame,
+    summary: pl.DataFrame,
+    absent: int,
+    runs: tuple[RunReport, ...] | None = None,
+) -> ScoreReport:
+    """The whole document over a score table and its summary."""
+    return ScoreReport(
+        kind=kind,
+        source=source,
+        decomposition=decomposition.name,
+        decomposition_sha256=decomposition.digest,
+        study=tuple(study),
+        absent=absent,
+        nodes=node_reports(scores, summary),
+        runs=runs,
+    )
+
+
+def _node(row: Mapping[str, Any], passed: Mapping[tuple[str, str, str], int]) -> dict[str, Any]:
+    named = {_NAMES.get(name, name): value for name, value in row.items()}
+    named["passed"] = passed.get((row["agent"], row["configuration"], row["node"]), 0)
+    return {name: value for name, value in named.items() if name in NodeReport.model_fields}
+
+
+def _run_node(row: Mapping[str, Any]) -> dict[str, Any]:
+    named = {_NAMES.get(name, name): value for name, value in row.items()}
+    return {name: value for name, value in named.items() if name in RunNode.model_fields}
+
+
+def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
+    """Runs that passed by agent, configuration (and `all`) and node."""
+    key = [pl.col(name).cast(pl.String) for name in ("agent", "configuration", "node")]
+    whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(key)
+    both = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])
+    counted = both.group_by("agent", "configuration", "node").len()
+    return {(agent, configuration, node): count for agent, configuration, node, count in counted.iter_rows()}

@@ -1,0 +1,229 @@
+"""`rebar score` as a user meets it: tables from elsewhere, one document for every target, and why a number is what it is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.cli._app import run
+from bench.documents import load_document
+from bench.scoring import Explanation, ScoreReport
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+DECOMPOSITION = """
+format: rebar.decomposition/1
+name: worked
+title: The paper's worked example
+key_attributes:
+  - {id: KA1, title: One, asks: "?", children: [VAB1, VAB2]}
+vabs:
+  - {id: VAB1, title: First, asks: "?", children: [OBS1, OBS2]}
+  - {id: VAB2, title: Second, asks: "?", children: [OBS3]}
+observables:
+  - {id: OBS1, title: A, asks: "?", measure: m, threshold: 0.5, threshold_reason: r, considered: Always.}
+  - {id: OBS2, title: B, asks: "?", measure: m, threshold: 0.5, threshold_reason: r, considered: Always.}
+  - {id: OBS3, title: C, asks: "?", measure: m, threshold: 0.5, threshold_reason: r, considered: When there is one.}
+"""
+TABLE = """run,observable,difficulty,x,considered
+1,OBS1,30,1,
+1,OBS2,80,1,true
+1,OBS3,50,1,1
+2,OBS1,30,0,
+2,OBS2,80,1,yes
+2,OBS3,50,1,
+"""
+CAMPAIGN = """
+format: rebar.campaign/1
+name: short
+base_file: scene.yaml
+agents: [{manifest: reference-naive}]
+design:
+  seed: 3
+  method: {kind: full_factorial}
+  factors:
+    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
+"""
+
+
+@pytest.fixture
+def worked(tmp_path: Path) -> list[str]:
+    """The command line for the paper's two runs."""
+    (tmp_path / "table.csv").write_text(TABLE)
+    (tmp_path / "worked.yaml").write_text(DECOMPOSITION)
+    return ["score", "--observations", str(tmp_path / "table.csv"), "--decomposition", str(tmp_path / "worked.yaml")]
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of two sessions that run out of time after ten simulated seconds."""
+    folder = tmp_path_factory.mktemp("short")
+    (folder / "scene.yaml").write_text(EXAMPLE.read_text().replace("time_limit_s: 300.0", "time_limit_s: 10.0"))
+    (folder / "short.yaml").write_text(CAMPAIGN)
+    assert run(["run", str(folder / "short.yaml"), "--out", str(folder / "out"), "--workers", "1", "--json"]) == 0
+    return folder / "out"
+
+
+def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    capsys.readouterr()
+    assert run(line) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Run 1: 30 (2/2), 50, 30 (3/3); run 2: 80 (1/2), 50, 50 (2/3); over both: 40 and 83.3 %."""
+    told = printed([*worked, "--json", "--per-run"], capsys)
+    ScoreReport.model_validate(told)
+    runs = {
+        one["run"]: {node["id"]: (node["score"], node["achieved"], node["considered"]) for node in one["nodes"]}
+        for one in told["runs"]
+    }
+    assert runs["1"] == {
+        "OBS1": (30, 1, 1),
+        "OBS2": (80, 1, 1),
+        "VAB1": (30, 2, 2),
+        "OBS3": (50, 1, 1),
+        "VAB2": (50, 1, 1),
+        "KA1": (30, 3, 3),
+    }
+    assert runs["2"] == {
+        "OBS1": (None, 0, 1),
+        "OBS2": (80, 1, 1),
+        "VAB1": (80, 1, 2),
+        "OBS3": (50, 1, 1),
+        "VAB2": (50, 1, 1),
+        "KA1": (50, 2, 3),
+    }
+    whole = {row["id"]: row for row in told["nodes"] if row["configuration"] == "all"}
+    assert (whole["KA1"]["score"], whole["KA1"]["confidence"]) == (40.0, pytest.approx(5 / 6, abs=1e-15))
+    assert (whole["VAB1"]["score"], whole["VAB1"]["confidence"]) == (55.0, 0.75)
+    assert (whole["OBS1"]["scored"], whole["OBS1"]["considered"], whole["OBS1"]["passed"]) == (1, 2, 1)
+    assert (whole["KA1"]["passed"], whole["KA1"]["considered"], whole["KA1"]["runs"]) == (1, 2, 2)
+    assert whole["KA1"]["raised_by_failure"] is True
+    assert told["absent"] == 0
+
+    assert run(worked) == 0
+    shown = capsys.readouterr().out
+    assert "40.0" in shown
+    assert "83" in shown
+
+
+def test_runs_are_told_one_by_one_only_when_asked(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Without --per-run the document has none; absent rows are counted, and their difficulty is null."""
+    table = Path(worked[2])
+    table.write_text("run,observable,difficulty,x,considered\n007,OBS1,30,1,\n7,OBS3,50,,no\n")
+    assert printed([*worked, "--json"], capsys)["runs"] is None
+    told = printed([*worked, "--json", "--per-run"], capsys)
+    assert ([one["run"] for one in told["runs"]], told["absent"]) == (["007", "7"], 4)
+    nodes = {node["id"]: node for node in told["runs"][0]["nodes"]}
+    assert (nodes["VAB2"]["difficulty"], nodes["VAB2"]["score"], nodes["VAB2"]["confidence"]) == (None, None, None)
+    assert run([*worked, "--per-run"]) == 0
+    shown = capsys.readouterr().out
+    assert "4 pairs of run and observable have no row" in shown
+    assert "not scored" in shown
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (["score"], "nothing to score"),
+        (["score", "--observations", "t.csv"], "name it: --decomposition FILE"),
+        (["score", "out", "--observations", "t.csv", "--decomposition", "d.yaml"], "stands instead of folders"),
+        (["score", "--observations", "nowhere.csv", "--decomposition", "paper-tables"], "there is no such file"),
+    ],
+)
+def test_what_is_missing_is_said(line: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2 and a sentence."""
+    assert run(line) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_the_faults_of_a_table_come_all_at_once_with_lines(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Each on a line of its own, ready for an editor to jump to."""
+    table = Path(worked[2])
+    table.write_text("run,observable,difficulty,x\n1,OBS1,30,2\n1,OBS8,30,1\n1,OBS1,300,1\n")
+    assert run(worked) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert [line.split(" ")[1] for line in said] == [f"{table}:{number}:" for number in (2, 3, 4, 4)]
+
+
+def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Failures first; the child that ruled, x against its threshold, and the line of the table."""
+    told = Explanation.model_validate(printed([*worked, "--explain", "KA1", "--json"], capsys))
+    (agent,) = told.agents
+    assert (agent.summary.score, agent.scored_runs) == (40.0, ("1", "2"))
+    failed, passed = agent.runs
+    assert (failed.run, failed.state, failed.score, failed.ruled_by) == ("2", "failed", 50.0, ("KA1", "VAB2", "OBS3"))
+    assert [(leaf.id, leaf.state, leaf.ruling) for leaf in failed.observables] == [
+        ("OBS1", "failed", False),
+        ("OBS3", "achieved", True),
+        ("OBS2", "achieved", False),
+    ]
+    assert (failed.observables[0].x, failed.observables[0].threshold, failed.observables[0].score) == (0.0, 0.5, None)
+    assert failed.observables[0].row == f"{worked[2]}:5"
+    assert (passed.run, passed.ruled_by) == ("1", ("KA1", "VAB1", "OBS1"))
+
+    assert run([*worked, "--explain", "KA1", "--limit", "1"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for words in ("score 40.00: the mean of the 2 runs", "2: FAILED, score 50.00", "x 0 < 0.5", "1 passed (--limit 0", "raised"):
+        assert words in shown
+    assert "1: PASSED" not in shown
+
+
+def test_an_unknown_node_is_answered_with_those_near_it(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """A slip of the finger costs a sentence."""
+    assert run([*worked, "--explain", "KA2"]) == 2
+    assert "did you mean KA1" in capsys.readouterr().err
+
+
+def test_one_document_for_a_campaign_and_its_runs(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A campaign's per-run nodes are those of its runs by themselves, scored again from their recordings."""
+    whole = ScoreReport.model_validate(printed(["score", str(campaign), "--json", "--per-run"], capsys))
+    assert (whole.kind, whole.absent, len(whole.runs or ())) == ("campaign", 0, 2)
+    assert {row.configuration for row in whole.nodes} > {"all"}
+    assert all(row.competence_50 is None for row in whole.nodes if row.configuration != "all")
+    for one in whole.runs or ():
+        assert one.recording
+        alone = ScoreReport.model_validate(printed(["score", str(Path(one.recording).parent), "--json"], capsys))
+        assert alone.kind == "run"
+        assert alone.runs is not None
+        assert [node.model_dump() for node in alone.runs[0].nodes] == [node.model_dump() for node in one.nodes]
+
+
+def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the mean to factor, moment and recording; every file stays as it was."""
+    before = {path: path.stat().st_mtime_ns for path in campaign.rglob("*") if path.is_file() and "journal" not in path.name}
+    told = Explanation.model_validate(printed(["score", str(campaign), "--explain", "KA-20", "--json"], capsys))
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    (agent,) = told.agents
+    assert {one.state for one in agent.runs} == {"failed"}
+    for one in agent.runs:
+        assert one.recording
+        assert Path(one.recording).is_file()
+        failed = [leaf for leaf in one.observables if leaf.state == "failed"]
+        assert failed
+        assert all(leaf.evidence and any(row.ruling for row in leaf.factors) for leaf in failed)
+    again = printed(["score", str(campaign), "--decomposition", "search-and-report", "--explain", "KA-20", "--json"], capsys)
+    assert Explanation.model_validate(again) == told
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert run(["score", str(campaign), "--explain", "KA-20"]) == 0
+    assert "recording.mcap" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["score-report", "score-explanation"])
+def test_the_documents_have_schemas(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every field of what --json prints has its sentence or its type."""
+    schema = printed(["schema", name], capsys)
+    assert schema["additionalProperties"] is False
+
+
+def test_a_printed_document_is_read_back(worked: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What was kept on disk is a document like any other."""
+    kept = tmp_path / "kept.json"
+    kept.write_text(json.dumps(printed([*worked, "--json"], capsys)))
+    assert load_document(kept, ScoreReport).decomposition == "worked"
