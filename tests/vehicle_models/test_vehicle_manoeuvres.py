@@ -126,6 +126,43 @@ def test_px4_position_mode_by_joystick(make: Make) -> None:
     assert (condition.armed, condition.crashed) == (False, False)
 
 
+@pytest.mark.parametrize(
+    ("bits", "follows", "mode"), [(1, False, "POSCTL"), (0, False, "AUTO_RTL"), (1, True, "OFFBOARD"), (3, True, "POSCTL")]
+)
+def test_px4_sticks_take_over(make: Make, bits: int, follows: bool, mode: str) -> None:
+    """COM_RC_OVERRIDE: bit 0 the automatic modes, bit 1 offboard; sticks that lie still or tremble take nothing over."""
+    client = make(simspec(vehicle={"parameters": {"COM_RC_OVERRIDE": bits}}))
+    client.airborne()
+    if follows:
+        client.offboard(0, 0, -10)
+    else:
+        client.command(20)
+    before = client.vehicle.condition().mode
+    client.fly(1.0, lambda: (joystick(client, ahead=400), client.setpoint(0, 0, -10)))
+    client.fly(1.0, lambda: (joystick(client, ahead=415), client.setpoint(0, 0, -10)))
+    assert client.vehicle.condition().mode == before
+    client.fly(0.3, lambda: (joystick(client, ahead=-300), client.setpoint(0, 0, -10)))
+    assert client.vehicle.condition().mode == mode
+    assert ("Pilot took over using sticks\t" in client.texts()) is (mode == "POSCTL")
+    client.fly(3.0, lambda: (joystick(client, ahead=-300), client.setpoint(0, 0, -10)))
+    assert (client.vehicle.truth().velocity_enu_mps[1] < -1.0) is (mode == "POSCTL")
+
+
+def test_px4_sticks_take_over_from_a_failsafe_once_it_acts(make: Make) -> None:
+    """Not from the Hold before the return, but from the return; and the failsafe is over with that."""
+    client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
+    client.airborne()
+    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.fly(13.0)
+    client.fly(1.0, lambda: joystick(client))
+    client.fly(1.0, lambda: joystick(client, right=700))
+    assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("AUTO_LOITER", "link")
+    client.fly(4.0, lambda: joystick(client))
+    assert client.vehicle.condition().mode == "AUTO_RTL"
+    client.fly(0.3, lambda: joystick(client, right=700))
+    assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("POSCTL", "")
+
+
 @pytest.mark.parametrize(("main", "up"), [(2, 500), (7, 520), (1, 520)])
 def test_px4_tilts_by_joystick(px4: Client, main: int, up: int) -> None:
     """ALTCTL keeps the height; STABILIZED and MANUAL hold the tilt: half a stick of 35 degrees."""
@@ -285,4 +322,25 @@ def test_px4_follows_a_leader(px4: Client) -> None:
     assert speed(px4) == pytest.approx(2.0, abs=0.2)
     px4.fly(5.0)
     assert speed(px4) < 0.2, "three seconds without news"
+    assert px4.vehicle.condition().mode == "AUTO_FOLLOW"
+
+
+def test_px4_sticks_adjust_how_it_follows(px4: Client) -> None:
+    """Up the height, forward the distance, right the angle, clockwise seen from above; less than half of a stick nothing."""
+
+    def sticks(seconds: float, **moved: int) -> None:
+        px4.fly(seconds, lambda: (lead(px4, 20.0, 0.0), joystick(px4, **moved)))
+
+    assert px4.command(176, 1, 4, 8) == [ACCEPTED, ACCEPTED]
+    sticks(8.0, ahead=400, right=-400, up=600)
+    assert px4.vehicle.truth().position_enu_m == pytest.approx((0.0, 12.0, 8.0), abs=0.5)
+    sticks(2.0, up=1000)
+    sticks(3.0, ahead=1000)
+    sticks(3.0)
+    assert px4.vehicle.truth().position_enu_m == pytest.approx((0.0, 6.0, 11.0), abs=0.5)
+    sticks(2.0, right=1000)
+    sticks(4.0)
+    east, north, _ = px4.vehicle.truth().position_enu_m
+    assert math.hypot(east, north - 20.0) == pytest.approx(14.0, abs=0.5)
+    assert east < -5.0
     assert px4.vehicle.condition().mode == "AUTO_FOLLOW"

@@ -9,12 +9,16 @@ from typing import Any
 from ._board import Board, CommandHandler, Handler, Sender
 from ._flight import Behaviour, Flight, Target
 from ._guidance import Guidance
-from ._personality import Limits
+from ._manoeuvres import beyond
+from ._personality import ChaseLimits, Limits
 
 _HAS_POSITION, _HAS_VELOCITY = 1, 2
 _LOST_AFTER_NS = 3_000_000_000
 _WALKS_MPS = 0.5  # slower than this a leader has no direction
 _FAR_MPS = 100.0
+# By stick: half of its way means nothing, full deflection this much a second, within these bounds.
+_DEAD, _CLIMB_MPS, _AWAY_MPS, _AROUND_RADPS = 0.5, 1.5, 2.0, 1.5
+_LEAST_M, _MOST_M = 1.0, 100.0
 
 
 class Leader:
@@ -43,11 +47,15 @@ class Leader:
 
 
 class Chase:
-    """At a distance and an angle from the leader's course, at a height above home, looking at the leader."""
+    """At a distance and an angle from the leader's course, at a height above home, looking at the leader.
+
+    Sticks change all three for as long as it lasts: up the height, forward the distance, right the angle, clockwise.
+    """
 
     def __init__(self, flight: Flight, leader: Leader) -> None:
         self._leader = leader
         self._angle_rad: float | None = None
+        self._higher_m = self._farther_m = self._around_rad = 0.0
 
     def target(self, flight: Flight, limits: Limits) -> Target:
         leader, most = self._leader, limits.chase
@@ -56,11 +64,13 @@ class Chase:
             self._angle_rad = math.atan2(leader.velocity[1], leader.velocity[0]) + most.angle_rad
         elif self._angle_rad is None:
             self._angle_rad = math.atan2(flight.east_m - east, flight.north_m - north)
-        away = (most.distance_m * math.cos(self._angle_rad), most.distance_m * math.sin(self._angle_rad))
+        self._adjust(flight, most)
+        distance_m, angle_rad = most.distance_m + self._farther_m, self._angle_rad + self._around_rad
+        away = (distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad))
         ground = flight.home.down_m if flight.home else 0.0
         return Target(
             north_east_m=(north + away[0], east + away[1]),
-            down_m=ground - most.height_m,
+            down_m=ground - most.height_m - self._higher_m,
             velocity_ned_mps=(*leader.velocity, 0.0),
             yaw_rad=math.atan2(east - flight.east_m, north - flight.north_m),
             speed_max_mps=max(most.speed_mps, math.hypot(*leader.velocity) + 2.0),
@@ -68,8 +78,22 @@ class Chase:
             descent_max_mps=limits.descent_mps,
         )
 
+    def _adjust(self, flight: Flight, most: ChaseLimits) -> None:
+        if flight.sticks is None:
+            return
+        sticks = flight.sticks
+        up, ahead, right = (beyond(one, _DEAD) * flight.step_s for one in (sticks.throttle, sticks.pitch, sticks.roll))
+        self._higher_m = _kept(self._higher_m + up * _CLIMB_MPS, most.height_m)
+        self._farther_m = _kept(self._farther_m + ahead * _AWAY_MPS, most.distance_m)
+        around_radps = min(_AROUND_RADPS, most.speed_mps / (most.distance_m + self._farther_m))
+        self._around_rad = math.remainder(self._around_rad + right * around_radps, 2.0 * math.pi)
+
     def done(self, flight: Flight) -> bool:
         return False
+
+
+def _kept(change_m: float, from_m: float) -> float:
+    return min(max(change_m, min(_LEAST_M - from_m, 0.0)), max(_MOST_M - from_m, 0.0))
 
 
 class FollowMe:

@@ -115,7 +115,7 @@ class Controller:
             home,
             self._setpoints,
             self._arming,
-            Manual(board, self._guidance),
+            Manual(board, self._guidance, modes),
             FollowMe(board, self._guidance),
             navigator,
             modes,

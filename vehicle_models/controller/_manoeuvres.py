@@ -326,7 +326,7 @@ class Throttle:
     def target(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
         """Height to hold and velocity downwards."""
         sticks, most = flight.sticks or Sticks(), limits.sticks
-        wish = _beyond(sticks.throttle, most.dead)
+        wish = beyond(sticks.throttle, most.dead)
         if wish == 0.0:
             if self._held_m is None:
                 self._held_m = flight.down_m + _stopping_m(flight.vd_mps)
@@ -351,7 +351,7 @@ class Piloted:
             north_east_m=self._place,
             down_m=down,
             velocity_ned_mps=(*moves, sinks),
-            yawrate_radps=_beyond(sticks.yaw, most.dead) * most.yaw_radps,
+            yawrate_radps=beyond(sticks.yaw, most.dead) * most.yaw_radps,
             speed_max_mps=most.speed_mps,
             climb_max_mps=most.climb_mps,
             descent_max_mps=most.descent_mps,
@@ -364,7 +364,7 @@ class Piloted:
     def _moves(self, sticks: Sticks, flight: Flight, limits: Limits) -> tuple[float, float]:
         if self._stick is not Stick.POSITION:
             return 0.0, 0.0
-        ahead, right = (_beyond(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll))
+        ahead, right = (beyond(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll))
         if ahead == right == 0.0:
             # On its feet it stays where it stands: going after a wandering position would turn it over.
             self._place = None if flight.on_ground else self._place or _stopping_place(flight)
@@ -424,7 +424,7 @@ class Manoeuvres:
         return target
 
 
-def _beyond(stick: float, dead: float) -> float:
+def beyond(stick: float, dead: float) -> float:
     """A stick's share beyond its dead zone, -1 to 1."""
     return math.copysign(max(abs(stick) - dead, 0.0) / (1.0 - dead), stick)
 

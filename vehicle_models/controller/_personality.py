@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ class Event(Enum):
     LANDING = auto()
     RETURNING = auto()
     TERMINATED = auto()
+    PILOT_TOOK_OVER = auto()
     CRASHED = auto()
 
 
@@ -57,6 +59,9 @@ class StickLimits:
     rates_radps: float  # roll and pitch of acrobatics
     dead: float  # share of a stick's way around its middle that means nothing
     lost_after_s: Seconds
+    # A pilot takes over from these by moving a stick faster than a share of its way in a second.
+    overrides: frozenset[Behaviour] = frozenset()
+    overrides_from: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +177,7 @@ class Personality(ABC):
     speaks_when_spoken_to: ClassVar[bool]
     feels_loose_sticks: ClassVar[bool]  # a radio whose throttle lies at its lowest, when nobody else holds sticks
     takes_radio_overrides: ClassVar[bool]
+    pilot_modes: ClassVar[tuple[str, str] | None] = None  # of a pilot who takes over: with a position, and without
     loiter_mode: ClassVar[str | None]  # of NAV_LOITER_UNLIM, where it is a command
     orbit_mode: ClassVar[str | None]  # of DO_ORBIT
     orbit_text: ClassVar[tuple[int, str]]  # for a circle that is too small or too large

@@ -33,6 +33,7 @@ from ._parameters import PARAMETERS
 
 READY_S = 4.2  # "Resolve system health failures first" until then
 PLACE_S = READY_S  # home is set; a client that waits for it is not refused the arming
+_AUTOMATIC = frozenset({Behaviour.TAKEOFF, Behaviour.HOLD, Behaviour.MISSION, Behaviour.RETURN, Behaviour.LAND})
 _NOT_READY = "Arming denied: Resolve system health failures first"
 _PREARM = 0x10000000
 # 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors, AHRS, battery.
@@ -142,6 +143,7 @@ class Px4(Personality):
         Event.LANDING_DETECTED: (INFO, "Landing detected"),
         Event.LANDING: (INFO, "Landing at current position"),
         Event.RETURNING: (INFO, "Returning to launch"),
+        Event.PILOT_TOOK_OVER: (INFO, "Pilot took over using sticks"),
         Event.TERMINATED: (CRITICAL, "Preflight Fail: Flight termination active"),
         Event.CRASHED: (CRITICAL, "Disarmed by failure detector"),
     }
@@ -176,6 +178,7 @@ class Px4(Personality):
     bad_global_frame = (CRITICAL, "SET_POSITION_TARGET_GLOBAL_INT invalid coordinate frame {}")
     feels_loose_sticks = False
     takes_radio_overrides = False
+    pilot_modes = ("POSCTL", "ALTCTL")
     loiter_mode = None
     orbit_mode = "POSCTL_ORBIT"
     orbit_text = (CRITICAL, "Orbit radius limit exceeded")
@@ -222,6 +225,8 @@ class Px4(Personality):
                 rates_radps=math.radians(100.0),
                 dead=0.1,
                 lost_after_s=max(p["COM_RC_LOSS_T"], 0.1),
+                overrides=_overrides(int(p["COM_RC_OVERRIDE"])),
+                overrides_from=min(max(p["COM_RC_STICK_OV"], 5.0), 80.0) / 100.0,
             ),
             chase=ChaseLimits(
                 height_m=max(p["FLW_TGT_HT"], 1.0),
@@ -349,6 +354,11 @@ class Px4(Personality):
 
     def refuse_home(self, flight: Flight, command: Command) -> Refusal | None:
         return None
+
+
+def _overrides(bits: int) -> frozenset[Behaviour]:
+    """COM_RC_OVERRIDE: bit 0 the automatic modes, bit 1 offboard."""
+    return (_AUTOMATIC if bits & 1 else frozenset()) | (frozenset({Behaviour.FOLLOW}) if bits & 2 else frozenset())
 
 
 def _armable(flight: Flight) -> bool:

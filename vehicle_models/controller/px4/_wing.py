@@ -53,6 +53,7 @@ class Px4Wing(Px4):
         return WingLimits(
             **{
                 **shared,
+                "sticks": dataclasses.replace(common.sticks, overrides=frozenset()),  # multicopters alone
                 "cruise_mps": max(p["FW_AIRSPD_TRIM"], slowest),
                 "speed_max_mps": max(p["FW_AIRSPD_MAX"], slowest),
                 "climb_mps": max(p["FW_T_CLMB_R_SP"], 0.5),
