@@ -254,7 +254,7 @@ class Aircraft(ABC):
         return {link.spec.name: link.received for link in self._links}
 
     def sent(self) -> Mapping[str, int]:
-        return {channel.name: channel.sent for channel in self._controller.channels}
+        return {link.spec.name: link.sent for link in self._links}
 
     def exposed(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of this vehicle's camera."""
@@ -306,9 +306,9 @@ class Aircraft(ABC):
             self._plant.set_gust_ned_mps(self._gusts.step(motion.up_m, motion.airspeed_mps))
 
     def _silence(self, link: str, lost: bool) -> None:
-        for channel in self._controller.channels:
-            if channel.name == link:
-                channel.silenced = lost
+        for one in self._links:
+            if one.spec.name == link:
+                one.silenced = lost
 
     def _hil_state(self) -> tuple[float, ...]:
         """HIL_STATE_QUATERNION in wire order: the true motion."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -235,20 +236,90 @@ def test_a_key_that_is_none_is_named(opened: Open, key: str) -> None:
 
 
 def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[..., Peer]) -> None:
-    """While one client sends far more than is heard in a step, the other's every request is answered in the step it came."""
+    """While one client sends full datagrams, far more than is heard in a step and than any socket holds, the other's every
+    request is answered in the step it came; what was thrown away is counted."""
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     flood, client = peer(vehicle, system=9), peer(vehicle)
-    flood.beat()
-    client.beat()
-    client.fly()
+    for _ in range(2):
+        flood.beat()
+        client.beat()
+        client.fly()
     beat = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(flood.mav))
     ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
-    for _ in range(30):
-        for _ in range(10):
+    for _ in range(60):
+        for _ in range(20):
             flood.socket.send(beat * 50)
-        client.say(ask)
-        assert [one.get_type() for one in client.fly()].count("PARAM_VALUE") == 1
-    assert vehicle.counters()["mavlink_dropped"] > 0
+        for _ in range(3):
+            client.say(ask)
+        assert [one.get_type() for one in client.fly()].count("PARAM_VALUE") == 3
+    assert vehicle.counters()["mavlink_dropped"] > 500
+
+
+def test_a_flood_over_tcp_does_not_delay_another_client(opened: Open) -> None:
+    """Nothing that a TCP client sends is thrown away: it is made to wait, and the other one is answered at once."""
+    vehicle = opened(LinkSpec("serial0", "tcp_in", streams="none"))
+    host, port = vehicle.endpoints()["serial0"].split(":")[1:]
+    with socket.create_connection((host, int(port))) as flood, socket.create_connection((host, int(port))) as client:
+        flood.setblocking(False)
+        mav, answers = mavlink.MAVLink(None, srcSystem=255, srcComponent=190), 0
+        rest, sent = b"", 0
+        beats = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav)) * 100
+        for _ in range(60):
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    rest = rest or beats
+                    sent += (went := flood.send(rest))
+                    rest = rest[went:]
+            client.sendall(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
+            vehicle.receive()
+            vehicle.step()
+            heard = mav.parse_buffer(client.recv(65536)) or []
+            answers += [one.get_type() for one in heard].count("PARAM_VALUE")
+        assert answers == 60
+        assert 2000 < vehicle.receive()["serial0"] < sent // 21
+        assert vehicle.counters()["mavlink_dropped"] == 0
+
+
+@pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
+def test_a_burst_is_counted_and_heard_whole(opened: Open, kind: Literal["udp_in", "tcp_in"]) -> None:
+    """More than is heard in a step, sent within one tick: every message is counted before time goes on, none is lost."""
+    vehicle = opened(LinkSpec("air", kind, streams="none"))
+    host, port = vehicle.endpoints()["air"].split(":")[1:]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM) as client:
+        client.connect((host, int(port)))
+        mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        for _ in range(200):
+            client.send(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
+        for _ in range(4):
+            client.send(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)) * 60)
+        polls = 0
+        while vehicle.receive()["air"] < 440:
+            polls += 1
+            assert polls < 100
+        client.setblocking(False)
+        answers = 0
+        for _ in range(20):
+            vehicle.step()
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    heard = mav.parse_buffer(client.recv(65536)) or []
+                    answers += [one.get_type() for one in heard].count("PARAM_VALUE")
+        assert answers == 440
+        assert vehicle.counters()["mavlink_dropped"] == 0
+
+
+def test_the_port_stays_the_links_own(opened: Open, peer: Callable[..., Peer]) -> None:
+    """Although a client that speaks has a socket of its own at the same port, nobody else can take it."""
+    vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
+    client = peer(vehicle)
+    for _ in range(3):
+        client.beat()
+        client.fly()
+    port = int(vehicle.endpoints()["air"].split(":")[2])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with pytest.raises(OSError, match="in use"):
+            other.bind(("127.0.0.1", port))
 
 
 def test_clients_that_come_and_go_do_not_push_out_who_speaks(opened: Open, peer: Callable[..., Peer]) -> None:

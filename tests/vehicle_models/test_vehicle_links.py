@@ -13,7 +13,8 @@ from vehicle_client import simspec
 from bench.contracts import LinkSpec, Vehicle, VehiclePlan
 from bench.errors import SetupError
 from vehicle_models import open_x500
-from vehicle_models.controller._links import BACKLOG_BYTES
+from vehicle_models.controller._links import BACKLOG_BYTES, INBOX_FRAMES
+from vehicle_models.controller._radio import HEARD_PER_STEP
 
 
 def beat(system: int = 255) -> bytes:
@@ -87,7 +88,7 @@ def test_a_client_that_stops_reading_is_dropped() -> None:
 
 
 def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
-    """Ten thousand datagrams of rubbish and as many heartbeats: counted, bounded, and time goes on."""
+    """Five thousand datagrams of rubbish and as many heartbeats: what is taken is counted, and bounded; time goes on."""
     with flown(LinkSpec("air", "udp_in")) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         _, host, port = vehicle.endpoints()["air"].split(":")
         for _ in range(100):
@@ -97,9 +98,9 @@ def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
             vehicle.receive()
         vehicle.step()
         counters = vehicle.counters()
-        assert vehicle.receive()["air"] == 5000
-        assert counters["mavlink_garbage_bytes"] == 5000 * 9
-        assert counters["mavlink_dropped"] == 5000 - 4096
+        assert INBOX_FRAMES <= vehicle.receive()["air"] <= INBOX_FRAMES + HEARD_PER_STEP
+        assert INBOX_FRAMES * 9 <= counters["mavlink_garbage_bytes"] <= 5000 * 9
+        assert counters["mavlink_dropped"] > 1000
         assert vehicle.time.ns == 20_000_000
 
 

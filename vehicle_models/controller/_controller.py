@@ -48,7 +48,6 @@ from ._streams import Streams
 from ._telemetry import Telemetry
 from ._texts import Texts
 
-MESSAGES_PER_STEP = 64  # of one link (3200 a second); the rest waits, so that a flood costs its own link only
 COMPONENT = 1
 
 
@@ -217,9 +216,8 @@ class Controller:
         self._guidance.limits = self._board.personality.limits(self._board.parameters)
 
     def _hear(self, channel: Channel) -> None:
-        inbox = channel.link.inbox
-        frames = [inbox.popleft() for _ in range(min(len(inbox), MESSAGES_PER_STEP))]
-        if self._tap:
+        frames = channel.take()
+        if self._tap and frames:
             self._tap(channel.name, "from_agent", b"".join(frames))
         for frame in frames:
             if channel.admits(frame):

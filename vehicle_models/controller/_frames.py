@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
@@ -16,6 +17,7 @@ PATIENCE_BYTES = 4096
 _MESSAGES: dict[int, Any] = dialect.mavlink_map
 _CRC_EXTRA = {number: bytes([kind.crc_extra]) for number, kind in _MESSAGES.items()}
 _V1, _V2 = 0xFE, 0xFD
+_BEGINS = re.compile(b"[\xfd\xfe]")
 _SIGNED = 0x01
 
 
@@ -25,13 +27,14 @@ class FrameReader:
     def __init__(self) -> None:
         self._rest = b""
         self.garbage_bytes = 0
+        self.unread_bytes = 0
 
-    def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES) -> list[bytes]:
+    def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, most: int | None = None) -> list[bytes]:
         """Every frame that is complete now, in order. What may be the beginning of another one waits for more.
 
         `last` says that no more will come, as at the end of a datagram: then what is incomplete is garbage, and the
         search goes on behind its first byte. Behind `patience` bytes of garbage the rest is given up as garbage unread,
-        because looking through it costs time.
+        because looking through it costs time. Behind `most` frames the rest is thrown away unread, and counted.
         """
         data = self._rest + data if self._rest else data
         frames: list[bytes] = []
@@ -45,11 +48,16 @@ class FrameReader:
             if length > 0 and _intact(data, at, length):
                 frames.append(data[at : at + length])
                 at += length
+                if len(frames) == most:
+                    self.unread_bytes += end - at
+                    at = end
             elif length == 0 and not last:
                 break
             else:
-                self.garbage_bytes += 1
-                at += 1
+                begins = _BEGINS.search(data, at + 1)
+                skipped = (begins.start() if begins else end) - at
+                self.garbage_bytes += skipped
+                at += skipped
         self._rest = data[at:]
         return frames
 

@@ -1,9 +1,9 @@
 """Links: sockets that never make the simulation wait.
 
-Everything is non-blocking and bounded. A link reads at most `READ_BYTES` from a client in one `poll`, and little more of
-one that has sent garbage; what clients say waits in a queue of each, and they are heard in turn. A TCP client that does
-not take its data is dropped once `BACKLOG_BYTES` wait for it; what a datagram socket or a serial line does not take is
-lost, as on a radio.
+Everything is non-blocking and bounded. Of each client only so much is read in one `poll`, and nothing while its queue is
+full: a flood then waits in the kernel, which throws away what it cannot hold, and costs nobody else anything. Clients
+are heard in turn. A TCP client that does not take its data is dropped once `BACKLOG_BYTES` wait for it; what a datagram
+socket or a serial line does not take is lost, as on a radio.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import sys
 import termios
 import tty
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Protocol
@@ -22,14 +23,25 @@ from typing import Protocol
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
 
-from ._frames import FrameReader
+from ._frames import MAX_FRAME, FrameReader
 
-READ_BYTES = 256 * 1024
 BACKLOG_BYTES = 1024 * 1024
-INBOX_FRAMES = 4096
+INBOX_FRAMES = 2048
+FLOOD_FRAMES = 512  # a client for whom more than this waits floods the link
+HEARD_FROM_FLOOD = 8  # of its messages are heard in a step
 MAX_CLIENTS = 8
-_GARBAGE_BYTES = 4096  # of one client in one poll; then it is not listened to until the next
-_DATAGRAMS = 2048  # taken from a socket in one poll
+# Of one socket in one poll; then it is not listened to until the next.
+_FRAMES = 128
+_DATAGRAMS = 64
+_GARBAGE_BYTES = 512
+_UNREAD = 16  # datagrams thrown away behind garbage
+_ACCEPTED = 4  # TCP clients
+_CHUNK = 2048  # bytes of a stream read at once
+_CHUNK_FRAMES = (_CHUNK + MAX_FRAME) // 8  # there are never more in it
+_SOCKET_BYTES = 512 * 1024  # asked of the kernel for each UDP socket; it may give less
+_EARS_PER_POLL = 2  # sockets opened for newcomers
+_STRANGERS = "strangers"  # share a queue until they have spoken twice
+_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux: counts of a socket, 32 bits each
 _SERIAL_BYTES = 16 * 1024  # what waits for a serial line; more is lost, as on a line without flow control
 _DATAGRAM = 1200  # what goes out in one datagram: several whole messages, never half of one
 
@@ -41,8 +53,14 @@ class Link(Protocol):
     endpoint: str
     inbox: Inbox
     received: int
+    sent: int
+    silenced: bool
+    """Whether nothing passes, in either direction."""
     garbage_bytes: int
-    dropped: int
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were lost; of what was thrown away unread, the datagrams."""
 
     def poll(self) -> None:
         """Move what waits in the sockets to the inbox as whole frames."""
@@ -66,6 +84,13 @@ class Inbox:
     def __len__(self) -> int:
         return self._waiting
 
+    def room(self, source: object) -> int:
+        """How many more frames of this client it holds."""
+        queue = self._queues.get(source)
+        if queue is None:
+            return INBOX_FRAMES if len(self._queues) < 4 * MAX_CLIENTS else 0
+        return INBOX_FRAMES - len(queue)
+
     def put(self, source: object, frame: bytes) -> bool:
         """False when too much of this client waits, or of too many clients."""
         queue = self._queues.get(source)
@@ -79,15 +104,26 @@ class Inbox:
         self._waiting += 1
         return True
 
-    def popleft(self) -> bytes:
-        """The next client's eldest frame; IndexError when nothing waits."""
-        source = next(iter(self._queues), None)
-        queue = self._queues.pop(source) if self._waiting else deque()
-        frame = queue.popleft()
-        self._waiting -= 1
-        if queue:
-            self._queues[source] = queue  # behind the others
-        return frame
+    def take(self, most: int) -> list[bytes]:
+        """The eldest frames, at most so many, one of each client in turn; of a client that floods the link only a few."""
+        taken: list[bytes] = []
+        left = {source: HEARD_FROM_FLOOD for source, queue in self._queues.items() if len(queue) > FLOOD_FRAMES}
+        turn = deque(self._queues)
+        while turn and len(taken) < most:
+            source = turn.popleft()
+            queue = self._queues[source]
+            taken.append(queue.popleft())
+            if source in left:
+                left[source] -= 1
+            if not queue:
+                del self._queues[source]
+            elif left.get(source, 1):
+                turn.append(source)
+        if turn:  # whose turn it would be now begins the next time
+            heard = [source for source in self._queues if source not in turn]
+            self._queues = {source: self._queues[source] for source in (*turn, *heard)}
+        self._waiting -= len(taken)
+        return taken
 
     def clear(self) -> None:
         self._queues.clear()
@@ -101,23 +137,49 @@ class _Counted:
         self.spec = spec
         self.inbox = Inbox()
         self.received = 0
+        self.sent = 0
+        self.silenced = False
         self.garbage_bytes = 0
-        self.dropped = 0
+        self._lost = 0
 
-    def _take(self, source: object, reader: FrameReader, data: bytes, last: bool = False) -> int:
-        """Put what is whole into the inbox; the bytes of garbage met."""
-        before = reader.garbage_bytes
-        for frame in reader.feed(data, last, _GARBAGE_BYTES):
-            self.received += 1
+    @property
+    def dropped(self) -> int:
+        return self._lost
+
+    def _take(self, source: object, reader: FrameReader, data: bytes, most: int | None = None) -> tuple[int, int]:
+        """Put what is whole into the inbox; the frames and the bytes of garbage met. `most` is for a datagram: no more
+        than so many frames are taken from it, and nothing of it is kept."""
+        garbage, unread = reader.garbage_bytes, reader.unread_bytes
+        frames = reader.feed(data, most is not None, _GARBAGE_BYTES, most)
+        self.received += len(frames)
+        for frame in frames:
             if not self.inbox.put(source, frame):
-                self.dropped += 1
-        garbage = reader.garbage_bytes - before
+                self._lost += 1
+        self._lost += reader.unread_bytes > unread
+        garbage = reader.garbage_bytes - garbage
         self.garbage_bytes += garbage
-        return garbage
+        return len(frames), garbage
+
+    def _take_stream(self, source: object, reader: FrameReader, read: Callable[[int], bytes]) -> None:
+        """Take what a stream has to say, as far as this poll goes. Raises what `read` raises; EOFError at the end."""
+        frames = garbage = 0
+        while frames < _FRAMES and garbage < _GARBAGE_BYTES and self.inbox.room(source) >= _CHUNK_FRAMES:
+            data = read(_CHUNK)
+            if not data:
+                raise EOFError
+            more, worse = self._take(source, reader, data)
+            frames, garbage = frames + more, garbage + worse
+
+
+Address = tuple[str, int]
 
 
 class UdpLink(_Counted):
-    """`udp_out` sends to one address; `udp_in` to everybody who has written to it."""
+    """`udp_out` sends to one address; `udp_in` to everybody who has written to it.
+
+    Who has written twice gets an ear: a socket at the same port that hears nobody else, so that the kernel keeps one
+    client's flood apart from what the others say.
+    """
 
     def __init__(self, spec: LinkSpec) -> None:
         super().__init__(spec)
@@ -125,55 +187,123 @@ class UdpLink(_Counted):
         if out and not spec.port:
             raise SetupError(Fault(f"link {spec.name}", "udp_out needs a port to send to", "give one, for example 14540"))
         self._socket = _bound(spec, socket.SOCK_DGRAM, port=0 if out else spec.port)
-        self._peers: dict[tuple[str, int], None] = {}
+        self._partner: Address | None = None
         if out:
             address = socket.getaddrinfo(spec.host, spec.port, socket.AF_INET)[0][4]
-            self._peers[(str(address[0]), int(address[1]))] = None
-        self._learns = not out
+            self._partner = str(address[0]), int(address[1])
+        self._speakers: dict[Address, socket.socket | None] = {}  # who has been silent longest comes first
+        self._lost_in_closed = 0
         port = spec.port if out else self._socket.getsockname()[1]
         self.endpoint = f"{'udpin' if out else 'udpout'}:{spec.host}:{port}"
         self._reader = FrameReader()
+        self._buffer = memoryview(bytearray(65536))
+
+    @property
+    def dropped(self) -> int:
+        sockets = [self._socket, *filter(None, self._speakers.values())]
+        return self._lost + self._lost_in_closed + sum(_lost_in(one) for one in sockets)
 
     def poll(self) -> None:
-        """Everything that waits is taken from the socket, or one that floods it would push the others out of it; but of
-        each peer only so much is looked at."""
-        left: dict[object, int] = {}
+        for peer, ear in list(self._speakers.items()):
+            if ear and self.inbox.room(peer):
+                self._read(ear)
+        newcomers = self._read(self._socket)
+        if newcomers:
+            for peer in newcomers[:_EARS_PER_POLL]:
+                self._give_ear(peer)
+            self._read(self._socket)  # what they said before they had one
+
+    def _read(self, sock: socket.socket) -> list[Address]:
+        """Take what a socket has, as far as this poll goes; those heard again who have no ear yet."""
+        frames = garbage = unread = 0
+        without: dict[Address, None] = {}
         for _ in range(_DATAGRAMS):
             try:
-                data, peer = self._socket.recvfrom(65535)
+                size, peer = sock.recvfrom_into(self._buffer)
             except (BlockingIOError, InterruptedError):
-                return
+                break
             except OSError:  # an answer of the network to something sent earlier
                 continue
-            if self._learns:
-                self._learn(peer)
-            share = left.get(peer, READ_BYTES)
-            if share <= 0 or len(left) > 4 * MAX_CLIENTS:
-                self.dropped += 1
+            source: object = peer
+            if peer not in self._speakers:
+                source = _STRANGERS
+            elif self._speakers[peer] is None:
+                without[peer] = None
+            self._heard(peer)
+            room = self.inbox.room(source)
+            if not room or garbage >= _GARBAGE_BYTES:
+                self._lost += 1
+                unread += 1
+                if unread >= _UNREAD and sock is not self._socket:
+                    break
                 continue
-            garbage = self._take(peer, self._reader, data, last=True)
-            left[peer] = share - max(len(data), 64) - garbage * (READ_BYTES // _GARBAGE_BYTES)
+            more, worse = self._take(source, self._reader, bytes(self._buffer[:size]), room)
+            frames, garbage = frames + more, garbage + worse
+            if frames >= _FRAMES or more >= room:
+                break
+        return list(without)
 
-    def _learn(self, peer: tuple[str, int]) -> None:
-        """Who has not written for longest gives way, so that somebody who comes and goes cannot fill the list."""
-        self._peers.pop(peer, None)
-        if len(self._peers) >= MAX_CLIENTS:
-            del self._peers[next(iter(self._peers))]
-        self._peers[peer] = None
+    def _heard(self, peer: Address) -> None:
+        """This one has spoken just now. Who has not spoken for longest gives way, so that somebody who comes and goes
+        cannot fill the list."""
+        ear = self._speakers.pop(peer, None)
+        if len(self._speakers) >= MAX_CLIENTS:
+            eldest = next(iter(self._speakers))
+            self._close(self._speakers.pop(eldest))
+        self._speakers[peer] = ear
+
+    def _give_ear(self, peer: Address) -> None:
+        """Open a socket that hears this peer alone; where the system cannot, the link's own goes on hearing it."""
+        if self._speakers.get(peer, self._socket) is not None:
+            return  # gone again
+        ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            ear.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
+            ear.setblocking(False)
+            ear.bind(self._socket.getsockname())
+            ear.connect(peer)
+        except OSError:
+            ear.close()
+        else:
+            self._speakers[peer] = ear
+        finally:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)  # or others could take the port too
+
+    def _close(self, ear: socket.socket | None) -> None:
+        if ear:
+            self._lost_in_closed += _lost_in(ear)
+            ear.close()
+
+    def _listeners(self) -> Iterable[Address]:
+        return (self._partner,) if self._partner else self._speakers
 
     def connected(self) -> bool:
-        return bool(self._peers)
+        return bool(self._partner or self._speakers)
 
     def send(self, frames: list[bytes]) -> None:
         for datagram in _datagrams(frames):
-            for peer in self._peers:
+            for peer in self._listeners():
                 try:
                     self._socket.sendto(datagram, peer)
                 except OSError:
-                    self.dropped += 1
+                    self._lost += 1
 
     def close(self) -> None:
+        for ear in self._speakers.values():
+            self._close(ear)
+        self._speakers.clear()
         self._socket.close()
+
+
+def _lost_in(sock: socket.socket) -> int:
+    """Datagrams that the kernel threw away for want of room; 0 where it does not say."""
+    try:
+        said = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+    except OSError:
+        return 0
+    return int.from_bytes(said[4 * _MEMINFO_DROPS :], sys.byteorder)
 
 
 class _Client:
@@ -214,7 +344,7 @@ class TcpLink(_Counted):
             self._read(client)
 
     def _accept(self) -> None:
-        while len(self._clients) < MAX_CLIENTS:
+        for _ in range(min(MAX_CLIENTS - len(self._clients), _ACCEPTED)):
             try:
                 taken, _ = self._socket.accept()
             except OSError:
@@ -224,19 +354,12 @@ class TcpLink(_Counted):
             self._clients.append(_Client(taken))
 
     def _read(self, client: _Client) -> None:
-        left = READ_BYTES
-        while left > 0:
-            try:
-                data = client.socket.recv(65536)
-            except (BlockingIOError, InterruptedError):
-                return
-            except OSError:
-                data = b""
-            if not data:
-                self._drop(client)
-                return
-            garbage = self._take(client, client.reader, data)
-            left -= len(data) + garbage * (READ_BYTES // _GARBAGE_BYTES)
+        try:
+            self._take_stream(client, client.reader, client.socket.recv)
+        except (BlockingIOError, InterruptedError):
+            return
+        except (OSError, EOFError):
+            self._drop(client)
 
     def _drop(self, client: _Client) -> None:
         self._clients.remove(client)
@@ -249,7 +372,7 @@ class TcpLink(_Counted):
         data = b"".join(frames)
         for client in list(self._clients):
             if not client.push(data):
-                self.dropped += 1
+                self._lost += 1
                 self._drop(client)
 
     def close(self) -> None:
@@ -298,15 +421,8 @@ class SerialLink(_Counted):
         self.endpoint = str(path)
 
     def poll(self) -> None:
-        left = READ_BYTES
-        while left > 0:
-            try:
-                data = os.read(self._line, 4096)
-            except OSError:  # nothing there, or nobody
-                return
-            if not data:
-                return
-            left -= len(data) + self._take(None, self._reader, data) * (READ_BYTES // _GARBAGE_BYTES)
+        with contextlib.suppress(OSError, EOFError):  # nothing there, or nobody
+            self._take_stream(None, self._reader, lambda size: os.read(self._line, size))
 
     def connected(self) -> bool:
         return True
@@ -316,7 +432,7 @@ class SerialLink(_Counted):
             if len(self._backlog) < _SERIAL_BYTES:
                 self._backlog += frame
             else:
-                self.dropped += 1
+                self._lost += 1
         with contextlib.suppress(OSError):
             while self._backlog:
                 del self._backlog[: os.write(self._line, self._backlog)]
@@ -364,6 +480,8 @@ def _bound(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:
         opened = stack.enter_context(socket.socket(socket.AF_INET, kind))
         if kind is socket.SOCK_STREAM:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        else:
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
         # A sender need not be reachable from elsewhere than where it sends to; on loopback it binds there.
         host = spec.host if spec.kind != "udp_out" or spec.host.startswith("127.") or spec.host == "localhost" else ""
         opened.bind((host, port))

@@ -12,6 +12,7 @@ from ._links import Link
 from ._signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
+HEARD_PER_STEP = 48  # messages of one link (2400 a second); the rest waits, so that a flood costs its own link only
 
 
 class Channel:
@@ -24,9 +25,7 @@ class Channel:
         self._speaks_v1 = False
         self._seen: set[int] = set()  # systems that have spoken here
         self.name = link.spec.name
-        self.sent = 0
         self.heard = False  # whether anybody has spoken here
-        self.silenced = False  # nothing passes, in either direction
         self._packer = packer
         self._sequence = 0
         self._waiting: list[bytes] = []
@@ -76,15 +75,19 @@ class Channel:
 
     def begin(self) -> None:
         """A step begins."""
-        self._on = self.link.connected() and not self.silenced
-        if self.silenced:
+        self._on = self.link.connected() and not self.link.silenced
+        if self.link.silenced:
             self.link.inbox.clear()
+
+    def take(self) -> list[bytes]:
+        """What is heard in this step of what waits."""
+        return self.link.inbox.take(HEARD_PER_STEP)
 
     def flush(self, tap: MavlinkTap | None) -> None:
         """Send what waits."""
         if self._waiting:
             frames, self._waiting = self._waiting, []
-            self.sent += len(frames)
+            self.link.sent += len(frames)
             if tap:
                 tap(self.name, "to_agent", b"".join(frames))
             self.link.send(frames)

@@ -49,7 +49,7 @@ class MoreTelemetry:
     def _link(self) -> Values:
         """Counts of all links together; rates and buffers are not measured."""
         channels = self._board.radio.channels
-        sent, received = sum(one.sent for one in channels), sum(one.link.received for one in channels)
+        sent, received = sum(one.link.sent for one in channels), sum(one.link.received for one in channels)
         return (self._flight.time_ms, 0, 0, sent, received, 0, 0, 0, 0, 0, 0)
 
     def _drone_id_location(self) -> Values | None:
