@@ -36,6 +36,72 @@ def test_takeoff_lasts_as_long_as_the_real_one(make: Make, height_m: float, real
     assert client.vehicle.time.s - begun == pytest.approx(real_s, rel=0.1)
 
 
+def copter(make: Make) -> Client:
+    """An ArduCopter armed in GUIDED."""
+    client = make(simspec("ardupilot"), system=255)
+    client.fly(43.0)
+    assert client.command(410) == [0]
+    assert client.command(176, 1, 4) == [0]
+    assert client.command(400, 1) == [0]
+    return client
+
+
+def airborne(make: Make, autopilot: str) -> Client:
+    """At 10 m, holding."""
+    if autopilot == "ardupilot":
+        client = copter(make)
+        assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [0]
+        client.fly(14.0)
+        return client
+    client = make()
+    client.airborne()
+    return client
+
+
+def test_a_copter_takes_off_as_fast_as_the_real_one(make: Make) -> None:
+    """From the command to 95 % of 10 m within a tenth of the 8.1 s that ArduCopter was seen to take, and no higher than 10.5 m."""
+    client = copter(make)
+    assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [0]
+    rise = track(client, 14.0)
+    assert np.argmax(rise[:, 2] > 9.5) / 10 == pytest.approx(8.1, rel=0.1)
+    assert rise[:, 2].max() < 10.5
+
+
+@pytest.mark.parametrize("speed", [5.0, 10.0])
+def test_a_copters_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
+    """After DO_CHANGE_SPEED a reposition reaches that speed and passes its goal by less than 1 m."""
+    client = airborne(make, "ardupilot")
+    assert client.command(178, 1, speed, -1) == [0]
+    assert client.command_int(192, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 50.0), 10.0) == [0]
+    leg = track(client, 20.0)
+    assert leg[:, 1].max() < 51.0
+    assert abs(leg[-1, 1] - 50.0) < 0.1
+    assert np.diff(leg[:, 1]).max() * 10 == pytest.approx(speed, rel=0.05)
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_minute_of_hold_without_wind(make: Make, autopilot: str) -> None:
+    """Never farther than 0.3 m from where it was told to be."""
+    client = airborne(make, autopilot)
+    assert np.abs(track(client, 60.0) - [0.0, 0.0, 10.0]).max() < 0.3
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(("command", "north_m"), [(20, 0.0), (21, 30.0)], ids=["return", "land"])
+def test_it_comes_down_where_it_should(make: Make, autopilot: str, command: int, north_m: float) -> None:
+    """Return and landing begun 30 m away end within 1 m of home, of the place; disarmed and whole."""
+    client = airborne(make, autopilot)
+    altitude = 498.0 if autopilot == "px4" else 10.0
+    assert client.command_int(192, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 30.0), altitude) == [0]
+    client.fly(12.0)
+    assert client.command(command, 0, 0, 0, NAN, NAN, NAN, NAN) == [0]
+    while client.vehicle.condition().armed:
+        client.fly(0.5)
+        assert client.vehicle.time.s < 180.0
+    assert not client.vehicle.condition().crashed
+    assert math.dist(client.vehicle.truth().position_enu_m, (0.0, north_m, 0.0)) < 1.0
+
+
 def test_takeoff_reaches_its_height_and_holds(make: Make) -> None:
     """No overshoot worth naming, and 0.1 m of hold in still air."""
     client = make()
