@@ -11,9 +11,7 @@ are degrees clockwise from true north. Degrees and per-mille units exist only in
 from __future__ import annotations
 
 import datetime as dt
-import itertools
 import math
-from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import PurePosixPath
 from typing import Annotated, Literal, Self
@@ -22,18 +20,14 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from bench.documents import Document
 
+from ._agreement import refuse, rules_disagreements, situation_disagreements
+
 Identifier = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,62}$")]
 RosName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-
-
-def _twice(ids: Iterable[str]) -> list[str]:
-    """What stands in `ids` more than once."""
-    seen = list(ids)
-    return sorted({one for one in seen if seen.count(one) > 1})
 
 
 class Point(Document):
@@ -417,25 +411,8 @@ class Rules(Document):
 
     @model_validator(mode="after")
     def _rules_agree(self) -> Self:
-        if wrong := _faults_of_rules(self):
-            raise ValueError("; ".join(wrong))
+        refuse("Rules", rules_disagreements(self))
         return self
-
-
-def _faults_of_rules(rules: Rules) -> list[str]:
-    wrong = []
-    if (rules.bystander_slow_within_m is None) != (rules.bystander_slow_mps is None):
-        wrong.append("bystander_slow_within_m and bystander_slow_mps are one rule: give both or none")
-    if rules.min_altitude_m is not None and rules.min_altitude_m >= rules.max_altitude_m:
-        wrong.append(f"min_altitude_m {rules.min_altitude_m:g} must be under max_altitude_m {rules.max_altitude_m:g}")
-    wrong += [f"no_fly id {one!r} is used twice" for one in _twice(area.id for area in rules.no_fly)]
-    for earlier, later in itertools.pairwise(rules.report_windows):
-        if later.from_s < earlier.until_s:
-            wrong.append(
-                f"report_windows are out of order: the one from {later.from_s:g} s begins before the one before it "
-                f"ends, at {earlier.until_s:g} s"
-            )
-    return wrong
 
 
 OrderKind = Literal["hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"]
@@ -604,25 +581,8 @@ class SimSpec(Document):
     realized: Realized | None = None
 
     @model_validator(mode="after")
-    def _names_meet(self) -> Self:
-        groups = [group.id for group in self.actors]
-        wrong = [f"group id {one!r} is used twice" for one in _twice(groups)]
-        for group in self.actors:
-            place = group.placement
-            for relation in (place.near, place.away, place.mean_distance):
-                if relation and relation.of not in groups:
-                    wrong.append(f"group {group.id!r} relates to group {relation.of!r}, which is not among {groups}")
-                elif relation and relation.of == group.id:
-                    wrong.append(f"group {group.id!r} relates to itself")
-        wrong += [f"intelligence id {one!r} is used twice" for one in _twice(report.id for report in self.intelligence)]
-        wrong += [
-            f"intelligence {report.id!r} is about group {report.about!r}, which is not among {groups}"
-            for report in self.intelligence
-            if report.about not in groups
-        ]
-        wrong += [*_faults_of_orders(self), *_faults_of_outages(self), *_faults_of_heights_and_places(self)]
-        if wrong:
-            raise ValueError("; ".join(wrong))
+    def _parts_agree(self) -> Self:
+        refuse("SimSpec", situation_disagreements(self))
         return self
 
     def group(self, group_id: str) -> ActorGroup:
@@ -631,48 +591,3 @@ class SimSpec(Document):
             if group.id == group_id:
                 return group
         raise KeyError(group_id)
-
-
-def _faults_of_orders(simspec: SimSpec) -> list[str]:
-    limit_s = simspec.mission.time_limit_s
-    delivered_s = {report.id: report.delivered_s for report in simspec.intelligence}
-    wrong = [f"order id {one!r} is used twice" for one in _twice(order.id for order in simspec.orders)]
-    for order in simspec.orders:
-        if order.at_s >= limit_s:
-            wrong.append(f"order {order.id!r} at {order.at_s:g} s comes after the end: mission.time_limit_s is {limit_s:g}")
-        if order.intelligence is None:
-            continue
-        if order.intelligence not in delivered_s:
-            wrong.append(f"order {order.id!r} names intelligence {order.intelligence!r}, which is not among {list(delivered_s)}")
-        elif order.at_s < delivered_s[order.intelligence]:
-            wrong.append(
-                f"order {order.id!r} at {order.at_s:g} s names intelligence {order.intelligence!r}, "
-                f"which is delivered at {delivered_s[order.intelligence]:g} s only"
-            )
-    return wrong
-
-
-def _faults_of_outages(simspec: SimSpec) -> list[str]:
-    limit_s = simspec.mission.time_limit_s
-    return [
-        f"outage {outage.kind} from {outage.at_s:g} to {outage.until_s:g} s lasts past the end: mission.time_limit_s is {limit_s:g}"
-        for outage in simspec.outages
-        if outage.until_s > limit_s
-    ]
-
-
-def _faults_of_heights_and_places(simspec: SimSpec) -> list[str]:
-    mission, rules, home = simspec.mission, simspec.rules, simspec.vehicle.home
-    wrong = []
-    if mission.altitude_m > rules.max_altitude_m:
-        wrong.append(f"mission.altitude_m {mission.altitude_m} exceeds rules.max_altitude_m {rules.max_altitude_m}")
-    if rules.min_altitude_m is not None and mission.altitude_m < rules.min_altitude_m:
-        wrong.append(f"mission.altitude_m {mission.altitude_m} is under rules.min_altitude_m {rules.min_altitude_m}")
-    if rules.geofence is not None and not rules.geofence.contains(home):
-        wrong.append("rules.geofence does not contain vehicle.home: the vehicle would start outside")
-    wrong += [
-        f"rules.no_fly area {area.id!r} contains vehicle.home: the vehicle could neither start nor land"
-        for area in rules.no_fly
-        if area.area.contains(home)
-    ]
-    return wrong

@@ -102,8 +102,8 @@ def box(west: float, south: float, east: float, north: float) -> str:
         ("outages: [{kind: detections, at_s: 90, duration_s: 20}]", "from 90 to 110 s lasts past the end"),
         ("rules: {bystander_slow_mps: 3}", "give both or none"),
         ("rules: {bystander_slow_within_m: 3}", "give both or none"),
-        (f"rules: {{geofence: {box(10, 10, 90, 90)}}}", "rules.geofence does not contain vehicle.home"),
-        (f"rules: {{no_fly: [{{id: a, area: {box(-9, -9, 9, 9)}}}]}}", "rules.no_fly area 'a' contains vehicle.home"),
+        (f"rules: {{geofence: {box(10, 10, 90, 90)}}}", "rules.geofence: the geofence does not contain vehicle.home"),
+        (f"rules: {{no_fly: [{{id: a, area: {box(-9, -9, 9, 9)}}}]}}", "rules.no_fly[0]: no-fly area 'a' contains vehicle.home"),
         (f"rules: {{no_fly: [{{id: a, area: {box(5, 5, 9, 9)}, from_s: 9, until_s: 9}}]}}", "until_s 9 must exceed from_s 9"),
         (f"rules: {{no_fly: [{', '.join([f'{{id: a, area: {box(5, 5, 9, 9)}}}'] * 2)}]}}", "no_fly id 'a' is used twice"),
         ("rules: {min_altitude_m: 61}", "mission.altitude_m 60.0 is under rules.min_altitude_m 61.0"),
@@ -111,7 +111,7 @@ def box(west: float, south: float, east: float, north: float) -> str:
         ("rules: {report_windows: [{from_s: 9, until_s: 3}]}", "until_s 3 must exceed from_s 9"),
         (
             "rules: {report_windows: [{from_s: 9, until_s: 20}, {from_s: 3, until_s: 8}]}",
-            "the one from 3 s begins before the one before it ends, at 20 s",
+            "rules.report_windows[1]: from 3 s on is out of order: the window before it ends at 20 s",
         ),
         ("rules: {link_lost: panic}", "'continue'"),
     ],
@@ -122,14 +122,18 @@ def test_orders_outages_and_rules_that_cannot_be_kept_are_refused(extra: str, wo
 
 
 def test_all_that_pulls_apart_is_said_at_once() -> None:
-    """An order, an outage and two rules that are wrong are four sentences, not one after another."""
+    """An order, an outage, a height and a fence that are wrong are four sentences, each with its line."""
     extra = f"""orders: [{{id: o, at_s: 200, kind: hold}}]
 outages: [{{kind: operator_link, at_s: 99, duration_s: 2}}]
 rules: {{min_altitude_m: 61, geofence: {box(10, 10, 90, 90)}}}
 """
-    found = " ".join(faults(GOVERNED + extra))
-    for words in ("order 'o'", "outage operator_link", "rules.min_altitude_m", "rules.geofence"):
-        assert words in found
+    found = [one.split(" ")[:2] for one in faults(GOVERNED + extra)]
+    assert found == [
+        ["scene.yaml:6:", "orders[0].at_s:"],
+        ["scene.yaml:7:", "outages[0]:"],
+        ["scene.yaml:5:", "mission.altitude_m:"],
+        ["scene.yaml:8:", "rules.geofence:"],
+    ]
 
 
 def test_a_polygon_knows_its_inside_whichever_way_it_runs() -> None:
