@@ -289,6 +289,26 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     assert {0, 1, 2, 3, 4} <= reached
 
 
+@pytest.mark.parametrize("from_deg", [90.0, 270.0])
+def test_a_leg_is_flown_along_its_line_in_a_side_wind(make_wing: MakeWing, from_deg: float) -> None:
+    """400 m to the north in 5 m/s from the side: once settled, never 10 m beside the line between the waypoints."""
+    client = make_wing(wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg, "turbulence_mps": 2.0}}))
+    take_off(client)
+    rows = [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(150.0, north), 50.0) for north in (0.0, 400.0, 800.0)]
+    upload(client, rows)
+    assert client.command(176, 1, 4, 4)[-1] == 0
+    beside, north = [], -math.inf
+    while client.vehicle.time.s < 200.0 and north < 370.0:
+        client.fly(0.5)
+        east, north, _ = client.vehicle.truth().position_enu_m
+        reached = {one.seq for one in client.heard if one.get_type() == "MISSION_ITEM_REACHED"}
+        if 0 in reached and north > 150.0:
+            beside.append(abs(east - 150.0))
+    assert north >= 370.0
+    assert max(beside) < 10.0
+    assert beside[-1] < 3.0
+
+
 def test_two_flights_are_the_same_to_the_last_bit(make_wing: MakeWing) -> None:
     """Same SimSpec and same words: the same trajectory and the same messages."""
 

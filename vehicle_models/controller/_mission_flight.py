@@ -53,6 +53,7 @@ class MissionFlight:
         self._arm = arm
         self._at = 0  # the item that is flown
         self._leg: Leg | None = None
+        self._from: Place | None = None  # where the present leg begins; None: where the vehicle was
         self._descends = False  # the present leg is the way to a place to land on
         self._dos: deque[tuple[int, Item]] = deque()
         self._wait_ns = 0
@@ -182,6 +183,7 @@ class MissionFlight:
             return
         if self._complete:
             self._forget(self._first)
+        self._from = None
         self._at = max(self._at, self._first)
         self._guidance.speed_mps = self._speed_mps
         if not self._started and flight.armed:
@@ -194,6 +196,7 @@ class MissionFlight:
             self._fly(Descend(self._landing(flight, self._plan.items[self._at])))
             return
         self._arrived(self._at)
+        self._from = self._place(self._plan.items[self._at]) if self._at < len(self._plan.items) else None
         self._begin(self._at + 1)
 
     def _begin(self, at: int) -> None:
@@ -332,7 +335,7 @@ class MissionFlight:
         height = math.inf if radius == math.inf else self._policy.alt_reached_m
         manoeuvres = self._guidance.manoeuvres
         radius, height = max(radius, manoeuvres.passes_m), max(height, manoeuvres.passes_height_m)
-        return Goto(flight, place, down, self._look, radius, height, stays_s, aim, self._guidance.speed_mps)
+        return Goto(flight, place, down, self._look, radius, height, stays_s, aim, self._guidance.speed_mps, self._from)
 
     def _beyond(self, flight: Flight, place: Place) -> Place | None:
         """A point behind a waypoint that is only passed, so far ahead as the course goes on the same way: no braking."""

@@ -42,9 +42,12 @@ class Goto(Hold):
         stays_s: float,
         aim: Place | None = None,
         speed_mps: float | None = None,
+        begin: Place | None = None,
     ) -> None:
         super().__init__(flight, aim or place, down_m, speed_mps=speed_mps)
         self._goal, self._height = place, down_m
+        self.line = (begin or (flight.north_m, flight.east_m), place)
+        """From the place where the leg begins, by default here, to its end."""
         self._look = look
         self._radius_m, self._height_m = radius_m, height_m
         self._stays_ns = stays_s * 1e9

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ._flight import Flight, Home, Target
 from ._manoeuvres import Circle, Follow, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
 from ._mission_legs import Goto, Turns
 from ._personality import Limits, Seconds
 
+_LEAD_S = 2.2  # of flight, how far ahead on a line it aims: what the airframe's lateral law is made for
 _BANK_MAX_RAD = math.radians(45.0)
 Place = tuple[float, float]
 
@@ -259,8 +260,10 @@ class WingManoeuvres(Manoeuvres):
         if isinstance(manoeuvre, Turns):
             return _circle(wing, *manoeuvre.circle, manoeuvre.speed_mps)
         down = flight.down_m if target.down_m is None else target.down_m
-        if isinstance(manoeuvre, Goto) and manoeuvre.stays_at:
-            return _circle(wing, manoeuvre.stays_at, down, None, target.speed_max_mps)
+        if isinstance(manoeuvre, Goto):
+            if manoeuvre.stays_at:
+                return _circle(wing, manoeuvre.stays_at, down, None, target.speed_max_mps)
+            return replace(target, north_east_m=_along(flight, *manoeuvre.line))
         if isinstance(manoeuvre, Takeoff):
             return _climb_ahead(wing, down, flight.yaw_rad if target.yaw_rad is None else target.yaw_rad)
         return target
@@ -277,6 +280,20 @@ def _circle(
         descent_max_mps=wing.descent_mps,
         radius_m=radius_m or wing.loiter_radius_m,
     )
+
+
+def _along(flight: Flight, begin: Place, end: Place) -> Place:
+    """The point of a line to aim at: ahead of the nearest, as far as it is away where that is more, and not beyond the end."""
+    north, east = end[0] - begin[0], end[1] - begin[1]
+    length = math.hypot(north, east)
+    if length < 1.0:
+        return end
+    north, east = north / length, east / length
+    here = (flight.north_m - begin[0], flight.east_m - begin[1])
+    passed, aside = here[0] * north + here[1] * east, abs(here[1] * north - here[0] * east)
+    lead = max(_LEAD_S * math.hypot(flight.vn_mps, flight.ve_mps), aside)
+    ahead = min(max(passed + lead, 0.0), length)
+    return begin[0] + ahead * north, begin[1] + ahead * east
 
 
 def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarget:
