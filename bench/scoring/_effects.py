@@ -1,0 +1,101 @@
+"""How large a difference is: pass rates of pairs with Tango's score interval, McNemar's exact test, Cliff's delta.
+
+Tango, T. (1998), "Equivalence test and confidence interval for the difference in proportions for the paired-sample design",
+Statistics in Medicine 17, 891-908. Fagerland, M. W., Lydersen, S. and Laake, P. (2014), "Recommended tests and confidence
+intervals for paired binomial proportions", Statistics in Medicine 33, 2850-2875. Cliff, N. (1993), "Dominance statistics:
+ordinal analyses to answer ordinal questions", Psychological Bulletin 114(3), 494-509; the asymmetric interval is that of
+Feng, D. and Cliff, N. (2004), Journal of Modern Applied Statistical Methods 3(2), 322-332.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """An estimate with its two-sided interval; all three in [-1, 1]."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class PairedCounts:
+    """Pairs by who passed. Second minus first is the direction of every difference."""
+
+    both: int
+    only_first: int
+    only_second: int
+    neither: int
+
+    @property
+    def pairs(self) -> int:
+        return self.both + self.only_first + self.only_second + self.neither
+
+    @property
+    def rates(self) -> tuple[float, float] | None:
+        """Pass rates of first and second; None without pairs."""
+        if not self.pairs:
+            return None
+        return (self.both + self.only_first) / self.pairs, (self.both + self.only_second) / self.pairs
+
+    @property
+    def mcnemar_p(self) -> float | None:
+        """McNemar's exact two-sided test; None where no pair differs, for then there is nothing to test."""
+        differing = self.only_first + self.only_second
+        return float(stats.binomtest(self.only_first, differing).pvalue) if differing else None
+
+    def difference(self, confidence: float = 0.95) -> Difference | None:
+        """Pass rate of second minus that of first, with Tango's score interval; None without pairs."""
+        if not self.pairs:
+            return None
+        estimate = (self.only_second - self.only_first) / self.pairs
+        z = float(stats.norm.ppf(0.5 + confidence / 2))
+        low = -1.0 if estimate <= -1.0 else optimize.brentq(lambda d: self._score(d) - z, -1.0 + 1e-12, estimate)
+        high = 1.0 if estimate >= 1.0 else optimize.brentq(lambda d: self._score(d) + z, estimate, 1.0 - 1e-12)
+        return Difference(estimate, float(low), float(high))
+
+    def _score(self, difference: float) -> float:
+        """Tango's statistic of a supposed difference: falls from above to below nought as it rises."""
+        n, b, c = self.pairs, self.only_second, self.only_first
+        distance = b - c - n * difference
+        if distance == 0.0:
+            return 0.0
+        # The share of pairs that only the first passes, most likely under that difference: the root of a quadratic.
+        half = -b - c + (2 * n - b + c) * difference
+        share = (np.sqrt(max(0.0, half**2 + 8 * n * c * difference * (1 - difference))) - half) / (4 * n)
+        spread = n * (2 * share + difference * (1 - difference))
+        return float(distance / np.sqrt(spread)) if spread > 0.0 else float(np.sign(distance) * np.inf)
+
+
+def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> Difference | None:
+    """How much oftener a value of `second` exceeds one of `first` than the reverse; None where either is empty.
+
+    Pairs are not used: it compares the two distributions. The interval never leaves [-1, 1]; it is [-1, 1] where a side has a
+    single value, and has no width where the two do not overlap at all, about which n says more.
+    """
+    if not first or not second:
+        return None
+    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    wins = (b[:, None] > a).astype(np.float64) - (b[:, None] < a)  # a failed run may rank as minus infinity
+    delta = float(wins.mean())
+    if min(wins.shape) < 2:
+        return Difference(delta, -1.0, 1.0)
+    if abs(delta) == 1.0:
+        return Difference(delta, delta, delta)
+    rows, columns = len(b), len(a)
+    of_rows, of_columns = wins.mean(axis=1) - delta, wins.mean(axis=0) - delta
+    cells = float(((wins - delta) ** 2).sum())
+    above = columns**2 * float((of_rows**2).sum()) + rows**2 * float((of_columns**2).sum())
+    variance = (above - cells) / (rows * columns * (rows - 1) * (columns - 1))
+    variance = max(variance, (1 - delta**2) / (rows * columns - 1))
+    z2v = float(stats.norm.ppf(0.5 + confidence / 2)) ** 2 * variance
+    centre, reach = delta - delta**3, np.sqrt(z2v * ((1 - delta**2) ** 2 + z2v))
+    low, high = (centre - reach) / (1 - delta**2 + z2v), (centre + reach) / (1 - delta**2 + z2v)
+    return Difference(delta, max(-1.0, float(low)), min(1.0, float(high)))

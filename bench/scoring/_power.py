@@ -1,0 +1,95 @@
+"""How many runs would settle it: pairs for McNemar's test, runs for an interval of a wanted width, runs for a claim.
+
+The power of McNemar's exact test is computed, not approximated: over the number of pairs that differ (binomial), the share of
+outcomes that the exact test rejects. Duffy, S. W. (1984), "Asymptotic and exact power for the McNemar test and its analogue
+with R controls per case", Biometrics 40(4), 1005-1015.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from ._intervals import clopper_pearson
+
+MOST = 10_000
+"""No number above this is worked out; a difference that needs more is as good as none."""
+
+
+def mcnemar_power(pairs: int, only_first: float, only_second: float, alpha: float = 0.05) -> float:
+    """The chance that McNemar's exact two-sided test rejects with so many pairs.
+
+    `only_first` and `only_second` are the true shares of pairs that only the one passes. Raises ValueError where they are no
+    shares.
+    """
+    differing = _differing(only_first, only_second)
+    if differing == 0.0:
+        return 0.0
+    middle, reach = pairs * differing, 8 * np.sqrt(pairs * differing * (1 - differing)) + 8  # all but 1e-14 of the outcomes
+    counts = np.arange(max(0, int(middle - reach)), min(pairs, int(middle + reach)) + 1)
+    return float(stats.binom.pmf(counts, pairs, differing) @ _rejects(counts, only_second / differing, alpha))
+
+
+def pairs_for_difference(only_first: float, only_second: float, *, power: float = 0.8, alpha: float = 0.05) -> int | None:
+    """The least number of pairs from which McNemar's exact test finds such a difference with this power.
+
+    Power rises in small steps back and forth; where it does, the number is that of one rising edge. None where the two shares
+    are the same, or more than MOST pairs would be needed.
+    """
+    if _differing(only_first, only_second) == 0.0 or only_first == only_second:
+        return None
+    return _least(lambda pairs: mcnemar_power(pairs, only_first, only_second, alpha) >= power)
+
+
+def runs_for_half_width(share: float, half_width: float, confidence: float = 0.95) -> int | None:
+    """The least number of independent runs whose Clopper-Pearson interval around `share` is no wider than twice `half_width`."""
+    if not 0.0 <= share <= 1.0 or half_width <= 0.0:
+        raise ValueError(f"share {share} must lie in [0, 1] and half_width {half_width} above 0")
+
+    def narrow(runs: int) -> bool:
+        low, high = clopper_pearson(share * runs, runs, confidence)
+        return bool((high - low) / 2 <= half_width)
+
+    return _least(narrow)
+
+
+def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) -> int | None:
+    """The least number of runs, `failures` of them failed, that support "passes at least this share" (one-sided, exact).
+
+    59 for 0.95 without a failure, 93 with one.
+    """
+    if not 0.0 < share < 1.0 or failures < 0:
+        raise ValueError(f"share {share} must lie inside (0, 1) and failures {failures} be 0 or more")
+    return _least(lambda runs: bool(stats.binom.cdf(failures, runs, 1 - share) <= 1 - confidence), least=failures + 1)
+
+
+def _rejects(counts: NDArray[np.int64], share: float, alpha: float) -> NDArray[np.float64]:
+    """For each number of differing pairs, the chance that the exact test rejects when a pair is the second's with `share`."""
+    edge = stats.binom.ppf(alpha / 2, counts, 0.5)  # the least k whose lower tail reaches alpha / 2 ...
+    edge = np.where(
+        stats.binom.cdf(edge, counts, 0.5) > alpha / 2, edge - 1, edge
+    )  # ... and the greatest that does not exceed it
+    return np.asarray(stats.binom.cdf(edge, counts, share) + stats.binom.sf(counts - edge - 1, counts, share))
+
+
+def _differing(only_first: float, only_second: float) -> float:
+    if min(only_first, only_second) < 0.0 or only_first + only_second > 1.0 + 1e-12:
+        raise ValueError(f"{only_first} and {only_second} are no shares of the same pairs")
+    return min(1.0, only_first + only_second)
+
+
+def _least(holds: Callable[[int], bool], least: int = 1) -> int | None:
+    """The least number for which a condition holds that, once it does, mostly goes on to."""
+    high = least
+    while not holds(high):
+        high *= 2
+        if high > MOST:
+            return None
+    low = high // 2
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high if high > least or not holds(least) else least

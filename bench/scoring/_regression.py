@@ -1,0 +1,329 @@
+"""How passes and numbers go with factors: logistic regression with odds ratios, correlation, and whether a line will do.
+
+Where factors separate passes from failures the likelihood has no maximum, and its odds ratios run off to infinity. That is found
+before fitting (a linear programme: Konis, K. (2007), "Linear programming algorithms for detecting separated data in binary logistic
+regression models", DPhil thesis, Oxford), and Firth's penalised likelihood is used instead (Heinze, G. and Schemper, M.
+(2002), "A solution to the problem of separation in logistic regression", Statistics in Medicine 21, 2409-2419), with its
+likelihood ratio tests and profile intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from ._anova import clustered_errors
+from ._terms import FactorColumn, LeftOut, Term, design_matrix, terms_of
+
+FIRTH = "Firth's penalised likelihood"
+LIKELIHOOD = "maximum likelihood"
+CLUSTERED_LIKELIHOOD = "maximum likelihood, errors by design point"
+MOST_ODDS = 1000.0
+"""Odds ratios above this, or below its inverse, are not told: no campaign has the runs to know them."""
+LEAST_FOR_EACH = 5
+"""Fewer of the rarer outcome for each parameter than this is said to be few."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class OddsRatio:
+    """Odds of passing at `level` against those at `base`, other factors being equal, with a 95 % interval.
+
+    A bound is None where it lies beyond what runs can tell (MOST_ODDS), and so may be the estimate.
+    """
+
+    factor: str
+    base: str
+    level: str
+    estimate: float | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FactorTest:
+    """Whether a factor matters to passing at all, over all its levels."""
+
+    factor: str
+    df: int
+    p: float | None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Logistic:
+    """Passes over factors, main effects only. `note` says what a reader must know, or why there is nothing."""
+
+    n: int
+    passed: int
+    method: str
+    odds: tuple[OddsRatio, ...]
+    tests: tuple[FactorTest, ...]
+    left_out: tuple[LeftOut, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and whether a line is enough.
+
+    `bend_p` is of `bend_test`: lack of fit against the means of the levels, or RESET where levels do not repeat. Small means
+    bent. None where two levels leave nothing to bend.
+    """
+
+    factor: str
+    n: int
+    pearson: float
+    pearson_p: float | None
+    spearman: float
+    spearman_p: float | None
+    bend_test: str
+    bend_p: float | None
+
+
+def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Sequence[str]) -> Logistic:
+    """Regress passes on factors: numbers as a line from their least to their greatest level, names against their first.
+
+    Never raises for what the data cannot carry; it is said instead.
+    """
+    y = np.asarray(passed, dtype=np.float64)
+    wins, count = int(y.sum()), len(set(points))
+    coded = [one for one in factors if len(one.levels) > 1]
+    constant = tuple(LeftOut(one.name, "has one level only") for one in factors if len(one.levels) < 2)
+    terms = terms_of(coded, count, interactions=False)
+    left_out = (*constant, *terms.left_out)
+    kept = [(one, _against_first(one)) for one in coded if one.name in {term.name for term in terms.kept}]
+    nothing = Logistic(len(y), wins, "none", (), (), left_out)
+    if wins in (0, len(y)):
+        return _noted(nothing, "every run passed" if wins else "no run passed")
+    if not kept:
+        return _noted(nothing, "no factor varies")
+    x, places = design_matrix([term for _, term in kept], len(y))
+    if count <= x.shape[1]:
+        return _noted(nothing, f"{count} design points are too few for {x.shape[1]} parameters")
+    fit = _fitted(y, x, np.array([list(dict.fromkeys(points)).index(one) for one in points]))
+    tests = tuple(FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name)) for factor, term in kept)
+    odds = tuple(one for factor, term in kept for one in _odds(factor, fit, places[term.name]))
+    return Logistic(len(y), wins, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
+
+
+def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[str]) -> Correlation | None:
+    """Correlate a numeric factor with values; None where it is no number, or either side does not vary, or runs are fewer than 4.
+
+    p values come from the slope, with errors by design point where runs share one; Spearman's from the ranks' slope.
+    """
+    if not factor.numeric or len(values) < 4 or len(factor.levels) < 2 or len(set(values)) < 2:
+        return None
+    x, y = factor.numbers(), np.asarray(values, dtype=np.float64)
+    ranked = np.asarray(stats.rankdata(x)), np.asarray(stats.rankdata(y))
+    clusters = np.array([list(dict.fromkeys(points)).index(one) for one in points])
+    test, bend_p = _bend(x, y, clusters)
+    return Correlation(
+        factor=factor.name,
+        n=len(y),
+        pearson=float(np.corrcoef(x, y)[0, 1]),
+        pearson_p=_slope_p(x, y, clusters),
+        spearman=float(np.corrcoef(*ranked)[0, 1]),
+        spearman_p=_slope_p(*ranked, clusters),
+        bend_test=test,
+        bend_p=bend_p,
+    )
+
+
+def separated(y: Floats, x: Floats) -> bool:
+    """Whether some combination of columns puts every pass on one side and every failure on the other (or on the edge)."""
+    signed = x * np.where(y > 0.5, 1.0, -1.0)[:, None]
+    found = optimize.linprog(
+        -signed.sum(axis=0), A_ub=-signed, b_ub=np.zeros(len(y)), bounds=[(-1.0, 1.0)] * x.shape[1], method="highs"
+    )
+    return found.fun is not None and bool(found.fun < -1e-7)
+
+
+@dataclass(frozen=True, slots=True)
+class _Likelihood:
+    """A maximum-likelihood fit with its covariance; where that is by design point, `left` counts the points that are left over."""
+
+    method: str
+    beta: Floats
+    covariance: Floats
+    left: float
+
+    def p(self, place: slice) -> float | None:
+        part = self.beta[place]
+        statistic = float(part @ np.linalg.pinv(self.covariance[place, place]) @ part)
+        return float(stats.f.sf(statistic / len(part), len(part), self.left))
+
+    def interval(self, column: int) -> tuple[float, float]:
+        reach = float(stats.t.ppf(0.975, self.left) * np.sqrt(self.covariance[column, column]))
+        return float(self.beta[column]) - reach, float(self.beta[column]) + reach
+
+
+@dataclass(frozen=True, slots=True)
+class _Firth:
+    """A penalised fit; tests and intervals come from the penalised likelihood's own shape, never from a normal."""
+
+    method: str
+    beta: Floats
+    likelihood: float
+    y: Floats
+    x: Floats
+
+    def p(self, place: slice) -> float | None:
+        free = np.ones(self.x.shape[1], dtype=bool)
+        free[place] = False
+        start = np.where(free, self.beta, 0.0)
+        drop = 2 * (self.likelihood - _climbed(self.y, self.x, start, free)[1])
+        return float(stats.chi2.sf(max(0.0, drop), int((~free).sum())))
+
+    def interval(self, column: int) -> tuple[float, float]:
+        return self._bound(column, -1.0), self._bound(column, 1.0)
+
+    def _bound(self, column: int, way: float) -> float:
+        edge = self.likelihood - float(stats.chi2.ppf(0.95, 1)) / 2
+        free = np.ones(self.x.shape[1], dtype=bool)
+        free[column] = False
+
+        def above(reach: float) -> float:
+            start = self.beta.copy()
+            start[column] += way * reach
+            return _climbed(self.y, self.x, start, free)[1] - edge
+
+        reach = 1.0
+        while above(reach) > 0.0:
+            reach *= 2.0
+            if reach > 64.0:
+                return way * np.inf
+        return float(self.beta[column] + way * optimize.brentq(above, 0.0, reach, xtol=1e-6))
+
+
+def _fitted(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Firth:
+    if not separated(y, x):
+        from statsmodels.discrete.discrete_model import Logit  # a second to import, so only who regresses pays for it
+
+        points = int(clusters.max()) + 1
+        shared = points < len(y)
+        how = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if shared else {}
+        fit = Logit(y, x).fit(disp=0, maxiter=100, warn_convergence=False, **how)
+        if fit.mle_retvals["converged"]:
+            method, left = (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if shared else (LIKELIHOOD, np.inf)
+            return _Likelihood(method, fit.params, fit.cov_params(), left)
+    beta, likelihood = _climbed(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))
+    return _Firth(FIRTH, beta, likelihood, y, x)
+
+
+def _climbed(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tuple[Floats, float]:
+    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps that are halved when they fall."""
+    beta, value = start.copy(), _penalised(y, x, start)
+    for _ in range(200):
+        chance = _chance(x @ beta)
+        root = x * np.sqrt(chance * (1 - chance))[:, None]
+        information = root.T @ root
+        hat = np.einsum("ij,jk,ik->i", root, np.linalg.pinv(information), root)
+        slope = x.T @ (y - chance + hat * (0.5 - chance))
+        step = np.zeros_like(beta)
+        step[free] = np.linalg.pinv(information[np.ix_(free, free)]) @ slope[free]
+        step *= min(1.0, 5.0 / max(float(np.abs(step).max()), 1e-300))
+        for _ in range(30):
+            if (new := _penalised(y, x, beta + step)) >= value - 1e-13:
+                break
+            step /= 2
+        beta, gain, value = beta + step, new - value, new
+        if float(np.abs(step).max()) < 1e-9 or (abs(gain) < 1e-13 and float(np.abs(slope[free]).max(initial=0.0)) < 1e-7):
+            break
+    return beta, value
+
+
+def _penalised(y: Floats, x: Floats, beta: Floats) -> float:
+    line = x @ beta
+    chance = _chance(line)
+    sign, size = np.linalg.slogdet((x * (chance * (1 - chance))[:, None]).T @ x)
+    if sign <= 0:
+        return -np.inf
+    return float((y * line - np.logaddexp(0.0, line)).sum() + 0.5 * size)
+
+
+def _chance(line: Floats) -> Floats:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(line, -500.0, 500.0))))
+
+
+def _against_first(factor: FactorColumn) -> Term:
+    if factor.numeric:
+        numbers = factor.numbers()
+        columns = ((numbers - numbers.min()) / np.ptp(numbers))[:, None]
+    else:
+        columns = np.eye(len(factor.levels))[factor.codes()][:, 1:]
+    return Term((factor.name,), columns)
+
+
+def _odds(factor: FactorColumn, fit: _Likelihood | _Firth, place: slice) -> list[OddsRatio]:
+    base, levels = str(factor.levels[0]), (factor.levels[-1:] if factor.numeric else factor.levels[1:])
+    found = []
+    for column, level in zip(range(place.start, place.stop), levels, strict=True):
+        low, high = fit.interval(column)
+        estimate, low_ratio, high_ratio = map(_told, (float(fit.beta[column]), low, high))
+        found.append(OddsRatio(factor.name, base, str(level), estimate, low_ratio, high_ratio))
+    return found
+
+
+def _told(log_odds: float) -> float | None:
+    return float(np.exp(log_odds)) if abs(log_odds) <= np.log(MOST_ODDS) else None
+
+
+def _remarks(fit: _Likelihood | _Firth, y: Floats, x: Floats, points: int) -> list[str]:
+    said = []
+    if isinstance(fit, _Firth):
+        said.append("factors separate passes from failures, so odds are penalised (Firth)")
+        if points < len(y):
+            said.append("runs of one design point are taken as independent")
+    rarer = int(min(y.sum(), len(y) - y.sum()))
+    if rarer < LEAST_FOR_EACH * (x.shape[1] - 1):
+        kind = "passes" if y.sum() <= len(y) / 2 else "failures"
+        said.append(f"only {rarer} {kind} for {x.shape[1] - 1} parameters")
+    return said
+
+
+def _noted(nothing: Logistic, note: str) -> Logistic:
+    return Logistic(nothing.n, nothing.passed, nothing.method, (), (), nothing.left_out, note)
+
+
+def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
+    count = int(clusters.max()) + 1
+    lines = np.column_stack([np.ones(len(x)), x])
+    if count < 4:
+        return None
+    if count == len(x):
+        r = float(np.clip(np.corrcoef(x, y)[0, 1], -1.0, 1.0))
+        return float(2 * stats.t.sf(abs(r) * np.sqrt((len(x) - 2) / max(1e-300, 1 - r**2)), len(x) - 2))
+    weights = np.asarray(np.linalg.pinv(lines)[1:].T, dtype=np.float64)
+    errors = clustered_errors(y, lines, clusters, weights)
+    if errors is None or (error := float(np.sqrt((errors**2).sum()))) == 0.0:
+        return None
+    return float(2 * stats.t.sf(abs(float(weights[:, 0] @ y)) / error, count - 2))
+
+
+def _bend(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
+    levels, codes = np.unique(x, return_inverse=True)
+    if len(levels) < 3:
+        return "two levels", None
+    lines = np.column_stack([np.ones(len(x)), x])
+    line_ss = float(((y - lines @ np.linalg.lstsq(lines, y, rcond=None)[0]) ** 2).sum())
+    if len(levels) <= len(x) // 2:
+        means = np.bincount(codes, y) / np.bincount(codes)
+        pure = float(((y - means[codes]) ** 2).sum())
+        df, left = len(levels) - 2, min(len(x), int(clusters.max()) + 1) - len(levels)
+        if left < 1 or pure <= 1e-20 * float(((y - y.mean()) ** 2).sum()):
+            return "lack of fit", None
+        # Where runs share a design point the points' own number is the honest one, and the test is the more careful for it.
+        return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / (len(x) - len(levels))), df, left))
+    if line_ss <= 1e-20 * float(((y - y.mean()) ** 2).sum()) or len(x) < 6:
+        return "RESET", None
+    from statsmodels.regression.linear_model import OLS
+    from statsmodels.stats.diagnostic import linear_reset
+
+    standard = np.column_stack([np.ones(len(x)), (x - x.mean()) / x.std()])
+    return "RESET", float(linear_reset(OLS(y, standard).fit(), power=2, use_f=True).pvalue)

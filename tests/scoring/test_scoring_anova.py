@@ -1,0 +1,189 @@
+"""Variance over factors: planted effects are found, none is found where none is, and what cannot be told apart is named."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from statsmodels.regression.linear_model import OLS
+from statsmodels.stats.multitest import multipletests
+
+from bench.scoring import FactorColumn, anova, benjamini_hochberg, cramers_v, factor_columns, holm, independence
+from bench.scoring._anova import CLUSTERED, PLAIN, clustered_errors
+
+
+def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[tuple[FactorColumn, ...], list[str]]:
+    """A full factorial: its factors, and each run's design point."""
+    points = [dict(zip(levels, one, strict=True)) for one in itertools.product(*levels.values())]
+    runs = [(f"p{place}", point) for place, point in enumerate(points) for _ in range(replicates)]
+    return factor_columns([point for _, point in runs]), [name for name, _ in runs]  # type: ignore[misc]
+
+
+def test_a_published_two_way_table_comes_out() -> None:
+    """R's own example `warpbreaks` by wool and tension: sums of squares, F and p as R prints them."""
+    breaks = [26, 30, 54, 25, 70, 52, 51, 26, 67, 18, 21, 29, 17, 12, 18, 35, 30, 36, 36, 21, 24, 18, 10, 43, 28, 15, 26]
+    breaks += [27, 14, 29, 19, 29, 31, 41, 20, 44, 42, 26, 19, 16, 39, 28, 21, 39, 29, 20, 21, 24, 17, 13, 15, 15, 16, 28]
+    factors = factor_columns([{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)])
+    found = anova(breaks, factors, [str(run) for run in range(54)])
+    wool, tension, both = found.effects
+    assert (found.method, wool.df, tension.df, both.df) == (PLAIN, 1, 2, 2)
+    assert [one.sum_sq for one in found.effects] == pytest.approx([450.7, 2034.3, 1002.8], abs=0.05)
+    assert [one.f for one in found.effects] == pytest.approx([3.7653, 8.4980, 4.1891], abs=1e-4)
+    assert [one.p for one in found.effects] == pytest.approx([0.0582130, 0.0006926, 0.0210442], abs=1e-6)
+    total = 450.7 + 2034.3 + 1002.8 + 5745.1
+    assert tension.eta2 == pytest.approx(2034.3 / total, abs=1e-4)
+    assert tension.omega2 == pytest.approx((2034.3 - 2 * 119.69) / (total + 119.69), abs=1e-4)
+
+
+def test_unbalanced_sums_of_squares_are_of_type_two() -> None:
+    """Each main effect is what it adds to the other, whatever the order of the factors."""
+    draw = np.random.default_rng(5)
+    rows = [{"a": str(draw.integers(2)), "b": str(draw.integers(3))} for _ in range(60)]
+    y = draw.normal(size=60) + np.array([row["a"] == "1" for row in rows])
+    runs = [str(run) for run in range(60)]
+    forwards = {one.term: one.sum_sq for one in anova(y, factor_columns(rows), runs).effects}
+    backwards = {
+        one.term: one.sum_sq for one in anova(y, factor_columns([dict(reversed(r.items())) for r in rows]), runs).effects
+    }
+    assert forwards["a"] == pytest.approx(backwards["a"])
+    assert forwards["b"] == pytest.approx(backwards["b"])
+    assert forwards["a x b"] == pytest.approx(backwards["b x a"])
+    a = np.array([[1.0, row["a"] == "1"] for row in rows])
+    ab = np.column_stack([a, [[row["b"] == level for level in "12"] for row in rows]])
+    assert forwards["b"] == pytest.approx(OLS(y, a).fit().ssr - OLS(y, ab).fit().ssr)
+
+
+def test_errors_of_single_runs_are_statsmodels_hc2() -> None:
+    """Clusters of one run each give MacKinnon and White's HC2."""
+    draw = np.random.default_rng(1)
+    x = np.column_stack([np.ones(30), draw.normal(size=(30, 2))])
+    y = draw.normal(size=30) * (1 + np.abs(x[:, 1]))
+    errors = clustered_errors(y, x, np.arange(30), np.linalg.pinv(x).T)
+    assert errors is not None
+    assert errors.T @ errors == pytest.approx(OLS(y, x).fit().cov_HC2)
+
+
+@pytest.mark.parametrize("replicates", [1, 3])
+def test_a_planted_effect_is_found_and_sized(replicates: int) -> None:
+    """An effect of one factor and one interaction are found, and nothing else is."""
+    factors, points = crossed({"fog": [0.0, 1.0, 2.0], "light": ["day", "dusk"], "wind": [0, 5, 10], "rain": [0, 1]}, replicates)
+    draw = np.random.default_rng(3)
+    fog, light = factors[0].numbers(), factors[1].codes()
+    y = 60 - 10 * fog + 6 * (fog - 1) * (2 * light - 1) + draw.normal(0, 3, size=len(points))
+    found = anova(y, factors, points)
+    assert found.method == (PLAIN if replicates == 1 else CLUSTERED)
+    p = {one.term: one.p for one in found.effects}
+    adjusted = dict(zip(p, benjamini_hochberg(list(p.values())), strict=True))
+    assert {term for term, value in adjusted.items() if value is not None and value < 0.01} == {"fog", "fog x light"}
+    sizes = {one.term: one.omega2 or 0.0 for one in found.effects}
+    assert max(sizes, key=lambda term: sizes[term]) == "fog"
+    assert sizes["fog"] > 0.5 > 0.05 > sizes["wind"]
+
+
+def test_without_effects_few_are_found_though_replicates_agree() -> None:
+    """Replicates that share luck at their design point: over seeds, main effects err in about 5 of 100, plain errors in many more."""
+    factors, points = crossed({"a": [0, 1], "b": [0, 1, 2], "c": [0, 1]}, 4)
+    runs = [str(run) for run in range(len(points))]
+    wrong, naive, families = [], [], []
+    for seed in range(120):
+        draw = np.random.default_rng(seed)
+        y = np.repeat(draw.normal(size=12), 4) + draw.normal(0, 0.7, size=48)
+        p = [one.p for one in anova(y, factors, points, interactions=False).effects]
+        wrong += [one is not None and one < 0.05 for one in p]
+        families.append(min(one for one in benjamini_hochberg(p) if one is not None) < 0.05)
+        naive += [one.p is not None and one.p < 0.05 for one in anova(y, factors, runs, interactions=False).effects]
+    assert np.mean(wrong) < 0.075
+    assert np.mean(families) < 0.09  # with no effect anywhere, the false discovery rate is the chance of any finding
+    assert np.mean(naive) > 0.2
+
+
+def test_constant_and_aliased_factors_are_named_and_left_out() -> None:
+    """A factor with one level, a copy of another, and half of a factorial: said, not crashed on."""
+    rows = [{"a": a, "b": b, "c": a * b, "same": "x", "copy": f"is {a}"} for a in (-1, 1) for b in (-1, 1)] * 5
+    y = np.random.default_rng(0).normal(size=20)
+    found = anova(y, factor_columns(rows), [str(run) for run in range(20)])
+    out = {one.term: one.reason for one in found.left_out}
+    assert out["same"] == "has one level only"
+    assert out["copy"] == "aliased with a"
+    assert out["a x b"] == "aliased with c"
+    notes = {one.term: one.note for one in found.effects}
+    assert notes["a"].startswith("cannot be told from copy")
+    assert "a x b" in notes["c"]
+    assert set(notes) == {"a", "b", "c"}
+
+
+@pytest.mark.parametrize(
+    ("y", "said"),
+    [
+        ([1.0] * 12, "every value is the same"),
+        ([0.0, 3.0] * 6, "the factors determine every value; nothing is left to test against"),
+    ],
+)
+def test_where_there_is_nothing_to_test_no_number_is_made_up(y: list[float], said: str) -> None:
+    """No variance, or none left: there is no p, and the note says why."""
+    rows = [{"a": run % 2, "b": run % 3} for run in range(12)]
+    found = anova(y, factor_columns(rows), [str(run) for run in range(12)])
+    assert found.note == said
+    assert all(one.p is None and one.f is None for one in found.effects)
+
+
+def test_a_design_too_small_is_refused_in_words() -> None:
+    """As many parameters as design points: nothing is tested."""
+    factors, points = crossed({"a": [0, 1, 2], "b": [0]}, 5)
+    found = anova(np.arange(15.0), factors, points)
+    assert found.effects == ()
+    assert found.note == "3 design points are too few for 3 parameters"
+    assert anova([], (), []).note == "no factor varies"
+
+
+def test_spread_and_shape_of_residuals_are_checked() -> None:
+    """Spread that grows with a factor, and residuals with a long tail, show in the checks; tame ones do not."""
+    factors, _ = crossed({"a": list(range(5)), "b": [0, 1]}, 30)
+    runs = [str(run) for run in range(300)]
+    noise = np.random.default_rng(2).normal(size=300)
+    tame = anova(noise, factors, runs)
+    tailed = anova(np.exp(1.5 * noise), factors, runs)
+    fanned = anova(noise * (1 + factors[0].numbers()), factors, runs)
+    assert tame.normal_p is not None
+    assert tame.normal_p > 0.05
+    assert tame.equal_spread_p is not None
+    assert tame.equal_spread_p > 0.05
+    assert tailed.normal_p is not None
+    assert tailed.normal_p < 1e-6
+    assert fanned.equal_spread_p is not None
+    assert fanned.equal_spread_p < 0.01
+
+
+def test_a_factor_of_many_values_enters_as_a_line() -> None:
+    """A Latin hypercube's factor costs one degree of freedom."""
+    x = np.linspace(0.0, 10.0, 40)
+    y = 2 * x + np.random.default_rng(0).normal(size=40)
+    (effect,) = anova(y, [FactorColumn("x", tuple(x))], [str(run) for run in range(40)]).effects
+    assert effect.df == 1
+    assert effect.f == pytest.approx(OLS(y, np.column_stack([np.ones(40), x])).fit().fvalue)
+
+
+def test_independence_of_a_design() -> None:
+    """Nought for a crossed design, one for a copy; names by Cramér's V, numbers by r as well."""
+    factors, _ = crossed({"a": [0, 1], "b": [0, 1, 2], "n": ["x", "y"]})
+    balanced = independence(factors)
+    assert balanced.max_r == pytest.approx(0.0, abs=1e-12)
+    assert balanced.max_v == pytest.approx(0.0, abs=1e-12)
+    copied = independence((*factors, FactorColumn("copy", tuple(-float(v) for v in factors[0].numbers()))))
+    assert copied.max_r == pytest.approx(1.0)
+    assert copied.r_pair == ("a", "copy")
+    assert copied.max_v == pytest.approx(1.0)
+    one, two = FactorColumn("s", tuple("aabbb")), FactorColumn("t", tuple("xyxyy"))
+    assert cramers_v(one, two) == pytest.approx(1 / 6)  # phi of the table 1 1 / 1 2
+
+
+def test_adjusted_p_values_are_statsmodels() -> None:
+    """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for nothing."""
+    p = [0.01, None, 0.04, 0.03, 0.2, 0.005, None, 0.04]
+    known = [one for one in p if one is not None]
+    for mine, theirs in ((benjamini_hochberg, "fdr_bh"), (holm, "holm")):
+        assert [one for one in mine(p) if one is not None] == pytest.approx(list(multipletests(known, method=theirs)[1]))
+        assert mine(p)[1] is None
+    assert benjamini_hochberg([]) == []

@@ -1,0 +1,273 @@
+"""Two agents on the same scenes: sizes, tests, divergence and power against published tables and made truths."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+from scipy.spatial.distance import jensenshannon
+
+from bench.scoring import (
+    SCORE_COLUMNS,
+    Ended,
+    NodeComparison,
+    PairedCounts,
+    cliffs_delta,
+    compare_nodes,
+    divergence,
+    js_divergence,
+    mcnemar_power,
+    pairs_for_difference,
+    runs_for_claim,
+    runs_for_half_width,
+)
+from bench.scoring._divergence import _class
+
+
+def test_a_published_paired_table_comes_out() -> None:
+    """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact McNemar 0.070."""
+    counts = PairedCounts(both=1, only_first=7, only_second=1, neither=12)
+    found = counts.difference()
+    assert found is not None
+    assert (found.estimate, found.low, found.high) == pytest.approx((-6 / 21, -0.517, -0.026), abs=5e-4)
+    assert counts.mcnemar_p == pytest.approx(0.0703, abs=1e-4)
+
+
+@pytest.mark.parametrize("counts", [(24, 0, 0, 0), (0, 0, 10, 0), (0, 10, 0, 0), (0, 0, 0, 7), (3, 4, 4, 3), (0, 1, 0, 0)])
+def test_intervals_of_extreme_tables_are_intervals(counts: tuple[int, int, int, int]) -> None:
+    """The estimate lies inside, nothing leaves [-1, 1], and exchanging the agents mirrors it."""
+    both, first, second, neither = counts
+    found = PairedCounts(both, first, second, neither).difference()
+    other = PairedCounts(both, second, first, neither).difference()
+    assert found is not None
+    assert other is not None
+    assert -1.0 <= found.low <= found.estimate <= found.high <= 1.0
+    assert found.low < found.high
+    assert (other.low, other.high) == pytest.approx((-found.high, -found.low), abs=1e-9)
+
+
+def test_no_differing_pair_still_leaves_doubt() -> None:
+    """24 scenes alike: the interval is Tango's z2 / (n + z2) on either side, and there is no test."""
+    counts = PairedCounts(24, 0, 0, 0)
+    found = counts.difference()
+    assert found is not None
+    assert found.high == pytest.approx(1.959964**2 / (24 + 1.959964**2), rel=1e-5)
+    assert counts.mcnemar_p is None
+    assert PairedCounts(0, 0, 0, 0).difference() is None
+
+
+def test_tangos_interval_covers() -> None:
+    """Over every outcome of 30 pairs, exactly: at least 93.5 % of them are covered."""
+    for first, second in ((0.1, 0.1), (0.05, 0.3), (0.4, 0.1), (0.02, 0.02)):
+        covered = 0.0
+        for b in range(31):
+            for c in range(31 - b):
+                found = PairedCounts(30 - b - c, c, b, 0).difference()
+                assert found is not None
+                if found.low <= second - first <= found.high:
+                    covered += float(stats.multinomial.pmf([c, b, 30 - b - c], 30, [first, second, 1 - first - second]))
+        assert covered > 0.935
+
+
+def test_cliffs_delta_counts_wins() -> None:
+    """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another way to it."""
+    draw = np.random.default_rng(2)
+    a, b = draw.normal(size=25).round(1).tolist(), (draw.normal(size=30) + 0.5).round(1).tolist()
+    found = cliffs_delta(a, b)
+    assert found is not None
+    assert found.estimate == pytest.approx(2 * stats.mannwhitneyu(b, a).statistic / (25 * 30) - 1)
+    assert -1.0 < found.low < found.estimate < found.high < 1.0
+    failing = cliffs_delta([-np.inf, -np.inf, 3.0], [1.0, 2.0, -np.inf])
+    assert failing is not None
+    assert failing.estimate == pytest.approx((4 - 3) / 9)
+    assert cliffs_delta([], [1.0]) is None
+
+
+def test_cliffs_interval_covers() -> None:
+    """Two normals half a deviation apart: some 95 of 100 intervals hold the truth."""
+    truth = 2 * stats.norm.cdf(0.5 / np.sqrt(2)) - 1
+    inside = []
+    for seed in range(300):
+        draw = np.random.default_rng(seed)
+        found = cliffs_delta(draw.normal(size=30).tolist(), draw.normal(0.5, 1, size=30).tolist())
+        assert found is not None
+        inside.append(found.low <= truth <= found.high)
+    assert 0.92 < np.mean(inside) < 0.985
+
+
+def test_divergence_is_scipys_squared_distance_in_bits() -> None:
+    """0 for the same, 1 for what has nothing in common."""
+    p, q = np.array([3.0, 5.0, 0.0, 2.0]), np.array([1.0, 1.0, 4.0, 4.0])
+    assert js_divergence(p, q) == pytest.approx(jensenshannon(p, q, 2) ** 2)
+    assert js_divergence(p, 2 * p) == pytest.approx(0.0)
+    assert js_divergence(np.array([1.0, 0.0]), np.array([0.0, 7.0])) == pytest.approx(1.0)
+
+
+def test_runs_fall_into_the_tensions_bands() -> None:
+    """A band ends where a tension does; failed and not considered are classes of their own."""
+    ended = [Ended(None, False), Ended(None, True), *(Ended(s, True) for s in (-1.0, 0.0, 20.0, 20.1, 40.0, 99.0, 100.0, 100.2))]
+    assert [_class(one, 20.0) for one in ended] == [0, 1, 3, 3, 3, 4, 4, 7, 7, 8]
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
+    """With the same agent twice p is spread evenly; with an agent that fails half its runs it is small. The seed decides alone."""
+
+    def runs(draw: np.random.Generator, failing: float) -> list[Ended]:
+        return [Ended(None if draw.random() < failing else float(draw.uniform(20, 70)), True) for _ in range(25)]
+
+    same, other = [], []
+    for seed in range(100):
+        draw = np.random.default_rng(seed)
+        first = runs(draw, 0.1)
+        for found, failing in ((same, 0.1), (other, 0.6)):
+            one = divergence(first, runs(draw, failing), paired=paired, seed=seed, shuffles=199)
+            assert one is not None
+            assert 0.0 <= one.value <= 1.0
+            found.append(one.p)
+    assert np.mean(np.array(same) < 0.05) < 0.1
+    assert 0.4 < np.mean(same) < 0.65
+    assert np.mean(np.array(other) < 0.05) > 0.8
+    again = divergence(first, first[::-1], paired=paired, seed=4)
+    assert again == divergence(first, first[::-1], paired=paired, seed=4)
+
+
+def test_bands_grow_finer_with_runs() -> None:
+    """20 points below 50 runs a side, 10 from there, 5 from 200."""
+    widths = []
+    for count in (49, 50, 200):
+        found = divergence([Ended(1.0, True)] * count, [Ended(9.0, True)] * count, paired=True, shuffles=10)
+        assert found is not None
+        widths.append((found.band, found.value))
+    assert widths == [(20.0, 0.0), (10.0, 0.0), (5.0, 1.0)]
+    assert divergence([], [Ended(1.0, True)], paired=False) is None
+
+
+def test_power_is_what_simulation_gives() -> None:
+    """The share of simulated experiments in which McNemar's exact test rejects."""
+    draw = np.random.default_rng(0)
+    tables = draw.multinomial(60, [0.05, 0.25, 0.7], size=4000)
+    p = [PairedCounts(both, first, second, 0).mcnemar_p for first, second, both in tables]
+    simulated = np.mean([one is not None and one <= 0.05 for one in p])
+    assert mcnemar_power(60, 0.05, 0.25) == pytest.approx(simulated, abs=0.02)
+    assert mcnemar_power(60, 0.25, 0.05) == pytest.approx(mcnemar_power(60, 0.05, 0.25))
+
+
+def test_the_number_of_pairs_has_its_power_and_no_more_than_needed() -> None:
+    """The edge of 80 %; a harder question needs more; no difference is never found."""
+    needed = pairs_for_difference(0.05, 0.25)
+    assert needed is not None
+    assert mcnemar_power(needed, 0.05, 0.25) >= 0.8 > mcnemar_power(needed - 1, 0.05, 0.25)
+    stricter, smaller = pairs_for_difference(0.05, 0.25, alpha=0.01), pairs_for_difference(0.05, 0.15)
+    assert stricter is not None
+    assert smaller is not None
+    assert needed < stricter
+    assert needed < smaller
+    assert pairs_for_difference(0.1, 0.1) is None
+    assert pairs_for_difference(0.0, 1.0) == 6  # 2 / 2**6 is the first below 0.05
+    with pytest.raises(ValueError, match="no shares"):
+        pairs_for_difference(0.7, 0.7)
+
+
+def test_runs_for_a_claim_and_for_a_width() -> None:
+    """59 straight passes claim 95 %, 93 with one failure (exact binomial tables); 0.1 around a half takes 104."""
+    assert [runs_for_claim(0.95, failures) for failures in (0, 1, 2)] == [59, 93, 124]
+    assert runs_for_claim(0.9) == 29
+    assert runs_for_half_width(0.5, 0.1) == 104
+    assert runs_for_half_width(1.0, 0.05) == 36
+
+
+def scores(passes: list[bool], node: str = "KA-18", *, per_point: int = 1, outcome: str = "completed") -> pl.DataFrame:
+    """A score table of one agent and node."""
+    rows = [
+        {
+            "realization": f"r{run}",
+            "design_point": f"p{run // per_point}",
+            "replicate": run % per_point + 1,
+            "agent": "a",
+            "configuration": "",
+            "node": node,
+            "level": "ka",
+            "difficulty": 50.0,
+            "score": 52.0 if won else None,
+            "confidence": float(won),
+            "achieved": int(won),
+            "considered": 1,
+            "x": None,
+            "outcome": outcome,
+            "passed_score": 50.0,
+        }
+        for run, won in enumerate(passes)
+    ]
+    return pl.DataFrame(rows, schema=SCORE_COLUMNS)
+
+
+def compared(first: list[bool], second: list[bool], per_point: int = 1) -> NodeComparison:
+    """The one comparison of two agents at one node."""
+    (found,) = compare_nodes(scores(first, per_point=per_point), scores(second, per_point=per_point), ["KA-18"])
+    return found
+
+
+def test_a_clear_difference_is_settled() -> None:
+    """Twelve scenes that only one passes need no more."""
+    found = compared([False] * 12, [True] * 12)
+    assert found.settled
+    assert found.mcnemar_p == pytest.approx(2 / 2**12)
+    assert found.divergence is not None
+    assert found.divergence.value == pytest.approx(1.0)
+    assert found.delta is not None
+    assert found.delta.estimate == 1.0
+    assert found.verdict("A", "B") == "B passes KA-18 in 100 more of 100 scenes; 12 pairs; settled"
+
+
+def test_a_hint_is_not_settled_and_says_what_would() -> None:
+    """Three scenes of twelve: the number of pairs is that of the rates seen."""
+    found = compared([True] * 3 + [False] * 9, [False] * 12)
+    needed = pairs_for_difference(3 / 12, 0.0)
+    assert not found.settled
+    assert found.pairs_needed == needed
+    assert (
+        found.verdict("A", "B") == f"A passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
+    )
+
+
+def test_no_difference_seen_says_what_would_show_one() -> None:
+    """Nothing told them apart; that is no proof that nothing could."""
+    found = compared([True] * 12, [True] * 12)
+    assert found.p_adjusted is None
+    assert found.pairs_needed == pairs_for_difference(0.0, 0.1)
+    assert "not settled" in found.verdict("A", "B")
+
+
+def test_replicates_that_agree_settle_less() -> None:
+    """Ten scenes of two design points are not ten independent scenes."""
+    apart, shared = compared([False] * 10, [True] * 10), compared([False] * 10, [True] * 10, per_point=5)
+    assert apart.clustered_p is None
+    assert apart.settled
+    assert shared.points == 2
+    assert shared.clustered_p == pytest.approx(stats.chi2.sf(100 / 50, 1))
+    assert not shared.settled
+
+
+def test_only_scenes_that_both_flew_and_that_count_are_pairs() -> None:
+    """A scene that the bench spoilt for one side, or that one side never flew, is no pair."""
+    first, second = scores([True] * 6), scores([False] * 8)
+    spoilt = second.with_columns(
+        pl.when(pl.col("realization") == "r0").then(pl.lit("bench_error")).otherwise("outcome").alias("outcome")
+    )
+    (found,) = compare_nodes(first, spoilt, ["KA-18"])
+    assert found.counts == PairedCounts(0, 5, 0, 0)
+    (none,) = compare_nodes(first, second, ["KA-99"])
+    assert none.verdict("A", "B").startswith("nothing to compare")
+
+
+def test_over_many_nodes_alike_false_findings_are_rare() -> None:
+    """Ten nodes on which both agents are the same: over seeds hardly any comparison finds anything."""
+    nodes = [f"KA-{place:02d}" for place in range(10)]
+    false = 0
+    for seed in range(15):
+        draw = np.random.default_rng(seed)
+        sides = [pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2)]
+        false += any(one.settled for one in compare_nodes(*sides, nodes))
+    assert false <= 1

@@ -1,0 +1,163 @@
+"""Odds and correlations: right where there is a closed form, honest where factors separate passes from failures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from statsmodels.regression.linear_model import OLS
+
+from bench.scoring import FactorColumn, correlation, logistic
+from bench.scoring._regression import CLUSTERED_LIKELIHOOD, FIRTH, LIKELIHOOD, separated
+
+
+def table(passed: dict[str, int], failed: dict[str, int]) -> tuple[list[bool], FactorColumn, list[str]]:
+    """Runs with so many passes and failures at each level of one factor."""
+    runs = [
+        (level, won) for level in passed for won, count in ((True, passed[level]), (False, failed[level])) for _ in range(count)
+    ]
+    return (
+        [won for _, won in runs],
+        FactorColumn("place", tuple(level for level, _ in runs)),
+        [str(run) for run in range(len(runs))],
+    )
+
+
+def test_a_two_by_two_table_has_its_own_odds_ratio() -> None:
+    """The odds ratio is the table's, with Woolf's interval."""
+    y, factor, points = table({"near": 12, "far": 24}, {"near": 18, "far": 6})
+    found = logistic(y, [factor], points)
+    (odds,) = found.odds
+    error = np.sqrt(1 / 12 + 1 / 18 + 1 / 24 + 1 / 6)
+    assert (found.method, odds.base, odds.level) == (LIKELIHOOD, "near", "far")
+    assert odds.estimate == pytest.approx(24 * 18 / (6 * 12), rel=1e-4)
+    assert odds.low == pytest.approx(6 * np.exp(-1.959964 * error), rel=1e-3)
+    assert found.note == ""
+
+
+def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
+    """Firth's estimate of a 2 x 2 table is the table with a half added to each cell; the unbounded end of the interval is not told."""
+    y, factor, points = table({"near": 10, "far": 15}, {"near": 5, "far": 0})
+    found = logistic(y, [factor], points)
+    (odds,) = found.odds
+    assert found.method == FIRTH
+    assert "separate" in found.note
+    assert odds.estimate == pytest.approx((15.5 / 0.5) / (10.5 / 5.5), rel=1e-6)
+    assert odds.low is not None
+    assert 1.0 < odds.low < odds.estimate
+    assert odds.high is None or odds.high <= 1000.0
+    assert found.tests[0].p is not None
+    assert 0.001 < found.tests[0].p < 0.05
+
+
+@pytest.mark.parametrize("reach", [1.0, 1e3])
+def test_a_number_that_separates_entirely_gives_no_silly_odds(reach: float) -> None:
+    """A threshold in a numeric factor: every number that is told lies within what can be told."""
+    x = reach * np.arange(24.0)
+    found = logistic((x > x[11]).tolist(), [FactorColumn("x", tuple(x))], [str(run) for run in range(24)])
+    assert found.method == FIRTH
+    assert all(value is None or 1e-3 <= value <= 1e3 for odds in found.odds for value in (odds.estimate, odds.low, odds.high))
+    assert found.tests[0].p is not None
+    assert found.tests[0].p < 0.001
+
+
+def test_the_search_for_separation_tells_overlap_from_it() -> None:
+    """Quasi-complete separation counts; one run on the wrong side ends it."""
+    x = np.column_stack([np.ones(6), [0, 0, 1, 1, 2, 2]])
+    assert separated(np.array([0.0, 0, 0, 1, 1, 1]), x)
+    assert not separated(np.array([0.0, 1, 0, 1, 1, 0]), x)
+
+
+def test_a_planted_effect_is_found_and_the_others_are_not() -> None:
+    """Passes that depend on fog alone, three runs a design point."""
+    draw = np.random.default_rng(8)
+    fog, light = np.repeat(draw.uniform(0, 2, size=80), 3), np.repeat(draw.integers(0, 2, size=80), 3)
+    y = (draw.random(240) < 1 / (1 + np.exp(2.0 * (fog - 1)))).tolist()
+    points = [f"p{run // 3}" for run in range(240)]
+    factors = [FactorColumn("fog", tuple(fog)), FactorColumn("light", tuple("night" if one else "day" for one in light))]
+    found = logistic(y, factors, points)
+    p = {one.factor: one.p for one in found.tests}
+    assert found.method == CLUSTERED_LIKELIHOOD
+    assert p["fog"] is not None
+    assert p["fog"] < 1e-6
+    assert p["light"] is not None
+    assert p["light"] > 0.05
+    slope = np.log(found.odds[0].estimate or np.nan) / np.ptp(fog)
+    assert slope == pytest.approx(-2.0, abs=0.6)
+
+
+@pytest.mark.parametrize(("y", "said"), [([True] * 9, "every run passed"), ([False] * 9, "no run passed")])
+def test_all_alike_is_said(y: list[bool], said: str) -> None:
+    """Where nothing varies there is no regression, and no odds."""
+    found = logistic(y, [FactorColumn("a", (0, 1, 2) * 3)], [str(run) for run in range(9)])
+    assert (found.note, found.odds, found.tests) == (said, (), ())
+
+
+def test_few_failures_for_many_parameters_are_said() -> None:
+    """Three failures cannot carry three parameters."""
+    draw = np.random.default_rng(0)
+    factors = [FactorColumn(name, tuple(draw.normal(size=60))) for name in "abc"]
+    y = [run not in (3, 30, 50) for run in range(60)]
+    assert "only 3 failures for 3 parameters" in logistic(y, factors, [str(run) for run in range(60)]).note
+
+
+def test_constant_and_aliased_factors_are_left_out() -> None:
+    """They are named, and the rest is fitted."""
+    y, factor, points = table({"near": 12, "far": 24}, {"near": 18, "far": 6})
+    copy = FactorColumn("copy", tuple(one == "far" for one in factor.values))
+    found = logistic(y, [FactorColumn("same", (1,) * 60), factor, copy], points)
+    assert {one.term: one.reason for one in found.left_out} == {"same": "has one level only", "copy": "aliased with place"}
+    assert [one.factor for one in found.tests] == ["place"]
+    assert found.tests[0].note == "cannot be told from copy"
+
+
+def test_correlations_are_scipys() -> None:
+    """r, rho and p of single runs."""
+    draw = np.random.default_rng(4)
+    x = draw.normal(size=40)
+    y = x + draw.normal(size=40)
+    found = correlation(y.tolist(), FactorColumn("x", tuple(x)), [str(run) for run in range(40)])
+    assert found is not None
+    assert (found.pearson, found.pearson_p) == pytest.approx(tuple(stats.pearsonr(x, y)))
+    assert (found.spearman, found.spearman_p) == pytest.approx(tuple(stats.spearmanr(x, y)))
+    assert found.bend_test == "RESET"
+
+
+def test_repeating_every_run_makes_nothing_surer() -> None:
+    """A design point flown five times to the same result is one run's worth of knowledge."""
+    x = np.repeat(np.arange(8.0), 5)
+    y = np.repeat(np.random.default_rng(1).normal(size=8) + 0.3 * np.arange(8.0), 5)
+    factor = FactorColumn("x", tuple(x))
+    shared = correlation(y.tolist(), factor, [f"p{int(one)}" for one in x])
+    apart = correlation(y.tolist(), factor, [str(run) for run in range(40)])
+    once = OLS(y[::5], np.column_stack([np.ones(8), x[::5]])).fit()
+    assert shared
+    assert apart
+    assert apart.pearson_p
+    assert shared.pearson_p == pytest.approx(2 * stats.t.sf(abs(once.params[1]) / once.HC2_se[1], 6))
+    assert apart.pearson_p < 0.1 * shared.pearson_p
+
+
+@pytest.mark.parametrize("levels", [5, 60])
+def test_a_bent_line_is_noticed(levels: int) -> None:
+    """A parabola is bent, a line is not, whether levels repeat or not."""
+    x = np.tile(np.linspace(-1, 1, levels), 60 // levels)
+    noise = np.random.default_rng(6).normal(0, 0.1, size=60)
+    points = [str(run) for run in range(60)]
+    bent = correlation((x**2 + x + noise).tolist(), FactorColumn("x", tuple(x)), points)
+    straight = correlation((x + noise).tolist(), FactorColumn("x", tuple(x)), points)
+    assert bent is not None
+    assert straight is not None
+    assert bent.bend_test == straight.bend_test == ("lack of fit" if levels == 5 else "RESET")
+    assert bent.bend_p is not None
+    assert bent.bend_p < 1e-4
+    assert straight.bend_p is not None
+    assert straight.bend_p > 0.05
+
+
+def test_what_cannot_be_correlated_is_none() -> None:
+    """Names, a factor of one level, values that do not vary."""
+    points = list("abcdef")
+    assert correlation([1.0, 2, 3, 4, 5, 6], FactorColumn("n", tuple("uvuvuv")), points) is None
+    assert correlation([1.0, 2, 3, 4, 5, 6], FactorColumn("k", (1,) * 6), points) is None
+    assert correlation([1.0] * 6, FactorColumn("x", (1, 2, 3, 4, 5, 6)), points) is None
