@@ -57,11 +57,6 @@ from ._regression import Logistic as Logistic
 from ._regression import OddsRatio as OddsRatio
 from ._regression import correlation as correlation
 from ._regression import logistic as logistic
-from ._raising import Change as Change
-from ._raising import Goal as Goal
-from ._raising import Raising as Raising
-from ._raising import raising as raising
-from ._raising import value_rated as value_rated
 from ._report import ScoreReport as ScoreReport
 from ._report import node_reports as node_reports
 from ._report import run_reports as run_reports
