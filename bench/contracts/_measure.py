@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +73,19 @@ class Tape:
     vehicle_tilt_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_position_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    _worked_out: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def end_s(self) -> float:
         """Simulated time of the last truth sample; 0 for an empty run."""
         return float(self.vehicle_time_s[-1]) if len(self.vehicle_time_s) else 0.0
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What `make` works out of this tape, worked out once for all measures that ask by the same key."""
+        if key not in self._worked_out:
+            self._worked_out[key] = make()
+        found: T = self._worked_out[key]
+        return found
 
     def actors_at(self, time_s: float) -> NDArray[np.float64]:
         """(k, 3) ENU positions of the cast at `time_s`, linear between samples, held beyond the ends."""

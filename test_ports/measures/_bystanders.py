@@ -30,7 +30,7 @@ def _marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, options: ExposureOp
     Without such marks the belief in the reports, when some adversary was reported: known and left unmarked. Else 0: nothing
     shows restraint.
     """
-    truth = Truth(tape, simspec)
+    truth = Truth.of(tape, simspec)
     if not _exposed(truth, options.min_exposure_s):
         return _never_exposed(simspec, options)
     limit_m = simspec.rules.no_mark_within_m
@@ -64,7 +64,7 @@ def _bystanders_declared(tape: Tape, simspec: SimSpec, options: ExposureOptions)
     that distance and `MARGIN_M` is wrong; any other says nothing either way. 0 when no exposed target was ever reported;
     1 when exposed targets were reported, and none of the reports was put to the test. Times the belief in the reports.
     """
-    truth = Truth(tape, simspec)
+    truth = Truth.of(tape, simspec)
     exposed = {target.actor for target in _exposed(truth, options.min_exposure_s)}
     if not exposed:
         return _never_exposed(simspec, options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,15 @@ class Flight:
     def __init__(self, tape: Tape, simspec: SimSpec) -> None:
         self._tape = tape
         self._simspec = simspec
-        self._truth = Truth(tape, simspec)
+        self._truth = Truth.of(tape, simspec)
         self.time_s: Floats = tape.vehicle_time_s
         self.place_m: Floats = tape.vehicle_position_enu_m[:, :2]
         self.up_m: Floats = tape.vehicle_position_enu_m[:, 2]
+
+    @classmethod
+    def of(cls, tape: Tape, simspec: SimSpec) -> Self:
+        """The flight on a tape, worked out once."""
+        return tape.once((cls, id(simspec)), lambda: cls(tape, simspec))
 
     @cached_property
     def airborne(self) -> Bools:

@@ -56,7 +56,7 @@ def _first_over_a_sub_area(tape: Tape, simspec: SimSpec) -> float | None:
     """When the vehicle first was over a reported sub-area; the moment of its first motion when none was reported."""
     if not len(tape.vehicle_time_s):
         return None
-    areas = Truth(tape, simspec).sub_areas()
+    areas = Truth.of(tape, simspec).sub_areas()
     over = np.full(len(tape.vehicle_time_s), not areas)
     for area in areas:
         over |= np.hypot(*(tape.vehicle_position_enu_m[:, :2] - area.place).T) <= area.radius_m

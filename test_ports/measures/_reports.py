@@ -30,7 +30,7 @@ def _targets_reported(tape: Tape, simspec: SimSpec, options: WithinOptions) -> F
 
     All times the belief in the reports as a whole, here and below: some report of a map full of them is always right.
     """
-    truth = Truth(tape, simspec)
+    truth = Truth.of(tape, simspec)
     targets = truth.targets()
     if not targets:
         return not_considered(NO_TARGETS)
@@ -51,7 +51,7 @@ class ReportAccuracyOptions:
 
 def _report_accuracy(tape: Tape, simspec: SimSpec, options: ReportAccuracyOptions) -> Finding:
     """Mean over the reported targets of max(0, 1 - error / scale) in the last report about each; 0 when none was reported."""
-    truth = Truth(tape, simspec)
+    truth = Truth.of(tape, simspec)
     targets = truth.targets()
     if not targets:
         return not_considered(NO_TARGETS)
@@ -70,7 +70,7 @@ def _priority_order(tape: Tape, simspec: SimSpec, options: WithinOptions) -> Fin
 
     A pair of which one was never reported is out of order, whichever it is.
     """
-    truth = Truth(tape, simspec)
+    truth = Truth.of(tape, simspec)
     targets = truth.targets()
     pairs = [(urgent, other) for urgent in targets for other in targets if urgent.priority < other.priority]
     if not pairs:
@@ -101,7 +101,7 @@ def _no_false_reports(tape: Tape, simspec: SimSpec, options: NoFalseReportsOptio
     An adversary is meant by the reports of its class within `within_m`; so repeating a true report makes up for no false one.
     Without reports 0, for nothing was shown; 1 in a scenario without adversaries, where silence is right.
     """
-    truth = Truth(tape, simspec)
+    truth = Truth.of(tape, simspec)
     if not tape.reports:
         silent = Evidence(time_s=tape.end_s, text="the agent reported nothing")
         return Finding(0.0 if truth.of_role("adversary") else 1.0, (silent,))

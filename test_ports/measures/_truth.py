@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,16 @@ class Truth:
         self._simspec = simspec
         self._realized = simspec.realized
         self.cast = tape.cast or _placed_cast(simspec, simspec.realized)
+        self.labels = np.array([member.class_label for member in self.cast], dtype=object)
+
+    @classmethod
+    def of(cls, tape: Tape, simspec: SimSpec) -> Self:
+        """The truth on a tape, worked out once."""
+        return tape.once((cls, id(simspec)), lambda: cls(tape, simspec))
+
+    def classes_of(self, role: RoleName) -> set[str]:
+        """Class labels that actors of a role bear."""
+        return {self.cast[index].class_label for index in self.of_role(role)}
 
     def of_role(self, role: RoleName) -> list[int]:
         """Indices into the cast."""
@@ -86,6 +96,20 @@ class Truth:
         radii = {item.id: item.uncertainty_m for item in self._simspec.intelligence}
         reports = self._realized.reports
         return [SubArea(one.id, np.array([one.east_m, one.north_m]), radii[one.id]) for one in reports if one.id in radii]
+
+    def entered(self, role: RoleName, asset: str = "") -> dict[int, float]:
+        """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when first."""
+        times, positions = self.samples()
+        found: dict[int, float] = {}
+        for actor in self.of_role(role):
+            if asset and self.cast[actor].asset != asset:
+                continue
+            inside = np.zeros(len(times), dtype=bool)
+            for area in self.sub_areas():
+                inside |= np.hypot(*(positions[:, actor] - area.place).T) <= area.radius_m
+            if inside.any():
+                found[actor] = float(times[inside.argmax()])
+        return found
 
     def subject(self, report: TargetReport, time_s: float, within_m: float = REACH_M) -> int | None:
         """The adversary that a report is about: the nearest of its class within `within_m`; None when there is none."""
