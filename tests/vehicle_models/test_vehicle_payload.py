@@ -108,6 +108,35 @@ def test_ardupilot_needs_nobody_to_take_control(make: Make) -> None:
     assert tilt_deg(client) == pytest.approx(45.0)
 
 
+def test_ardupilot_mount_commands_and_messages(make: Make) -> None:
+    """DO_MOUNT_CONTROL and the MOUNT_CONTROL of older clients set tilt and pan; neutral levels; a mode that is none fails."""
+    client = make(carrying("ardupilot", gimbal=True))
+    assert client.command(204, 2, 1, 1, 1) == [0]
+    assert client.command(205, -30, 0, 40, 0, 0, 0, 2) == [0]
+    client.fly(1.5)
+    assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(30.0), pytest.approx(40.0))
+    client.say(mavlink.MAVLink_mount_control_message(1, 1, -9000, 0, 0, 0))
+    client.fly(1.5)
+    assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(90.0), pytest.approx(0.0))
+    assert client.command(205, 0, 0, 0, 0, 0, 0, 1) == [0]
+    client.fly(1.5)
+    assert tilt_deg(client) == pytest.approx(0.0)
+    assert client.command(204, 9) == [4]
+    assert make(carrying("ardupilot")).command(205, -30, 0, 0, 0, 0, 0, 2) == [4]
+
+
+def test_an_old_region_of_interest_is_what_its_autopilot_makes_of_it(make: Make) -> None:
+    """DO_SET_ROI without a kind: a place to ArduPilot, none to PX4."""
+    for autopilot, turned in (("ardupilot", True), ("px4", False)):
+        client = make(carrying(autopilot, gimbal=True), streams="none")
+        client.fly(25.0)
+        assert client.command(410) == [0]
+        latitude, longitude = client.vehicle_goal(30.0, 0.0)
+        assert client.command(201, 0, 0, 0, 0, latitude * 1e-7, longitude * 1e-7, 0) == [0]
+        client.fly(1.5)
+        assert (abs(pan_deg(client) - 90.0) < 15.0) is turned
+
+
 def test_nonsense_leaves_the_gimbal_where_it_is(make: Make) -> None:
     """NaN, infinities, unknown devices and flags are refused or mean nothing."""
     client = make(carrying(gimbal=True))

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Flight
+from ._personality import Personality
 
 PITCHYAW, CONFIGURE = 1000, 1001
 ROI_LOCATION, ROI_NONE, ROI = 195, 197, 201
+MOUNT_CONFIGURE, MOUNT_CONTROL = 204, 205
+_NEUTRAL_MODE, _ANGLES_MODE, _MODES = 1, 2, range(7)  # MAV_MOUNT_MODE
+_PLACE_KIND = 3  # MAV_ROI_LOCATION
 DEVICE = 1  # 1 to 6: a device that is not a component of its own
 RATE_RADPS = math.radians(90.0)
 LOWEST_RAD, HIGHEST_RAD = math.radians(-90.0), math.radians(30.0)
@@ -51,19 +55,23 @@ class Gimbal:
         self._write(board.flight)
 
     def handlers(self) -> Mapping[str, Handler]:
+        mount = {"MOUNT_CONTROL": self._mount_message} if self._board.personality.mount_commands else {}
         return {
+            **mount,
             "GIMBAL_MANAGER_SET_PITCHYAW": self._set_pitch_yaw,
             "GIMBAL_MANAGER_SET_ATTITUDE": self._set_attitude,
             "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self._set_manual,
         }
 
     def commands(self) -> Mapping[int, CommandHandler]:
+        mount: dict[int, CommandHandler] = {MOUNT_CONFIGURE: self._mount_mode, MOUNT_CONTROL: self._mount}
         return {
+            **(mount if self._board.personality.mount_commands else {}),
             PITCHYAW: self._pitch_yaw,
             CONFIGURE: self._configure,
             ROI_LOCATION: self._roi,
             ROI_NONE: lambda _: self._forget(),
-            ROI: lambda command: self._roi(command) if command.params[0] == 3 else self._forget(),
+            ROI: lambda command: self._roi(command) if names_place(self._board.personality, command) else self._forget(),
         }
 
     def answers(self) -> Mapping[str, Any]:
@@ -147,6 +155,24 @@ class Gimbal:
         self.turn(int(flags), pitch, yaw, pitch_rate, yaw_rate)
         return Result.ACCEPTED
 
+    def _mount_mode(self, command: Command) -> Result | None:
+        mode = command.params[0]
+        if mode == _NEUTRAL_MODE:
+            self.turn(NEUTRAL, 0.0, 0.0, math.nan, math.nan)
+        return Result.ACCEPTED if mode in _MODES else Result.FAILED
+
+    def _mount(self, command: Command) -> Result | None:
+        """DO_MOUNT_CONTROL: pitch, roll and yaw in degrees, yaw from the nose; the mode behind them."""
+        pitch, _, yaw = command.params[:3]
+        if command.params[6] == _ANGLES_MODE:
+            self.turn(0, math.radians(pitch), math.radians(yaw), math.nan, math.nan)
+            return Result.ACCEPTED
+        return self._mount_mode(replace(command, params=(command.params[6], *command.params[1:])))
+
+    def _mount_message(self, m: Any, sender: Sender) -> None:
+        """MOUNT_CONTROL, in hundredths of degrees."""
+        self.turn(0, math.radians(m.input_a / 100.0), math.radians(m.input_c / 100.0), math.nan, math.nan)
+
     def _configure(self, command: Command) -> Result | None:
         asker = (command.sender.system, command.sender.component)
         p = command.params
@@ -228,6 +254,13 @@ def level_quaternion(pitch_rad: float, yaw_rad: float) -> tuple[float, float, fl
     cp, sp = math.cos(pitch_rad / 2.0), math.sin(pitch_rad / 2.0)
     cy, sy = math.cos(yaw_rad / 2.0), math.sin(yaw_rad / 2.0)
     return (cp * cy, -sp * sy, sp * cy, cp * sy)
+
+
+def names_place(personality: Personality, command: Command) -> bool:
+    """Whether a DO_SET_ROI or its like is of a place, and not the end of one."""
+    if command.number != ROI or personality.roi_has_kind:
+        return command.number == ROI_LOCATION or command.params[0] == _PLACE_KIND
+    return any(command.params[4:6])
 
 
 def _controller(system: float, component: float, now: tuple[int, int], asker: tuple[int, int]) -> tuple[int, int]:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from ._board import Board, Command, CommandHandler, Handler, Result, Sender
 from ._flight import Behaviour
+from ._gimbal import names_place
 from ._guidance import FixedHeading, Guidance, HeadingTo
 from ._manoeuvres import Circle, Hold, Manoeuvre
 from ._modes import Modes
@@ -231,10 +232,10 @@ class Navigator:
     def _look(self, command: Command) -> Result:
         latitude, longitude = command.params[4:6]
         known = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude != 0.0 or longitude != 0.0)
-        if self._board.personality.roi_turns:
-            place = self._board.airframe.to_local_m(latitude, longitude) if known else None
-            self._guidance.heading = HeadingTo(place) if place else None
-        return Result.ACCEPTED
+        if names_place(self._board.personality, command) and known:
+            self._guidance.heading = HeadingTo(self._board.airframe.to_local_m(latitude, longitude))
+            return Result.ACCEPTED
+        return self._look_ahead(command)
 
     def _look_ahead(self, command: Command) -> Result:
         if isinstance(self._guidance.heading, HeadingTo):

@@ -184,7 +184,7 @@ class Personality(ABC):
     yaw_command: ClassVar[bool]  # CONDITION_YAW
     pause_command: ClassVar[bool]  # DO_PAUSE_CONTINUE
     altitude_command: ClassVar[bool]  # DO_CHANGE_ALTITUDE
-    roi_turns: ClassVar[bool]  # a region of interest turns the nose of a vehicle without gimbal
+    roi_has_kind: ClassVar[bool]  # DO_SET_ROI means a place where its first parameter says so; else wherever it names one
     piloted_landing_disarms: ClassVar[bool]  # landing by sticks is a landing like any other
     any_component: ClassVar[bool]  # hears what is addressed to components that do not exist
     axis_groups: ClassVar[bool]  # a masked axis masks its group; else each axis is for itself
@@ -193,6 +193,7 @@ class Personality(ABC):
     echo_modes: ClassVar[tuple[Behaviour, ...] | None]  # POSITION_TARGET_* are said in these alone; None: in all
     echo_position_mask: ClassVar[int | None]  # type_mask of the echo of a position; None: bits of what is NaN
     echo_velocity_mask: ClassVar[int | None]
+    mount_commands: ClassVar[bool] = False  # DO_MOUNT_CONFIGURE, DO_MOUNT_CONTROL and their messages turn a gimbal
     gimbal_needs_control: ClassVar[bool]  # a gimbal is turned by its primary or secondary controller alone
     gimbal_streams: ClassVar[Mapping[str, float]]  # message -> Hz, for a vehicle with a gimbal
     failure_parameter: ClassVar[str | None]  # that allows INJECT_FAILURE, where that command exists

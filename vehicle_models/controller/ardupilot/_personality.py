@@ -164,7 +164,8 @@ class ArduPilot(Personality):
     orbit_text = (INFO, "")
     yaw_command = pause_command = True
     altitude_command = False
-    roi_turns = True
+    roi_has_kind = False
+    mount_commands = True
     piloted_landing_disarms = False
     any_component = True
     axis_groups = True

@@ -184,7 +184,7 @@ class Px4(Personality):
     orbit_text = (CRITICAL, "Orbit radius limit exceeded")
     yaw_command = pause_command = False
     altitude_command = True
-    roi_turns = True
+    roi_has_kind = True
     piloted_landing_disarms = True
     any_component = False
     axis_groups = False
