@@ -33,6 +33,7 @@ from .controller import (
     Controller,
     Flight,
     Home,
+    Kept,
     Link,
     Manoeuvres,
     Payload,
@@ -202,6 +203,7 @@ class Aircraft(ABC):
         self.step_s = 1.0 / plan.controller_hz
         self._step_ns = round(1e9 / plan.controller_hz)
         self.time = START
+        self._booted_ns = 0  # simulated time at the flight controller's last start
         origin, home = simspec.world.origin, simspec.vehicle.home
         self._home = (home.east_m, home.north_m)
         self._plane = TangentPlane(origin.latitude_deg, origin.longitude_deg)
@@ -220,15 +222,11 @@ class Aircraft(ABC):
         self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
         self._navigation = Navigation(simspec.vehicle.gps, self.step_s, generator(simspec.seeds, "sensors"))
         self._battery = Battery(simspec.vehicle.battery)
-        personality = self._personality(simspec.vehicle.autopilot)
-        latitude_e7, longitude_e7 = self._plane.geodetic_e7(*self._home)
-        self._flight = Flight(
-            step_s=self.step_s,
-            origin=Home(latitude_e7, longitude_e7, origin.altitude_m),
-            mode=personality.mode(personality.first_mode),
-            hover_thrust=self.hover_thrust,
-            unix_start_us=round(simspec.environment.start_utc.timestamp() * 1e6),
-        )
+        self._autopilot = self._personality(simspec.vehicle.autopilot)
+        self._start_us = round(simspec.environment.start_utc.timestamp() * 1e6)
+        self._links, self._tap = links, tap
+        self._parameters = simspec.vehicle.parameters
+        self._flight = self._cold_flight()
         self._sense()
         self._failures = Failures(
             simspec.vehicle.failures,
@@ -240,11 +238,8 @@ class Aircraft(ABC):
             self._silence,
         )
         truth = self._hil_state if simspec.vehicle.ground_truth else None
-        payload = Payload(simspec.vehicle.camera, truth, self._failures.break_part)
-        self._controller = Controller(
-            personality, self._flight, self._airframe, links, simspec.vehicle.parameters, tap, self.manoeuvres, payload
-        )
-        self._links = links
+        self._payload = Payload(simspec.vehicle.camera, truth, self._failures.break_part)
+        self._controller = self._boot(None)
 
     def endpoints(self) -> Mapping[str, str]:
         return {link.spec.name: link.endpoint for link in self._links}
@@ -261,6 +256,8 @@ class Aircraft(ABC):
         self._controller.exposed(frame)
 
     def step(self) -> None:
+        if self._controller.wants_restart:
+            self._restart()
         self._failures.apply(self.time.ns)
         self._controller.control()
         self._air()
@@ -300,6 +297,42 @@ class Aircraft(ABC):
     def counters(self) -> Mapping[str, int]:
         return self._controller.counters()
 
+    def _cold_flight(self) -> Flight:
+        """What a flight controller knows when it starts at the present moment."""
+        latitude_e7, longitude_e7 = self._plane.geodetic_e7(*self._home)
+        return Flight(
+            step_s=self.step_s,
+            origin=Home(latitude_e7, longitude_e7, self._ground_m),
+            mode=self._autopilot.mode(self._autopilot.first_mode),
+            hover_thrust=self.hover_thrust,
+            unix_start_us=self._start_us + self._booted_ns // 1000,
+        )
+
+    def _boot(self, kept: Kept | None) -> Controller:
+        return Controller(
+            self._autopilot,
+            self._flight,
+            self._airframe,
+            self._links,
+            self._parameters,
+            self._tap,
+            self.manoeuvres,
+            self._payload,
+            kept,
+        )
+
+    def _restart(self) -> None:
+        """A new flight controller takes over the same aircraft and the same links; what nobody has heard yet is lost."""
+        kept, crashed = self._controller.kept(), self._flight.crashed
+        self._airframe.disarm()
+        for link in self._links:
+            link.inbox.clear()
+        self._booted_ns = self.time.ns
+        self._flight = self._cold_flight()
+        self._flight.crashed = crashed
+        self._sense()
+        self._controller = self._boot(kept)
+
     def _air(self) -> None:
         if not self._gusts.calm:
             motion = self._plant.motion
@@ -320,7 +353,7 @@ class Aircraft(ABC):
         forces = (round(min(max(one / 9.80665 * 1000.0, -32768.0), 32767.0)) for one in self._plant.specific_force_mps2())
         attitude = attitude_quaternion(motion.roll_rad, motion.pitch_rad, motion.yaw_rad)
         rates = (motion.p_radps, motion.q_radps, motion.r_radps)
-        head = (self.time.ns // 1000, *attitude, *rates, latitude_e7, longitude_e7, altitude_mm)
+        head = (self._flight.time_us, *attitude, *rates, latitude_e7, longitude_e7, altitude_mm)
         return (*head, *speeds, airspeed, airspeed, *forces)
 
     def _power(self) -> None:
@@ -356,9 +389,9 @@ class Aircraft(ABC):
         flight, motion = self._flight, self._plant.motion
         error = self._airframe.error_enu_m = self._navigation.error_enu_m
         east, north, up = motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]
-        flight.time_ns = self.time.ns
+        flight.time_ns = self.time.ns - self._booted_ns
         if self._navigation.off == flight.gps_ok:
-            flight.gps_lost_ns = self.time.ns if self._navigation.off else None
+            flight.gps_lost_ns = flight.time_ns if self._navigation.off else None
         flight.east_m, flight.north_m, flight.down_m = east - self._home[0], north - self._home[1], -up
         flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
         flight.altitude_m = up + self._ground_m

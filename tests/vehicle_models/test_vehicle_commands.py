@@ -8,6 +8,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import NAN, Client, simspec
 
+from vehicle_models.controller._dialect import dialect
+
 Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 
@@ -58,6 +60,23 @@ def test_px4_gripper_takes_its_time(make: Make) -> None:
     assert client.command(211, 1, 0) == [IN_PROGRESS]
     assert [one.result for one in client.fly(2.0) if one.get_type() == "COMMAND_ACK"] == [ACCEPTED]
     assert client.command(211, 1, 1) == [ACCEPTED]
+
+
+def test_a_command_in_progress_can_be_cancelled(make: Make) -> None:
+    """COMMAND_CANCEL ends the gripper's way with CANCELLED and nothing after it; for what is over, is not going on, or is
+    somebody else's, or to everybody, there is no answer."""
+    client = make()
+    client.fly(5.0)
+    assert client.command(211, 1, 0) == [IN_PROGRESS]
+
+    def cancelled(system: int, number: int) -> list[int]:
+        client.say(dialect.MAVLink_command_cancel_message(system, 1, number))
+        return [one.result for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
+
+    assert cancelled(0, 211) == cancelled(42, 211) == cancelled(1, 400) == []
+    assert cancelled(1, 211) == [CANCELLED]
+    assert [one for one in client.fly(2.0) if one.get_type() == "COMMAND_ACK"] == []
+    assert cancelled(1, 211) == []
 
 
 def test_px4_addresses(make: Make) -> None:

@@ -195,6 +195,40 @@ def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -
     assert client.mav.signing.badsig_count == refused
 
 
+def signed(mav: Any, key: bytes, message: Any) -> bytes:
+    """The message, signed by a partner whose clock is a little ahead of the vehicle's."""
+    mav.signing.secret_key, mav.signing.link_id, mav.signing.sign_outgoing = key, 3, True
+    mav.signing.timestamp = max(mav.signing.timestamp, 10**14)
+    return bytes(message.pack(mav))
+
+
+@pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
+@pytest.mark.parametrize("signing", ["require", "accept"])
+def test_what_is_believed(opened: Open, kind: Literal["udp_in", "tcp_in"], signing: Literal["require", "accept"]) -> None:
+    """A good signature is; a bad one, a repeated message, one from before, and an unsigned one where signing is required are
+    not, and each kind is counted. It is the same over TCP, where many messages come in one piece."""
+    vehicle = opened(LinkSpec("air", kind, streams="none", signing_key=KEY.hex(), signing=signing))
+    host, port = vehicle.endpoints()["air"].split(":")[1:]
+    ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
+    mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM) as client:
+        client.connect((host, int(port)))
+        plain = bytes(ask.pack(mav))
+        first, second, wrong = signed(mav, KEY, ask), signed(mav, KEY, ask), signed(mav, bytes(32), ask)
+        client.sendall(plain + second + wrong + second + first + signed(mav, KEY, ask))
+        for _ in range(3):
+            vehicle.receive()
+            vehicle.step()
+        data = client.recv(65536)
+    heard = mavlink.MAVLink(None).parse_buffer(data) or []
+    unsigned = 1 if signing == "require" else 0
+    assert [one.get_type() for one in heard].count("PARAM_VALUE") == 3 - unsigned
+    assert {one.get_msgbuf()[2] for one in heard} == {1}  # signed
+    counters = vehicle.counters()
+    assert (counters["mavlink_bad_signature"], counters["mavlink_old_timestamp"]) == (1, 2)
+    assert counters.get("mavlink_unsigned", 0) == unsigned
+
+
 def test_signing_where_unsigned_is_accepted(opened: Open, peer: Callable[..., Peer]) -> None:
     """An unsigned request is answered, in a signed frame; a bad signature is still refused."""
     vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex(), signing="accept"))

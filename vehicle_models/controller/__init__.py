@@ -13,6 +13,7 @@ from ._links import open_links as open_links
 from ._manoeuvres import Manoeuvres as Manoeuvres
 from ._payload import Payload as Payload
 from ._personality import Personality as Personality
+from ._restart import Kept as Kept
 from ._telemetry import attitude_quaternion as attitude_quaternion
 from ._wing import WingManoeuvres as WingManoeuvres
 from ._wing import WingTarget as WingTarget

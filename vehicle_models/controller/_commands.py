@@ -27,7 +27,7 @@ class Commands:
         self._table.update(commands)
 
     def handlers(self) -> Mapping[str, Handler]:
-        return {"COMMAND_LONG": self._long, "COMMAND_INT": self._int}
+        return {"COMMAND_LONG": self._long, "COMMAND_INT": self._int, "COMMAND_CANCEL": self._cancel}
 
     def commands(self) -> Mapping[int, CommandHandler]:
         return {}
@@ -45,6 +45,14 @@ class Commands:
         x = math.nan if m.x == _NOWHERE else m.x * 1e-7
         y = math.nan if m.y == _NOWHERE else m.y * 1e-7
         self._run(Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender))
+
+    def _cancel(self, m: Any, sender: Sender) -> None:
+        """What is still in progress ends, and whoever gave the command hears that; for anything else there is no answer."""
+        if m.target_system == 0:
+            return  # must not be broadcast
+        for one in [one for one in self._later if one[1].number == m.command]:
+            self._later.remove(one)
+            self._acknowledge(one[1], Result.CANCELLED)
 
     def _run(self, command: Command) -> None:
         personality = self._board.personality

@@ -42,6 +42,7 @@ from ._personality import Event, Personality
 from ._pretended_battery import PretendedBattery
 from ._radio import Channel, Radio
 from ._remarks import Remarks
+from ._restart import Kept, Restart
 from ._setpoints import Setpoints
 from ._signing import KeyKeeper, open_signing
 from ._streams import Streams
@@ -64,11 +65,13 @@ class Controller:
         tap: MavlinkTap | None = None,
         manoeuvres: Manoeuvres | None = None,
         payload: Payload | None = None,
+        kept: Kept | None = None,
     ) -> None:
-        parameters = ParameterStore(personality.parameters, given)
+        parameters = ParameterStore(personality.parameters, kept.parameters if kept else given)
         self._system = min(max(int(parameters[personality.system_parameter]), 1), 255)
         packer = Packer(self._system, COMPONENT)
-        self._signing = open_signing([link.spec for link in links], flight.unix_start_us)
+        self._signing = kept.signing if kept else open_signing([link.spec for link in links], flight.unix_start_us)
+        self._earlier = kept.counts if kept else {}
         self._flight = flight
         self._tap = tap
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
@@ -97,16 +100,19 @@ class Controller:
         failsafe = Failsafe(board, modes, self._setpoints, lambda: self._arming.disarm(Event.DISARMED))
         telemetry.charge_state = failsafe.charge_state
         plans = Plans()
+        restart = Restart(board)
         self._fence = fence = Fence(board, modes, failsafe, plans)
         self._guidance.refuge = Rally(board, plans).refuge
         missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm)
         telemetry.mission_current, telemetry.fence_status = missions.current, fence.status
+        self._plans, self._restart = plans, restart
         # The order of this list is the order in which services work; a failsafe has the last word.
         self._services: list[Service] = [
             commands,
             Parameters(board),
             Clock(board),
             KeyKeeper(self._signing),
+            restart,
             identity,
             events,
             files,
@@ -135,6 +141,9 @@ class Controller:
             commands.add(service.commands())
             for name, handler in service.handlers().items():
                 self._handlers.setdefault(KINDS[name].id, []).append(handler)
+        if kept:
+            for kind, items in kept.plans.items():
+                plans.by_type[kind].put(items)
         self._boot = list(personality.boot_texts(flight))
         self._decoder = Decoder()
         self._detector = LandDetector()
@@ -200,17 +209,33 @@ class Controller:
         """Parameters that differ from their defaults."""
         return self._board.parameters.changed()
 
+    @property
+    def wants_restart(self) -> bool:
+        """Whether a restart was accepted; it is due when the acknowledgement has gone out."""
+        return self._restart.wanted
+
+    def kept(self) -> Kept:
+        """What the controller that begins after this one starts with."""
+        plans = {kind: plan.items for kind, plan in self._plans.by_type.items()}
+        return Kept(self.changed_parameters(), plans, self._signing, self._counts())
+
     def counters(self) -> dict[str, int]:
-        """What was dropped or had no sense, by name."""
+        """What was dropped or had no sense, by name; since the first start."""
         links = [channel.link for channel in self.channels]
         return {
             "mavlink_garbage_bytes": sum(link.garbage_bytes for link in links),
             "mavlink_dropped": sum(link.dropped for link in links),
+            **self._counts(),
+            **{f"mavlink_{name}": self._signing.rejected[name] for name in sorted(self._signing.rejected)},
+        }
+
+    def _counts(self) -> dict[str, int]:
+        own = {
             "mavlink_malformed": self._decoder.malformed,
             "mavlink_unheard": self._unheard,
             "setpoints_ignored": self._setpoints.ignored,
-            **{f"mavlink_{name}": self._signing.rejected[name] for name in sorted(self._signing.rejected)},
         }
+        return {name: count + self._earlier.get(name, 0) for name, count in own.items()}
 
     def _limits_changed(self) -> None:
         self._guidance.limits = self._board.personality.limits(self._board.parameters)

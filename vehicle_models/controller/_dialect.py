@@ -23,6 +23,7 @@ _MISSING = (
         "uint64_t timestamp, uint8_t tx_buf, uint8_t rx_buf, uint32_t tx_rate, uint32_t rx_rate, uint16_t rx_parse_err,"
         "uint16_t tx_overflows, uint16_t rx_overflows, uint32_t messages_sent, uint32_t messages_received, uint32_t messages_lost",
     ),
+    (80, "COMMAND_CANCEL", "uint8_t target_system, uint8_t target_component, uint16_t command"),
     (
         300,
         "PROTOCOL_VERSION",

@@ -308,7 +308,8 @@ class ArduPilot(Personality):
             case 241:
                 return self._calibration(flight, command)
             case 246:
-                return failed if flight.armed else accepted
+                known = first in (1.0, 3.0)
+                return failed if flight.armed else accepted if known else Answer((Result.UNSUPPORTED,))
             case 2600:
                 return Answer((Result.ACCEPTED,), ((5, f"Control high latency {'en' if first else 'dis'}abled"),))
             case 42428:

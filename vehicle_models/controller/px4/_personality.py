@@ -326,7 +326,7 @@ class Px4(Personality):
                 return Answer((Result.TEMPORARILY_REJECTED,))
             case 310 if flight.armed:
                 return Answer((Result.DENIED,))
-            case 246 if flight.armed and command.params[0] == 1.0:
+            case 246 if command.params[0] != 0.0 and (flight.armed or command.params[0] != 1.0):
                 return Answer((Result.DENIED,))
             case 300:
                 return Answer((Result.DENIED,), ((CRITICAL, "Mission start denied! No valid mission"),))

@@ -1,0 +1,120 @@
+"""PREFLIGHT_REBOOT_SHUTDOWN: the flight controller begins anew, over the same aircraft and the same links."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from vehicle_client import NAN, Client, mavlink, simspec
+
+Make = Callable[..., Client]
+AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+REBOOT, ACCEPTED, DENIED, UNSUPPORTED, FAILED = 246, 0, 2, 3, 4
+ID = {"px4": "MAV_SYS_ID", "ardupilot": "SYSID_THISMAV"}
+READY = 0x10000000
+
+
+def names(messages: list[Any]) -> list[str]:
+    return [one.get_type() for one in messages]
+
+
+def put(client: Client, autopilot: str, name: str, value: int) -> None:
+    kind = 6 if autopilot == "px4" else 4
+    packed = struct.unpack("<f", struct.pack("<i", value))[0] if autopilot == "px4" else value
+    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), packed, kind))
+    assert "PARAM_VALUE" in names(client.fly(0.1))
+
+
+def asked(client: Client, number: int, system: int = 1) -> Any:
+    """The message of that number, requested."""
+    client.say(mavlink.MAVLink_command_long_message(system, 1, 512, 0, number, 0, 0, 0, 0, 0, 0))
+    return next(one for one in client.fly(0.1) if one.get_msgId() == number)
+
+
+def upload(client: Client, count: int) -> None:
+    """A mission of waypoints around home."""
+    place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.heard) else None) or (473977500, 85456500)
+    client.say(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
+    for _ in range(count):
+        wanted = next(one for one in client.fly(0.1) if one.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"))
+        item = mavlink.MAVLink_mission_item_int_message
+        client.say(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
+    assert next(one for one in client.fly(0.1) if one.get_type() == "MISSION_ACK").type == 0
+
+
+def items_of(client: Client, system: int) -> int:
+    client.say(mavlink.MAVLink_mission_request_list_message(system, 1, 0))
+    count: int = next(one for one in client.fly(0.1) if one.get_type() == "MISSION_COUNT").count
+    return count
+
+
+@AUTOPILOTS
+def test_it_begins_anew(make: Make, autopilot: str) -> None:
+    """Acknowledged; then time since boot from zero, no home, not ready, the first mode; ready again when it was before.
+    Parameters and the mission stay, a new system id takes effect, counts go on, and the wall clock does too."""
+    ready_s = 5.0 if autopilot == "px4" else 43.0
+    client = make(simspec(autopilot))
+    client.fly(ready_s)
+    upload(client, 3)
+    put(client, autopilot, ID[autopilot], 7)
+    assert client.command(176, 1, 4, 5)  # RTL, GUIDED
+    mode = client.vehicle.condition().mode
+    utc_us = asked(client, 2).time_unix_usec
+    sent, received = client.vehicle.sent()["onboard"], client.vehicle.receive()["onboard"]
+    assert client.last("HEARTBEAT").get_srcSystem() == 1
+    assert client.command(REBOOT, 1) == [ACCEPTED]
+    restarted_s = client.vehicle.time.s
+
+    heard = client.fly(2.0)
+    assert {one.get_srcSystem() for one in heard} == {7}
+    assert client.vehicle.condition().mode != mode
+    assert client.vehicle.sent()["onboard"] > sent
+    assert client.vehicle.receive()["onboard"] > received
+    clock = asked(client, 2, system=7)
+    assert clock.time_boot_ms == pytest.approx((client.vehicle.time.s - restarted_s) * 1e3, abs=150)
+    assert clock.time_unix_usec == pytest.approx(utc_us + 2.1e6, abs=3e5)
+    assert not asked(client, 1, system=7).onboard_control_sensors_health & READY
+    assert items_of(client, 7) == 3
+
+    heard = client.fly(ready_s)
+    assert asked(client, 1, system=7).onboard_control_sensors_health & READY
+    assert "HOME_POSITION" in names(heard)
+    client.say(mavlink.MAVLink_command_long_message(7, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    client.fly(0.1)
+    assert client.vehicle.condition().armed
+
+
+@AUTOPILOTS
+def test_it_is_refused_when_armed(make: Make, autopilot: str) -> None:
+    client = make(simspec(autopilot))
+    client.fly(5.0 if autopilot == "px4" else 43.0)
+    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(REBOOT, 1) == [DENIED if autopilot == "px4" else FAILED]
+    client.fly(0.1)
+    assert client.vehicle.condition().armed
+    assert asked(client, 2).time_boot_ms > 5000
+
+
+@AUTOPILOTS
+def test_other_values_restart_nothing(make: Make, autopilot: str) -> None:
+    """0 and shutting down; time goes on."""
+    client = make(simspec(autopilot))
+    client.fly(5.0)
+    results = [client.command(REBOOT, value) for value in (0, 2)]
+    assert results == ([[ACCEPTED], [DENIED]] if autopilot == "px4" else [[UNSUPPORTED], [UNSUPPORTED]])
+    assert asked(client, 2).time_boot_ms > 5000
+
+
+def test_a_restart_makes_the_log_no_other(make: Make) -> None:
+    """Twice the same flight with a restart in it, the same bytes."""
+
+    def log() -> bytes:
+        client = make(simspec(environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), streams="onboard")
+        client.fly(2.0)
+        assert client.command(REBOOT, 1) == [ACCEPTED]
+        client.airborne()
+        return client.raw
+
+    assert log() == log()
