@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from made_run import at_s, estimate, said
@@ -146,3 +147,44 @@ def _detected(frame: DetectionFrame, topic: str) -> Record:
         found.append(Detection2D(results=(result,), bbox=box, id=one.track))
     message = Detection2DArray(Header(Time.of(frame.exposed.ns), "vehicle_1/front"), tuple(found))
     return Record(frame.published, topic, Detection2DArray.TYPE, encode(message))
+
+
+GROUPS: dict[str, tuple[str, str, tuple[tuple[float, float], ...]]] = {
+    "radar": ("radar-vehicle", "adversary", ((100.0, 100.0),)),
+    "truck": ("military-truck", "adversary", ((-100.0, 100.0),)),
+    "walkers": ("civilian", "bystander", ((120.0, 100.0), (0.0, -200.0))),
+    "children": ("child", "bystander", ((110.0, 115.0),)),
+    "helpers": ("aid-worker", "bystander", ((90.0, 110.0),)),
+    "cars": ("civilian-car", "clutter", ((130.0, 80.0),)),
+    "houses": ("house", "clutter", ((90.0, 60.0),)),
+}
+"""Who can be in a made scene: asset, role, places. The first of each group stands inside the first sub-area, but for the truck."""
+
+
+def scene(*absent: str, **changes: Any) -> SimSpec:
+    """A realized situation with everybody of GROUPS but the groups, roles or assets named `absent`."""
+    here = {name: group for name, group in GROUPS.items() if not {name, group[0], group[1]} & set(absent)}
+    reports = [("first", "radar", 1, 105.0, 95.0), ("second", "truck", 2, -90.0, 100.0)]
+    known = [one for one in reports if one[1] in here]
+    corners = [(-300, -300), (300, -300), (300, 300), (-300, 300)]
+    return SimSpec.model_validate(
+        {
+            "name": "made",
+            "world": {"area": {"corners": [{"east_m": east, "north_m": north} for east, north in corners]}},
+            "actors": [
+                {"id": name, "asset": asset, "role": role, "count": len(places)} for name, (asset, role, places) in here.items()
+            ],
+            "intelligence": [
+                {"id": name, "about": about, "priority": priority, "uncertainty_m": 50.0} for name, about, priority, _, _ in known
+            ],
+            "realized": {
+                "actors": [
+                    {"id": f"{name}-{index}", "group": name, "east_m": east, "north_m": north, "heading_deg": 0.0}
+                    for name, (_, _, places) in here.items()
+                    for index, (east, north) in enumerate(places, 1)
+                ],
+                "reports": [{"id": name, "east_m": east, "north_m": north} for name, _, _, east, north in known],
+            },
+            **changes,
+        }
+    )
