@@ -17,7 +17,8 @@ from ._modes import Modes
 FENCE_ENABLE = 207
 INCLUSION, EXCLUSION, CIRCLE_INCLUSION, CIRCLE_EXCLUSION = 5001, 5002, 5003, 5004
 _LOOKS_NS = 100_000_000  # ten looks a second are enough for what moves at 20 m/s
-_SLOWS_MPS2 = 1.0  # before the ceiling
+_SLOWS_MPS2 = 1.0  # before the ceiling and the edges
+_CREEPS_MPS = 0.5  # so fast an edge is passed all the same
 _BACK_M = 1.0  # so far inside a breach is over
 Place = tuple[float, float]
 
@@ -42,12 +43,12 @@ class Area:
             before = corner
         return inside
 
-    def edge_m(self, place: Place) -> float:
-        """Metres from a place to the nearest edge."""
+    def edge(self, place: Place) -> Place:
+        """The point of the edge that is nearest to a place."""
         if len(self.corners) == 1:
-            return abs(math.dist(place, self.corners[0]) - self.radius_m)
+            return _on_circle(place, self.corners[0], self.radius_m)
         edges = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
-        return min(_from_edge_m(place, *edge) for edge in edges)
+        return min((_on_line(place, *edge) for edge in edges), key=lambda one: math.dist(one, place))
 
 
 def areas(plan: Plan, airframe: Airframe) -> tuple[Area, ...]:
@@ -70,12 +71,18 @@ def areas(plan: Plan, airframe: Airframe) -> tuple[Area, ...]:
     return tuple(found)
 
 
-def _from_edge_m(place: Place, begin: Place, end: Place) -> float:
+def _on_circle(place: Place, centre: Place, radius_m: float) -> Place:
+    away_m = math.dist(place, centre)
+    share = radius_m / away_m if away_m > 0.0 else 0.0
+    return centre[0] + share * (place[0] - centre[0]), centre[1] + share * (place[1] - centre[1])
+
+
+def _on_line(place: Place, begin: Place, end: Place) -> Place:
     along = (end[0] - begin[0], end[1] - begin[1])
     length = along[0] ** 2 + along[1] ** 2
     share = ((place[0] - begin[0]) * along[0] + (place[1] - begin[1]) * along[1]) / length if length else 0.0
     share = min(max(share, 0.0), 1.0)
-    return math.dist(place, (begin[0] + share * along[0], begin[1] + share * along[1]))
+    return begin[0] + share * along[0], begin[1] + share * along[1]
 
 
 def _local(item: Item, airframe: Airframe) -> Place | None:
@@ -156,16 +163,19 @@ class Fence:
         return not self.on or self.beyond((north_m, east_m), height, 0.0) is Breach.NONE
 
     def held(self, flight: Flight, target: Target) -> Target:
-        """A target that does not climb through the margin below the ceiling, where the autopilot avoids it."""
+        """A target as it is flown near the fence, where the autopilot avoids it: slower, and not through its ceiling."""
         self._holds_back = False
-        limits = self._limits
-        if limits.ceiling_m is None or limits.ceiling_margin_m is None or not self.on:
+        if self._limits.ceiling_margin_m is None or not self.on:
             return target
-        left_m = limits.ceiling_m - limits.ceiling_margin_m - flight.height_m
-        if flight.height_m > limits.ceiling_m:
+        return self._before_edges(flight, self._under_ceiling(flight, target, self._limits.ceiling_margin_m))
+
+    def _under_ceiling(self, flight: Flight, target: Target, margin_m: float) -> Target:
+        ceiling_m = self._limits.ceiling_m
+        if ceiling_m is None or flight.height_m > ceiling_m:
             return target  # too late: what the breach leads to is flown
-        fastest = math.sqrt(2.0 * _SLOWS_MPS2 * left_m) if left_m > 0.0 else 0.0
+        left_m = ceiling_m - margin_m - flight.height_m
         north, east, down = target.velocity_ned_mps
+        fastest = math.sqrt(2.0 * _SLOWS_MPS2 * left_m) if left_m > 0.0 else 0.0
         if target.down_m is None and -down > fastest:
             self._holds_back = True
             return replace(target, velocity_ned_mps=(north, east, -fastest))
@@ -173,6 +183,31 @@ class Fence:
             self._holds_back = True
             return replace(target, down_m=flight.down_m - max(left_m, 0.0))
         return target
+
+    def _before_edges(self, flight: Flight, target: Target) -> Target:
+        """Velocities alone: positions beyond are not flown to in the first place."""
+        north, east, down = target.velocity_ned_mps
+        if target.north_east_m is not None or self._breach is not Breach.NONE or north == east == 0.0:
+            return target
+        here = (flight.north_m, flight.east_m)
+        for edge in self._edges(here):
+            left_m = math.dist(edge, here)
+            if left_m < 1e-6:
+                continue
+            way = ((edge[0] - here[0]) / left_m, (edge[1] - here[1]) / left_m)
+            excess = north * way[0] + east * way[1] - max(math.sqrt(2.0 * _SLOWS_MPS2 * left_m), _CREEPS_MPS)
+            if excess > 0.0:
+                self._holds_back = True
+                north, east = north - excess * way[0], east - excess * way[1]
+        return replace(target, velocity_ned_mps=(north, east, down)) if self._holds_back else target
+
+    def _edges(self, here: Place) -> list[Place]:
+        """The nearest point of every edge, from inside."""
+        home, radius_m = self._board.flight.home, self._limits.radius_m
+        found = [one.edge(here) for one in self._areas] if self._limits.polygons else []
+        if radius_m is not None and home:
+            found.append(_on_circle(here, (home.north_m, home.east_m), radius_m))
+        return found
 
     def status(self) -> tuple[Any, ...] | None:
         """Values of FENCE_STATUS in wire order; None while there is no fence."""
@@ -203,7 +238,7 @@ class Fence:
             return height_m - (limits.ceiling_m or 0.0)
         if self._breach is Breach.CIRCLE and home:
             return math.hypot(place[0] - home.north_m, place[1] - home.east_m) - (limits.radius_m or 0.0)
-        broken = [one.edge_m(place) for one in self._areas if one.contains(place) is not one.keeps_in]
+        broken = [math.dist(one.edge(place), place) for one in self._areas if one.contains(place) is not one.keeps_in]
         return min(broken, default=0.0)
 
     def _act(self, flight: Flight, outside_m: float) -> None:

@@ -32,7 +32,7 @@ class FenceLimits:
     ceiling_m: float | None
     polygons: bool
     watched: bool  # where the fence cannot be turned on by itself
-    ceiling_margin_m: float | None = None  # so far below the ceiling climbing ends; None: it does not
+    ceiling_margin_m: float | None = None  # so far below the ceiling climbing ends; None: no fence slows anything down
 
 
 class FencePolicy(ABC):
