@@ -7,6 +7,7 @@ print(found.explain("KA-18"), score_run(decomposition, found, result.observation
 
 from __future__ import annotations
 
+from ._bootstrap import bootstrap_means as bootstrap_means
 from ._anova import Anova as Anova
 from ._anova import Effect as Effect
 from ._anova import anova as anova
@@ -17,6 +18,7 @@ from ._competence import Trials as Trials
 from ._competence import competence as competence
 from ._competence import competence_of as competence_of
 from ._competence import tally as tally
+from ._competence import tally_points as tally_points
 from ._configuration import configuration_of as configuration_of
 from ._configuration import configuration_tension as configuration_tension
 from ._configuration import studied as studied

@@ -65,27 +65,29 @@ class Tally:
 
 def tally(trials: Trials, groups: int) -> Tally:
     """Count the trials of groups 0 to `groups` - 1; the order in which they come does not matter."""
-    points = _points(trials)
-    keyed = (points["group"].to_numpy() << 32) | points["difficulty"].to_numpy()
-    cell_keys, cell = np.unique(keyed, return_inverse=True)
-    tried, passed = points["tried"].to_numpy(), points["passed"].to_numpy()
+    hard = _millionths(trials.difficulty)
+    frame = pl.DataFrame({"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed})
+    points = frame.group_by("group", "difficulty", "point").agg(pl.len().alias("tried"), pl.col("passed").sum())
+    group, millionths, tried, passed = (points[name].cast(pl.Int64).to_numpy() for name in points.columns if name != "point")
+    return _tally(group, millionths, tried, passed, groups)
+
+
+def tally_points(group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int) -> Tally:
+    """The same from trials and passes of each design point, each of which has one difficulty in a group."""
+    return _tally(group, _millionths(difficulty), tried, passed, groups)
+
+
+def _tally(group: Counts, millionths: Counts, tried: Counts, passed: Counts, groups: int) -> Tally:
+    keys, cell = np.unique((group << 32) | millionths, return_inverse=True)
     most = int(tried.max(initial=0)) + 1
     kinds, count = np.unique((cell * most + tried) * most + passed, return_counts=True)
     alike = pl.DataFrame({"cell": kinds // most**2, "tried": kinds // most % most, "passed": kinds % most, "points": count})
 
     def summed(values: Counts) -> Counts:
-        return np.bincount(cell, weights=values, minlength=cell_keys.size).astype(np.int64)
+        return np.bincount(cell, weights=values, minlength=keys.size).astype(np.int64)
 
-    cells = pl.DataFrame(
-        {
-            "group": cell_keys >> 32,
-            "difficulty": cell_keys & 0xFFFFFFFF,
-            "tried": summed(tried),
-            "passed": summed(passed),
-            "points": np.bincount(cell, minlength=cell_keys.size).astype(np.int64),
-        }
-    )
-    return Tally(groups, cells, alike)
+    cells = {"tried": summed(tried), "passed": summed(passed), "points": np.bincount(cell, minlength=keys.size)}
+    return Tally(groups, pl.DataFrame({"group": keys >> 32, "difficulty": keys & 0xFFFFFFFF, **cells}), alike)
 
 
 def competence(counted: Tally, share: tuple[int, int]) -> Competence:
@@ -128,30 +130,6 @@ def competence_of(
     trials = Trials(np.zeros(hard.size, dtype=np.int64), hard, np.asarray(passed, dtype=np.bool_), points)
     found = competence(tally(trials, 1), share)
     return float(found.value[0]), float(found.low[0]), bool(found.at_least[0])
-
-
-def _points(trials: Trials) -> pl.DataFrame:
-    """Trials and passes of each design point in each group and difficulty."""
-    width = int(trials.design_point.max(initial=0)) + 1
-    slot = trials.group * width + trials.design_point
-    size = int(slot.max(initial=-1)) + 1
-    difficulty = np.zeros(size)
-    difficulty[slot] = trials.difficulty
-    if not np.array_equal(difficulty[slot], trials.difficulty):  # a table from elsewhere may vary it within a design point
-        return _points_of_many_difficulties(trials)
-    tried = np.bincount(slot, minlength=size)
-    some = np.flatnonzero(tried)
-    passed = np.bincount(slot[trials.passed], minlength=size)
-    return pl.DataFrame(
-        {"group": some // width, "difficulty": _millionths(difficulty[some]), "tried": tried[some], "passed": passed[some]}
-    )
-
-
-def _points_of_many_difficulties(trials: Trials) -> pl.DataFrame:
-    hard = _millionths(trials.difficulty)
-    frame = pl.DataFrame({"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed})
-    counted = frame.group_by("group", "difficulty", "point").agg(pl.len().alias("tried"), pl.col("passed").sum())
-    return counted.select(pl.col("group", "difficulty", "tried", "passed").cast(pl.Int64))
 
 
 def _millionths(difficulty: Floats) -> Counts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -19,12 +20,13 @@ Counts = NDArray[np.int64]
 class Plan:
     """What scoring needs of a decomposition. Leaves (observables) and nodes are numbered in the document's order.
 
-    `leaf_rows[i]` is the node that leaf i is; `under` (nodes, leaves) says which leaves stand under a node, each once;
+    `number` gives a leaf's, `leaf_rows[i]` is the node that leaf i is; `under` (nodes, leaves) says which leaves stand under a node, each once;
     `inner` gives every inner node, children first, with the numbers of its children.
     """
 
     nodes: tuple[str, ...]
     leaves: tuple[str, ...]
+    number: Mapping[str, int]
     leaf_rows: Counts
     under: Bools
     inner: tuple[tuple[int, Counts], ...]
@@ -67,6 +69,7 @@ def _plan(key: _Key) -> Plan:
     return Plan(
         nodes=nodes,
         leaves=leaves,
+        number=column,
         leaf_rows=np.array([row[leaf] for leaf in leaves], dtype=np.int64),
         under=under,
         inner=tuple(

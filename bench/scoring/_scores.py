@@ -118,19 +118,31 @@ def difficulty_column(plan: Plan, difficulties: Difficulty | Mapping[str, float]
 
 def measured_column(plan: Plan, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
     """Measured value and consideration of every leaf in one run. Raises ValueError as `score_run` says."""
-    x, considered, seen = np.zeros(len(plan.leaves)), np.zeros(len(plan.leaves), dtype=np.bool_), set()
-    number = {leaf: index for index, leaf in enumerate(plan.leaves)}
-    for one in observations:
-        if one.observable not in number:
-            raise ValueError(f"there is an observation of {one.observable!r}, which is no observable of this decomposition")
-        if one.observable in seen:
-            raise ValueError(f"there are two observations of {one.observable} in one run")
-        if one.considered and one.x is None:
-            raise ValueError(f"the observation of {one.observable} is considered and has no value")
-        seen.add(one.observable)
-        considered[number[one.observable]] = one.considered
-        x[number[one.observable]] = one.x if one.considered and one.x is not None else 0.0
+    x, considered = np.zeros(len(plan.leaves)), np.zeros(len(plan.leaves), dtype=np.bool_)
+    own = tuple(observations)
+    found = {one.observable: one.x if one.considered else None for one in own}
+    places = [plan.number.get(name) for name in found]
+    if len(found) < len(own) or None in places:
+        raise ValueError(_fault_of(plan, own))
+    at = np.array(places, dtype=np.int64)
+    considered[at] = [one.considered for one in own]
+    x[at] = [0.0 if value is None else value for value in found.values()]
+    if np.count_nonzero(considered) > len(found) - list(found.values()).count(None):
+        raise ValueError(_fault_of(plan, own))
     return x, considered
+
+
+def _fault_of(plan: Plan, observations: Iterable[Observation]) -> str:
+    seen = set()
+    for one in observations:
+        if one.observable not in plan.number:
+            return f"there is an observation of {one.observable!r}, which is no observable of this decomposition"
+        if one.observable in seen:
+            return f"there are two observations of {one.observable} in one run"
+        if one.considered and one.x is None:
+            return f"the observation of {one.observable} is considered and has no value"
+        seen.add(one.observable)
+    raise AssertionError("these observations have no fault")
 
 
 def _upwards(plan: Plan, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:

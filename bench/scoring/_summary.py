@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from bench.contracts import Outcome
 from decompositions import Decomposition, Level, Policies
 
-from ._competence import SHARES, Trials, competence, tally
+from ._bootstrap import bootstrap_means
+from ._competence import SHARES, Tally, Trials, competence, tally, tally_points
 from ._difficulty import DECIMALS
 from ._intervals import clopper_pearson, effective_size
 from ._plan import Bools, Counts, Floats
@@ -33,6 +36,8 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
     "considered": pl.Int64,
     "scored": pl.Int64,
     "score_mean": pl.Float64,
+    "score_low": pl.Float64,
+    "score_high": pl.Float64,
     "passed_score_mean": pl.Float64,
     "raised_by_failure": pl.Boolean,
     "confidence_mean": pl.Float64,
@@ -51,7 +56,8 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
 `runs` are distinct realizations whose outcome the agent answers for, `excluded` the others; `considered` and `scored` count
 runs, `design_points` the considered runs' distinct design points. `difficulty` is null where it differs among the runs.
 `raised_by_failure` flags a mean score above `passed_score_mean`, the mean had every failed observable passed at its
-threshold. `method` names the interval of the confidence. `competence_*` is over difficulties: it stands in the rows of `all`
+threshold. `score_low` and `score_high` are null below five design points with a score. `method` names the interval of the
+confidence. `competence_*` is over difficulties: it stands in the rows of `all`
 alone, and is null where the node was never considered (see `_competence`)."""
 
 EXACT = "clopper-pearson"
@@ -70,11 +76,14 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
     policies = decomposition.policies if decomposition else Policies()
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
-    rows = _Rows.of(scores)
-    frames = [_summarised(rows, configurations, policies, titles) for configurations in (rows.together(), rows.apart())]
-    place = {name: number for number, name in enumerate((ALL, *rows.configuration.names))}
-    order = {name: number for number, name in enumerate(rows.agent.names)}
-    return pl.concat(frames).sort(
+    scenes = _scenes(scores)
+    whole = scenes.together()
+    together = _summarised(whole, policies, titles).with_columns(**_competence(whole, scores))
+    frame = pl.concat([together, _summarised(scenes.configured(), policies, titles)], how="diagonal")
+    place = {name: number for number, name in enumerate((ALL, *scenes.configurations))}
+    order = {name: number for number, name in enumerate(scenes.agents)}
+    asked = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
+    return asked.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items()).sort(
         pl.col("agent").replace_strict(order, return_dtype=pl.Int64),
         pl.col("configuration").replace_strict(place, return_dtype=pl.Int64),
         maintain_order=True,
@@ -86,156 +95,225 @@ class _Texts:
     """A column of texts as numbers in the order of first appearance, -1 where there is none."""
 
     names: tuple[str, ...]
-    numbers: Counts
+    numbers: NDArray[np.int32]
 
     @classmethod
     def of(cls, column: pl.Series) -> _Texts:
-        names = column.drop_nulls().unique(maintain_order=True).to_list()
-        numbers = column.replace_strict(names, list(range(len(names))), default=-1, return_dtype=pl.Int64)
+        names = column.drop_nulls().unique(maintain_order=True).cast(pl.String)
+        numbers = column.cast(pl.String).cast(pl.Enum(names)).to_physical().cast(pl.Int32)
         return cls(tuple(names), numbers.fill_null(-1).to_numpy())
 
 
 @dataclass(frozen=True, slots=True)
-class _Rows:
-    """A score table as arrays. Sums over them run in the table's own order: the same on any number of cores."""
+class _Scenes:
+    """A score table summed over the runs of each scene: an agent in a design point of a configuration.
 
-    agent: _Texts
-    configuration: _Texts
-    node: _Texts
-    design_point: _Texts
-    level: Sequence[str]
-    table: pl.DataFrame
-    counts: Bools
+    Scenes come by agent, configuration and design point, whose numbers stand beside them (-1: none). `sums` are (scenes,
+    nodes), made in the table's own order: the same on any number of cores. `low` and `high` are the ends of difficulty.
+    """
 
-    @classmethod
-    def of(cls, scores: pl.DataFrame) -> _Rows:
-        node = _Texts.of(scores["node"])
-        levels = dict(scores.select("node", "level").unique(maintain_order=True).iter_rows())
-        counts = ~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH)
-        return cls(
-            _Texts.of(scores["agent"]),
-            _Texts.of(scores["configuration"]),
-            node,
-            _Texts.of(scores["design_point"]),
-            [levels[name] for name in node.names],
-            scores,
-            counts.to_numpy(),
+    agents: tuple[str, ...]
+    configurations: tuple[str, ...]
+    design_points: tuple[str, ...]
+    nodes: tuple[str, ...]
+    levels: tuple[str, ...]
+    agent: Counts
+    configuration: Counts
+    point: Counts
+    sums: Mapping[str, NDArray[Any]]
+    low: Floats
+    high: Floats
+
+    def together(self) -> _Scenes:
+        """All configurations in one."""
+        order = np.lexsort((self.point, self.agent))
+        agent, point = self.agent[order], self.point[order]
+        first = np.flatnonzero((np.diff(agent, prepend=-2) != 0) | (np.diff(point, prepend=-2) != 0))
+        return replace(
+            self,
+            configurations=(ALL,),
+            agent=agent[first],
+            configuration=np.zeros(first.size, dtype=np.int64),
+            point=point[first],
+            sums={name: np.add.reduceat(values[order], first) for name, values in self.sums.items()},
+            low=np.minimum.reduceat(self.low[order], first),
+            high=np.maximum.reduceat(self.high[order], first),
         )
 
-    def together(self) -> _Texts:
-        """Every row in one configuration."""
-        return _Texts((ALL,), np.zeros(self.table.height, dtype=np.int64))
+    def configured(self) -> _Scenes:
+        """Those that have a configuration."""
+        has = self.configuration >= 0
+        if has.all():
+            return self
+        return replace(
+            self,
+            agent=self.agent[has],
+            configuration=self.configuration[has],
+            point=self.point[has],
+            sums={name: values[has] for name, values in self.sums.items()},
+            low=self.low[has],
+            high=self.high[has],
+        )
 
-    def apart(self) -> _Texts:
-        """Every row in its own configuration."""
-        return self.configuration
+    @property
+    def starts(self) -> Counts:
+        """Where the scenes of each agent and configuration begin: a block."""
+        return np.flatnonzero((np.diff(self.agent, prepend=-2) != 0) | (np.diff(self.configuration, prepend=-2) != 0))
 
-    def column(self, name: str) -> tuple[Floats, Bools]:
-        """Values of a column, 0 where null, and where they are known; a column that the table lacks is null throughout."""
-        if name not in self.table.columns:
-            return np.zeros(self.table.height), np.zeros(self.table.height, dtype=np.bool_)
-        column = self.table[name]
-        return column.cast(pl.Float64).fill_null(0.0).to_numpy(), column.is_not_null().to_numpy()
-
-
-@dataclass(frozen=True, slots=True)
-class _Groups:
-    """Rows by agent, configuration and node: `key` is each row's group, or `size` for a row that stands in none."""
-
-    key: Counts
-    size: int
-
-    def count(self, where: Bools) -> Counts:
-        """Rows of each group for which `where` holds."""
-        return np.bincount(self.key[where], minlength=self.size + 1)[: self.size]
-
-    def total(self, values: Floats, where: Bools) -> Floats:
-        """Sum over those rows."""
-        return _sums(self.key[where], values[where], self.size + 1)[: self.size]
-
-    def mean(self, values: Floats, where: Bools) -> Floats:
-        """Mean of each group, NaN in one without any; made null before it leaves this module."""
-        count = self.count(where)
-        return np.where(count > 0, self.total(values, where) / np.maximum(count, 1), np.nan)
-
-    def ends(self, values: Floats, where: Bools) -> tuple[Floats, Floats]:
-        """Least and greatest value of each group, NaN in one without any."""
-        low, high = np.full(self.size + 1, np.inf), np.full(self.size + 1, -np.inf)
-        np.minimum.at(low, self.key[where], values[where])
-        np.maximum.at(high, self.key[where], values[where])
-        known = np.isfinite(low[: self.size])
-        return np.where(known, low[: self.size], np.nan), np.where(known, high[: self.size], np.nan)
-
-    def clusters(self, values: Floats, where: Bools, points: Counts) -> tuple[Counts, Floats]:
-        """Distinct design points of each group, and the sum over them of (summed deviations from the mean) squared."""
-        mean = np.append(np.nan_to_num(self.mean(values, where)), 0.0)
-        width = int(points.max(initial=0)) + 2
-        cluster, member = np.unique(self.key[where] * width + points[where] + 1, return_inverse=True)
-        deviation = _sums(member, values[where] - mean[self.key[where]], len(cluster))
-        group = cluster // width
-        points_in = np.bincount(group, minlength=self.size + 1)[: self.size]
-        return points_in, _sums(group, deviation**2, self.size + 1)[: self.size]
+    def total(self, name: str) -> NDArray[Any]:
+        """Sums over each block, (blocks, nodes)."""
+        values = self.sums[name]
+        return np.add.reduceat(values, self.starts, dtype=np.float64 if values.dtype.kind == "f" else np.int64)
 
 
-def _sums(key: Counts, weights: Floats, length: int) -> Floats:
-    return np.asarray(np.bincount(key, weights=weights, minlength=length), dtype=np.float64)
+def _scenes(scores: pl.DataFrame) -> _Scenes:
+    agent, configuration, point = (_Texts.of(scores[name]) for name in ("agent", "configuration", "design_point"))
+    places, points = len(configuration.names) + 1, len(point.names) + 1
+    keys, scene = _numbered(((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1)
+    names = {"agents": agent.names, "configurations": configuration.names, "design_points": point.names}
+    del agent, configuration, point  # arrays as long as the table, which may be large
+    node = _Texts.of(scores["node"])
+    shape = (keys.size, len(node.names))
+    slot = scene * shape[1] + node.numbers
+    a_row = np.zeros(shape[1], dtype=np.int64)
+    a_row[node.numbers] = np.arange(scores.height)
+    low, high = _ends(scores, slot, shape[0] * shape[1])
+    return _Scenes(
+        **names,
+        nodes=node.names,
+        levels=tuple(scores["level"].gather(a_row)),
+        agent=keys // (points * places) - 1,
+        configuration=keys // points % places - 1,
+        point=keys % points - 1,
+        sums={name: values.reshape(shape) for name, values in _summed(scores, slot, shape[0] * shape[1])},
+        low=low.reshape(shape),
+        high=high.reshape(shape),
+    )
 
 
-def _summarised(rows: _Rows, configuration: _Texts, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
-    shape = (len(rows.agent.names), len(configuration.names), len(rows.node.names))
-    groups = _groups(rows, configuration, shape)
-    score, scored = rows.column("score")
-    passed, _ = rows.column("passed_score")
-    ratio, considered = rows.column("confidence")
-    low, high = groups.ends(*rows.column("difficulty"))
-    points, squared = groups.clusters(ratio, considered, rows.design_point.numbers)
-    score_mean, passed_mean = groups.mean(score, scored), groups.mean(passed, rows.column("passed_score")[1])
-    confidence = _confidence(rows, groups, policies)
-    runs = groups.count(considered)
-    agent, place, node = np.unravel_index(np.arange(groups.size), shape)
-    level = np.array(rows.level)[node]
+def _ends(scores: pl.DataFrame, slot: Counts, size: int) -> tuple[Floats, Floats]:
+    """Least and greatest difficulty of each slot; infinite where there is none."""
+    low, high = np.full(size, np.inf), np.full(size, -np.inf)
+    rated, known = _column(scores, "difficulty")
+    if not known.all():
+        slot, rated = slot[known], rated[known]
+    np.minimum.at(low, slot, rated)
+    np.maximum.at(high, slot, rated)
+    return low, high
+
+
+def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Runs counted and values summed in each slot; one column at a time, for a table may be large."""
+
+    def count(where: NDArray[Any]) -> NDArray[np.int32]:
+        return np.bincount(slot, weights=where, minlength=size).astype(np.int32)  # whole numbers: exact
+
+    counts = (~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH)).to_numpy()
+    yield "runs", count(counts)
+    yield "excluded", count(~counts)
+    for name, known_name in (("confidence", "considered"), ("score", "scored"), ("passed_score", "passable")):
+        values, known = _column(scores, name)
+        yield known_name, count(known)
+        yield name, np.bincount(slot, weights=values, minlength=size)
+    achieved, asked = _column(scores, "achieved")[0], _column(scores, "considered")[0]
+    yield "achieved", count(achieved)
+    yield "asked", count(asked)
+    tried = counts & (asked > 0)
+    yield "trials", count(tried)
+    yield "passes", count(tried & (achieved == asked))
+
+
+def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
+    """Values of a column, 0 where null, and where they are known; a column that the table lacks is null throughout."""
+    if name not in scores.columns:
+        return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
+    column = scores[name]
+    return column.cast(pl.Float64).fill_null(0.0).to_numpy(), column.is_not_null().to_numpy()
+
+
+def _numbered(keys: Counts) -> tuple[Counts, Counts]:
+    """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense enough."""
+    size = int(keys.max()) + 1
+    if size > 4 * keys.size:
+        distinct, number = np.unique(keys, return_inverse=True)
+        return distinct, number
+    present = np.zeros(size, dtype=np.bool_)
+    present[keys] = True
+    return np.flatnonzero(present), (np.cumsum(present) - 1)[keys]
+
+
+def _mean(total: Floats, count: Counts) -> Floats:
+    """NaN where there is none; made null before it leaves this module."""
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
+    starts, nodes = scenes.starts, scenes.nodes
+    considered, scored = scenes.total("considered"), scenes.total("scored")
+    low, high = np.minimum.reduceat(scenes.low, starts), np.maximum.reduceat(scenes.high, starts)
+    score, passed = _mean(scenes.total("score"), scored), _mean(scenes.total("passed_score"), scenes.total("passable"))
+    score_low, score_high = _score_ends(scenes)
+    confidence = _confidence(scenes, policies)
+    points = np.add.reduceat((scenes.sums["considered"] > 0).astype(np.int64), starts)
+    level = np.tile(np.array(scenes.levels), starts.size)
+    blocks = {
+        "difficulty": np.where((high - low < 10.0**-DECIMALS) & np.isfinite(low), low, np.nan),
+        "difficulty_low": np.where(np.isfinite(low), low, np.nan),
+        "difficulty_high": np.where(np.isfinite(high), high, np.nan),
+        "runs": scenes.total("runs"),
+        "excluded": scenes.total("excluded"),
+        "design_points": points,
+        "considered": considered,
+        "scored": scored,
+        "score_mean": score,
+        "score_low": np.fmin(score_low, score),
+        "score_high": np.fmax(score_high, score),
+        "passed_score_mean": passed,
+        "raised_by_failure": score > passed + 1e-9,
+        "confidence_mean": confidence,
+        **_intervals(confidence, considered, points, _spread(scenes), level.reshape(considered.shape) == str(Level.OBSERVABLE)),
+    }
     frame = pl.DataFrame(
         {
-            "agent": np.array(rows.agent.names)[agent],
-            "configuration": np.array(configuration.names)[place],
-            "node": np.array(rows.node.names)[node],
+            "agent": np.repeat(np.array(scenes.agents)[scenes.agent[starts]], len(nodes)),
+            "configuration": np.repeat(np.array(scenes.configurations)[scenes.configuration[starts]], len(nodes)),
+            "node": np.tile(np.array(nodes), starts.size),
             "level": level,
-            "title": np.array([titles.get(name, "") for name in rows.node.names])[node],
-            "difficulty": np.where(high - low < 10.0**-DECIMALS, low, np.nan),
-            "difficulty_low": low,
-            "difficulty_high": high,
-            "runs": groups.count(rows.counts),
-            "excluded": groups.count(~rows.counts),
-            "design_points": points,
-            "considered": runs,
-            "scored": groups.count(scored),
-            "score_mean": score_mean,
-            "passed_score_mean": passed_mean,
-            "raised_by_failure": score_mean > passed_mean + 1e-9,
-            "confidence_mean": confidence,
-            **_intervals(confidence, runs, points, squared, level == str(Level.OBSERVABLE)),
-            **(_competence(rows, groups) if configuration.names == (ALL,) else {}),
+            "title": np.tile(np.array([titles.get(name, "") for name in nodes]), starts.size),
+            **{name: values.ravel() for name, values in blocks.items()},
         },
+        schema_overrides={name: dtype for name, dtype in SUMMARY_COLUMNS.items() if dtype == pl.String},
     )
-    absent = [pl.lit(None, dtype).alias(name) for name, dtype in SUMMARY_COLUMNS.items() if name not in frame.columns]
-    frame = frame.with_columns(absent).select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
-    return frame.with_columns(pl.col(pl.Float64).fill_nan(None)).filter(pl.col("runs") + pl.col("excluded") > 0)
+    return frame.with_columns(pl.col(pl.Float64).fill_nan(None))
 
 
-def _groups(rows: _Rows, configuration: _Texts, shape: tuple[int, int, int]) -> _Groups:
-    size = shape[0] * shape[1] * shape[2]
-    key = (rows.agent.numbers * shape[1] + configuration.numbers) * shape[2] + rows.node.numbers
-    return _Groups(np.where(configuration.numbers >= 0, key, size), size)
-
-
-def _confidence(rows: _Rows, groups: _Groups, policies: Policies) -> Floats:
+def _confidence(scenes: _Scenes, policies: Policies) -> Floats:
     if policies.over_runs == "mean_of_ratios":
-        return groups.mean(*rows.column("confidence"))
-    achieved, asked = (groups.total(*rows.column(name)) for name in ("achieved", "considered"))
-    return np.where(asked > 0, achieved / np.maximum(asked, 1.0), np.nan)
+        return _mean(scenes.total("confidence"), scenes.total("considered"))
+    asked = scenes.total("asked")
+    return np.where(asked > 0, scenes.total("achieved") / np.maximum(asked, 1.0), np.nan)
 
 
-def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats, leaf: Bools) -> dict[str, Any]:
+def _spread(scenes: _Scenes) -> Floats:
+    """Sum over the design points of (summed deviations of their ratios from the block's mean) squared."""
+    mean = np.nan_to_num(_mean(scenes.total("confidence"), scenes.total("considered")))
+    block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
+    deviation = scenes.sums["confidence"] - scenes.sums["considered"] * mean[block]
+    return np.add.reduceat(deviation**2, scenes.starts)
+
+
+def _score_ends(scenes: _Scenes) -> tuple[Floats, Floats]:
+    low, high = [], []
+    names = (*scenes.design_points, "")
+    for first, last in pairwise([*scenes.starts.tolist(), scenes.agent.size]):
+        own = [names[number] for number in scenes.point[first:last]]
+        ends = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], own)
+        low.append(ends[0])
+        high.append(ends[1])
+    return np.stack(low), np.stack(high)
+
+
+def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats, leaf: Bools) -> dict[str, NDArray[Any]]:
     """Exact on the counts of an observable whose runs share no design point; else on effective counts."""
     runs, share = considered.astype(np.float64), np.nan_to_num(mean)
     plain = leaf & (points == considered)
@@ -245,14 +323,10 @@ def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats
     return {"confidence_low": low, "confidence_high": high, "method": method}
 
 
-def _competence(rows: _Rows, groups: _Groups) -> dict[str, pl.Series]:
-    """The columns of competence, null in groups without a trial."""
-    achieved, _ = rows.column("achieved")
-    asked, _ = rows.column("considered")
-    difficulty, _ = rows.column("difficulty")
-    tried = (asked > 0) & rows.counts & (groups.key < groups.size)
-    points = rows.design_point.numbers[tried]
-    counted = tally(Trials(groups.key[tried], difficulty[tried], (achieved == asked)[tried], points), groups.size)
+def _competence(scenes: _Scenes, scores: pl.DataFrame) -> dict[str, pl.Series]:
+    """The columns of competence for an agent's every node over all configurations, null in groups without a trial."""
+    groups = len(scenes.agents) * len(scenes.nodes)
+    counted = _tally(scenes, groups) if np.array_equal(scenes.low, scenes.high) else _tally_rows(scores, groups)
     columns: dict[str, pl.Series] = {}
     for name, share in SHARES.items():
         found = competence(counted, share)
@@ -260,6 +334,23 @@ def _competence(rows: _Rows, groups: _Groups) -> dict[str, pl.Series]:
         parts = (("", found.value), ("_low", found.low), ("_at_least", found.at_least))
         columns |= {f"competence_{name}{part}": _known(pl.Series(values), known) for part, values in parts}
     return columns
+
+
+def _tally(scenes: _Scenes, groups: int) -> Tally:
+    scene, node = np.nonzero(scenes.sums["trials"])
+    group = scenes.agent[scene] * len(scenes.nodes) + node
+    trials, passes = scenes.sums["trials"][scene, node], scenes.sums["passes"][scene, node]
+    return tally_points(group, scenes.low[scene, node], trials, passes, groups)
+
+
+def _tally_rows(scores: pl.DataFrame, groups: int) -> Tally:
+    """Run by run: a table from elsewhere may vary the difficulty within a design point."""
+    agent, node, point = (_Texts.of(scores[name]) for name in ("agent", "node", "design_point"))
+    asked = _column(scores, "considered")[0]
+    tried = (asked > 0) & ~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH).to_numpy()
+    group = agent.numbers * np.int64(len(node.names)) + node.numbers
+    passed = _column(scores, "achieved")[0] == asked
+    return tally(Trials(group[tried], _column(scores, "difficulty")[0][tried], passed[tried], point.numbers[tried]), groups)
 
 
 def _known(values: pl.Series, known: pl.Series) -> pl.Series:

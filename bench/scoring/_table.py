@@ -13,7 +13,7 @@ from decompositions import Decomposition
 
 from ._configuration import configuration_of
 from ._difficulty import Difficulty
-from ._plan import Plan, plan_of
+from ._plan import Floats, Plan, plan_of
 from ._scores import Measured, Scores, difficulty_column, measured_column, score_runs
 
 SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
@@ -104,12 +104,16 @@ def _each_once(runs: Sequence[ScoredRun]) -> None:
 
 
 def _measured(plan: Plan, runs: Sequence[ScoredRun]) -> Measured:
-    columns = [measured_column(plan, run.observations if run.outcome.counts else ()) for run in runs]
-    return Measured(
-        difficulty=np.stack([difficulty_column(plan, run.difficulty) for run in runs], axis=1),
-        x=np.stack([x for x, _ in columns], axis=1),
-        considered=np.stack([considered for _, considered in columns], axis=1),
-    )
+    shape = (len(plan.leaves), len(runs))
+    measured = Measured(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
+    rated: dict[int, Floats] = {}
+    for number, run in enumerate(runs):
+        if id(run.difficulty) not in rated:
+            rated[id(run.difficulty)] = difficulty_column(plan, run.difficulty)
+        measured.difficulty[:, number] = rated[id(run.difficulty)]
+        column = measured_column(plan, run.observations if run.outcome.counts else ())
+        measured.x[:, number], measured.considered[:, number] = column
+    return measured
 
 
 def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str]) -> list[str]:
@@ -134,8 +138,7 @@ def _rows(array: np.ndarray) -> np.ndarray:
 
 def _where(values: np.ndarray, known: np.ndarray) -> pl.Series:
     """One column with null where nothing is known."""
-    column = pl.DataFrame({"value": _rows(values), "known": _rows(known)})
-    return column.select(pl.when("known").then("value")).to_series()
+    return pl.Series(np.where(known.T, values.T, np.nan).ravel()).fill_nan(None)  # no score is NaN
 
 
 def _gather(texts: list[str], index: np.ndarray) -> pl.Series:
