@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,6 +64,14 @@ def score(
             target.show(per_run=per_run)
 
 
+def known_node(option: str, asked: Decomposition, node: str) -> None:
+    """Raises SetupError, with what was probably meant, for a node that the decomposition does not have."""
+    if node not in asked.nodes:
+        near = difflib.get_close_matches(node, asked.nodes, n=3)
+        mend = f"did you mean {' or '.join(near)}?" if near else f"key attributes: {', '.join(asked.key_attributes)}"
+        raise SetupError(Fault(option, f"there is no node {node!r} in {asked.name}", mend))
+
+
 def campaign_report(folder: Path) -> ScoreReport:
     """The document of a campaign as it lies; nothing is measured anew."""
     return _of_campaign(folder, None, reading=True).report(per_run=False)
@@ -93,11 +102,8 @@ class Target:
     def explained(self, node: str, limit: int) -> Explanation:
         """Why a node has its numbers. Raises SetupError for one that there is not."""
         from bench.scoring import explain, node_reports
-        from decompositions import close
 
-        if node not in self.asked.nodes:
-            mend = close(node, self.asked.nodes)
-            raise SetupError(Fault("--explain", f"there is no node {node!r} in {self.asked.name}", mend))
+        known_node("--explain", self.asked, node)
         summaries = node_reports(self.scores, self.summary.filter(node=node, configuration="all"))
         return explain(self.asked, node, self.runs, summaries, self.sources, self.source, limit)
 

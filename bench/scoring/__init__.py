@@ -7,10 +7,10 @@ print(found.explain("KA-18"), score_run(decomposition, found, result.observation
 
 from __future__ import annotations
 
-from ._bootstrap import bootstrap_means as bootstrap_means
 from ._anova import Anova as Anova
 from ._anova import Effect as Effect
 from ._anova import anova as anova
+from ._bootstrap import bootstrap_means as bootstrap_means
 from ._compare import NodeComparison as NodeComparison
 from ._compare import compare_nodes as compare_nodes
 from ._competence import Competence as Competence
@@ -53,6 +53,11 @@ from ._power import mcnemar_power as mcnemar_power
 from ._power import pairs_for_difference as pairs_for_difference
 from ._power import runs_for_claim as runs_for_claim
 from ._power import runs_for_half_width as runs_for_half_width
+from ._raising import Change as Change
+from ._raising import Goal as Goal
+from ._raising import Raising as Raising
+from ._raising import raising as raising
+from ._raising import value_rated as value_rated
 from ._regression import Correlation as Correlation
 from ._regression import FactorTest as FactorTest
 from ._regression import Logistic as Logistic

@@ -113,14 +113,8 @@ class Difficulty:
         told = [_told(self.observables[one]) for one in found.ruled_by]
         return f"{node}: {found.difficulty:g} (tension {found.tension}). " + " ".join(told)
 
-    def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """Node, level, difficulty, tension and what rules it, as text for a table."""
-        return [
-            (one.node, str(one.level), f"{one.difficulty:.1f}", str(one.tension), self._ruler(one)) for one in self.nodes.values()
-        ]
-
     def as_json(self) -> dict[str, Any]:
-        """The same for a machine, with every factor's rating."""
+        """All of it for a machine, with every factor's rating."""
         return {
             "decomposition": self.decomposition,
             "nodes": [
@@ -146,12 +140,6 @@ class Difficulty:
                 for one in self.observables.values()
             ],
         }
-
-    def _ruler(self, node: NodeDifficulty) -> str:
-        factors = dict.fromkeys(factor for one in node.ruled_by for factor in self.observables[one].ruled_by)
-        if node.level is Level.OBSERVABLE:
-            return ", ".join(factors)
-        return f"{', '.join(node.ruled_by)}: {', '.join(factors)}"
 
 
 def difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:

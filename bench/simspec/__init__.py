@@ -53,6 +53,7 @@ from ._document import TimeWindow as TimeWindow
 from ._document import VehicleSpec as VehicleSpec
 from ._document import Wind as Wind
 from ._document import World as World
+from ._factor_paths import factor_paths as factor_paths
 from ._factors import FACTORS as FACTORS
 from ._factors import Factor as Factor
 from ._factors import factor_values as factor_values

@@ -18,11 +18,16 @@ from ._sun import sun_of
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A key factor: its unit, one sentence, and how it is read; None when the situation has no such thing."""
+    """A key factor: its unit, one sentence, and how it is read; None when the situation has no such thing.
+
+    `path` says for people where it is read from, as `factor_paths` takes it: fields of the SimSpec, divided by commas;
+    `[x]` picks the members of a list whose role or kind is x, `[*]` all; what follows `else` is read where nothing is before.
+    """
 
     unit: str
     text: str
     read: Callable[[SimSpec], float | None]
+    path: str
 
 
 def _groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
@@ -158,60 +163,139 @@ def _no_fly_share(simspec: SimSpec) -> float:
 
 
 FACTORS: dict[str, Factor] = {
-    "hours_from_solar_noon": Factor("h", "Hours to or from solar noon at the start.", lambda s: sun_of(s).hours_from_noon),
-    "rain_level": Factor("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level),
-    "fog_level": Factor("level", "Fog, 0 to 9.", lambda s: s.environment.fog_level),
-    "wind_mps": Factor("m/s", "Mean wind.", lambda s: s.environment.wind.speed_mps),
-    "turbulence_mps": Factor("m/s", "Wind at 6 m that scales the gusts.", lambda s: s.environment.wind.turbulence_mps),
-    "uav_altitude_m": Factor("m", "Configured mission height above home.", lambda s: s.mission.altitude_m),
-    "uav_speed_mps": Factor("m/s", "Configured mission speed.", lambda s: s.mission.speed_mps),
-    "time_limit_s": Factor("s", "Time allowed for the mission.", lambda s: s.mission.time_limit_s),
-    "gps_wander_m": Factor("m", "Slow satellite navigation error.", lambda s: s.vehicle.gps.wander_m),
+    "hours_from_solar_noon": Factor(
+        "h", "Hours to or from solar noon at the start.", lambda s: sun_of(s).hours_from_noon, "environment.start_utc"
+    ),
+    "rain_level": Factor("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"),
+    "fog_level": Factor("level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"),
+    "wind_mps": Factor("m/s", "Mean wind.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"),
+    "turbulence_mps": Factor(
+        "m/s",
+        "Wind at 6 m that scales the gusts.",
+        lambda s: s.environment.wind.turbulence_mps,
+        "environment.wind.turbulence_mps",
+    ),
+    "uav_altitude_m": Factor("m", "Configured mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"),
+    "uav_speed_mps": Factor("m/s", "Configured mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"),
+    "time_limit_s": Factor("s", "Time allowed for the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"),
+    "gps_wander_m": Factor("m", "Slow satellite navigation error.", lambda s: s.vehicle.gps.wander_m, "vehicle.gps.wander_m"),
     "target_concealment": Factor(
-        "1", "Concealment of the best concealed adversaries.", lambda s: _concealment(s, Role.ADVERSARY)
+        "1",
+        "Concealment of the best concealed adversaries.",
+        lambda s: _concealment(s, Role.ADVERSARY),
+        "actors[adversary].concealment",
     ),
     "bystander_concealment": Factor(
-        "1", "Concealment of the best concealed bystanders.", lambda s: _concealment(s, Role.BYSTANDER)
+        "1",
+        "Concealment of the best concealed bystanders.",
+        lambda s: _concealment(s, Role.BYSTANDER),
+        "actors[bystander].concealment",
     ),
-    "bystander_density_per_km2": Factor("1/km2", "Bystanders per square kilometre of the area of interest.", _bystander_density),
-    "bystander_proximity_m": Factor("m", "Mean distance of bystanders to the target.", _bystander_proximity),
-    "nearest_bystander_m": Factor("m", "Least configured distance of bystanders to a target.", _nearest_bystander),
-    "intelligence_latency_s": Factor("s", "Age of the oldest intelligence report at delivery.", _latency),
-    "intelligence_uncertainty_m": Factor("m", "Radius of the widest reported sub-area.", _uncertainty),
-    "targets": Factor("1", "Number of adversaries.", _targets),
+    "bystander_density_per_km2": Factor(
+        "1/km2",
+        "Bystanders per square kilometre of the area of interest.",
+        _bystander_density,
+        "actors[bystander].density_per_km2 else actors[bystander].count",
+    ),
+    "bystander_proximity_m": Factor(
+        "m",
+        "Mean distance of bystanders to the target.",
+        _bystander_proximity,
+        "actors[bystander].placement.mean_distance.mean_m",
+    ),
+    "nearest_bystander_m": Factor(
+        "m", "Least configured distance of bystanders to a target.", _nearest_bystander, "actors[bystander].placement.near.min_m"
+    ),
+    "intelligence_latency_s": Factor(
+        "s", "Age of the oldest intelligence report at delivery.", _latency, "intelligence[*].latency_s"
+    ),
+    "intelligence_uncertainty_m": Factor(
+        "m", "Radius of the widest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
+    ),
+    "targets": Factor("1", "Number of adversaries.", _targets, "actors[adversary].count, actors[adversary].density_per_km2"),
     # Below, what is absent reads as the easiest, 0: a situation without orders is one in which none has to be obeyed.
-    "orders": Factor("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders))),
+    "orders": Factor("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"),
     "order_urgency_per_min": Factor(
-        "1/min", "60 over the least time, in s, in which an order is to be carried out.", _order_urgency_per_min
+        "1/min",
+        "60 over the least time, in s, in which an order is to be carried out.",
+        _order_urgency_per_min,
+        "orders[*].within_s",
     ),
-    "operator_link_outage_s": Factor("s", "Time for which the operator's link is down.", lambda s: _outage_s(s, "operator_link")),
-    "detections_outage_s": Factor("s", "Time for which the detector is silent.", lambda s: _outage_s(s, "detections")),
-    "gps_outage_s": Factor("s", "Time without satellite navigation or with one that drifts.", _gps_outage_s),
-    "gps_drift_mps": Factor("m/s", "Fastest drift of satellite navigation.", _gps_drift_mps),
-    "no_fly_share": Factor("1", "Share of the area of interest that no-fly areas cover.", _no_fly_share),
-    "bystander_groups": Factor("1", "Groups of bystanders that have members.", lambda s: float(len(_peopled(s, Role.BYSTANDER)))),
-    "bystander_shortness": Factor("1", "1 less the height of the smallest bystanders over 1.75 m.", _shortness),
-    "bystander_speed_mps": Factor("m/s", "Speed of the fastest bystanders.", lambda s: _speed(s, Role.BYSTANDER)),
-    "target_speed_mps": Factor("m/s", "Speed of the fastest adversaries.", lambda s: _speed(s, Role.ADVERSARY)),
-    "clutter_density_per_km2": Factor("1/km2", "Clutter per square kilometre of the area of interest.", _clutter_density),
+    "operator_link_outage_s": Factor(
+        "s",
+        "Time for which the operator's link is down.",
+        lambda s: _outage_s(s, "operator_link"),
+        "outages[operator_link].duration_s",
+    ),
+    "detections_outage_s": Factor(
+        "s", "Time for which the detector is silent.", lambda s: _outage_s(s, "detections"), "outages[detections].duration_s"
+    ),
+    "gps_outage_s": Factor(
+        "s",
+        "Time without satellite navigation or with one that drifts.",
+        _gps_outage_s,
+        "vehicle.failures[gps_off].duration_s, vehicle.failures[gps_drift].duration_s",
+    ),
+    "gps_drift_mps": Factor(
+        "m/s", "Fastest drift of satellite navigation.", _gps_drift_mps, "vehicle.failures[gps_drift].drift_mps"
+    ),
+    "no_fly_share": Factor("1", "Share of the area of interest that no-fly areas cover.", _no_fly_share, "rules.no_fly"),
+    "bystander_groups": Factor(
+        "1", "Groups of bystanders that have members.", lambda s: float(len(_peopled(s, Role.BYSTANDER))), "actors"
+    ),
+    "bystander_shortness": Factor(
+        "1", "1 less the height of the smallest bystanders over 1.75 m.", _shortness, "actors[bystander].asset"
+    ),
+    "bystander_speed_mps": Factor(
+        "m/s",
+        "Speed of the fastest bystanders.",
+        lambda s: _speed(s, Role.BYSTANDER),
+        "actors[bystander].motion.kind, actors[bystander].motion.speed_mps",
+    ),
+    "target_speed_mps": Factor(
+        "m/s",
+        "Speed of the fastest adversaries.",
+        lambda s: _speed(s, Role.ADVERSARY),
+        "actors[adversary].motion.kind, actors[adversary].motion.speed_mps",
+    ),
+    "clutter_density_per_km2": Factor(
+        "1/km2",
+        "Clutter per square kilometre of the area of interest.",
+        _clutter_density,
+        "actors[clutter].count, actors[clutter].density_per_km2",
+    ),
     "bystander_standoff_m": Factor(
-        "m", "Least distance to bystanders that the rules allow.", lambda s: s.rules.bystander_standoff_m
+        "m",
+        "Least distance to bystanders that the rules allow.",
+        lambda s: s.rules.bystander_standoff_m,
+        "rules.bystander_standoff_m",
     ),
-    "rules_in_force": Factor("1", "Number of optional rules that are set.", _rules_in_force),
-    "intelligence_reports": Factor("1", "Number of intelligence reports.", lambda s: float(len(s.intelligence))),
+    "rules_in_force": Factor("1", "Number of optional rules that are set.", _rules_in_force, "rules"),
+    "intelligence_reports": Factor("1", "Number of intelligence reports.", lambda s: float(len(s.intelligence)), "intelligence"),
     "late_intelligence_s": Factor(
-        "s", "Latest delivery of intelligence.", lambda s: max((one.delivered_s for one in s.intelligence), default=0.0)
+        "s",
+        "Latest delivery of intelligence.",
+        lambda s: max((one.delivered_s for one in s.intelligence), default=0.0),
+        "intelligence[*].delivered_s",
     ),
     "distinct_priorities": Factor(
-        "1", "Number of different priorities of intelligence.", lambda s: float(len({one.priority for one in s.intelligence}))
+        "1",
+        "Number of different priorities of intelligence.",
+        lambda s: float(len({one.priority for one in s.intelligence})),
+        "intelligence[*].priority",
     ),
     "battery_need_fraction": Factor(
         "1",
         "Charge that is missing at the start, and the reserve to be kept.",
         lambda s: 1.0 - s.vehicle.battery.initial_fraction + s.rules.battery_reserve_fraction,
+        "vehicle.battery.initial_fraction, rules.battery_reserve_fraction",
     ),
-    "report_closure_share": Factor("1", "Share of the time limit in which reports are forbidden.", _closure_share),
-    "vehicle_faults": Factor("1", "Number of things of the vehicle that break.", lambda s: float(len(s.vehicle.failures))),
+    "report_closure_share": Factor(
+        "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"
+    ),
+    "vehicle_faults": Factor(
+        "1", "Number of things of the vehicle that break.", lambda s: float(len(s.vehicle.failures)), "vehicle.failures"
+    ),
 }
 
 

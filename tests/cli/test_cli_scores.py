@@ -227,3 +227,21 @@ def test_a_printed_document_is_read_back(worked: list[str], tmp_path: Path, caps
     kept = tmp_path / "kept.json"
     kept.write_text(json.dumps(printed([*worked, "--json"], capsys)))
     assert load_document(kept, ScoreReport).decomposition == "worked"
+
+
+def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> None:
+    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension begins."""
+    told = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
+    (node,) = told["nodes"]
+    assert node["raise"]["ruled_by"] == ["bystander_density_per_km2"]
+    assert node["raise"]["following"] == ["bystander_proximity_m"]
+    (change,) = node["raise"]["tension"]["changes"]
+    assert (change["to"], change["past"]) == (pytest.approx(380 + 80 / 3), True)
+    assert told["factors"]["bystander_density_per_km2"]["paths"] == ["actors[civilians].density_per_km2"]
+    assert run(["difficulty", str(EXAMPLE), "--node", "KA-18"]) == 0
+    shown = capsys.readouterr().out
+    assert "390.1 -> more than 406.667 1/km2 (actors[civilians].density_per_km2)" in shown
+    assert run(["difficulty", str(EXAMPLE)]) == 0
+    assert "more than 406.667" in " ".join(capsys.readouterr().out.split())
+    assert run(["difficulty", str(EXAMPLE), "--node", "KA-81"]) == 2
+    assert "did you mean KA-18" in capsys.readouterr().err

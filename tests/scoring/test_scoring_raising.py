@@ -1,0 +1,173 @@
+"""What would make a situation harder: the inverse of the tables, and changes that do what they say."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.scoring import Goal, difficulty, raising, rate, value_rated
+from decompositions import Decomposition, DecompositionDocument, KeyFactor, Policies, decomposition_of, load_decomposition
+
+VALUES = {
+    "target_concealment": 0.0,
+    "bystander_density_per_km2": 390.1,
+    "bystander_proximity_m": 259.1,
+    "uav_altitude_m": 60.0,
+    "intelligence_uncertainty_m": 60.0,
+    "time_limit_s": 300.0,
+}
+
+
+def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
+    row = {"factor": "fog_level", "unit": "level", "ratings": ratings, "values": values, "reason": "For the test."}
+    return KeyFactor.model_validate(row | changes)
+
+
+RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
+
+
+@pytest.mark.parametrize(
+    ("row", "rating", "exceeded", "expected"),
+    [
+        (RAIN, 25.0, False, (1.5, False)),
+        (RAIN, 20.0, False, (1.0, False)),
+        (RAIN, 20.0, True, (1.0, True)),
+        (RAIN, 5.0, False, (0.0, False)),  # below the first column everything is 0
+        (RAIN, 40.0, False, (4.0, False)),
+        (RAIN, 40.0, True, (4.0, True)),
+        (RAIN, 50.0, False, (4.0, True)),  # 4 stands twice and has the lower rating
+        (RAIN, 60.0, True, None),
+        (table([10, 50, 100], [300, 200, 50]), 30.0, False, (250.0, False)),
+        (table([10, 50, 100], [300, 200, 50], mapping="step"), 30.0, False, (200.0, False)),
+    ],
+)
+def test_a_table_is_read_backwards(row: KeyFactor, rating: float, exceeded: bool, expected: tuple[float, bool] | None) -> None:
+    """The easiest value with a rating, and whether it must be passed."""
+    assert value_rated(row, rating, exceeded=exceeded) == expected
+
+
+@given(
+    values=st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda v: len(set(v)) > 1),
+    falling=st.booleans(),
+    mapping=st.sampled_from(["linear", "step"]),
+    shared=st.sampled_from(["lower", "higher"]),
+    rating=st.floats(0.5, 100),
+    exceeded=st.booleans(),
+)
+def test_reading_backwards_is_the_inverse(
+    values: list[int], falling: bool, mapping: str, shared: Any, rating: float, exceeded: bool
+) -> None:
+    """There, or just past it, the rating is reached; a little easier, it is not."""
+    ordered = [float(v) for v in sorted(values, reverse=falling)]
+    row = table([100.0 * (i + 1) / len(ordered) for i in range(len(ordered))], ordered, mapping=mapping)
+    policies, sign = Policies(shared_value=shared), -1.0 if falling else 1.0
+    found = value_rated(row, rating, policies, exceeded=exceeded)
+    if found is None:
+        assert rating > 100.0 or exceeded
+        assert rate(row, ordered[-1] + sign, policies) <= rating
+        return
+    value, past = found
+    reached = rate(row, value + (sign * 1e-6 if past else 0.0), policies)
+    assert reached >= rating - 1e-9
+    assert rate(row, value - sign * 1e-6, policies) <= rating + 1e-9
+    if exceeded:
+        assert past or reached > rating
+
+
+@pytest.fixture(scope="module")
+def asked() -> Decomposition:
+    return load_decomposition("search-and-report")
+
+
+def changed(goal: Goal) -> dict[str, float]:
+    """The situation after every change, a hair beyond the value where it must be passed."""
+    made = dict(VALUES)
+    for one in goal.changes:
+        assert one.to is not None
+        made[one.factor] = one.to + (1e-3 if one.harder == "more" else -1e-3) * one.past
+    return made
+
+
+@pytest.mark.parametrize("node", load_decomposition("search-and-report").nodes)
+def test_what_is_told_is_what_happens(asked: Decomposition, node: str) -> None:
+    """Making the changes brings every node to the next factor, and to the next tension."""
+    found = difficulty(asked, VALUES)
+    told = raising(asked, found, node)
+    assert set(told.ruled_by) == {
+        row.factor for one in found.nodes[node].ruled_by for row in found.observables[one].ratings if row.rating == found.of(node)
+    }
+    if told.takeover:
+        assert told.margin
+        after = difficulty(asked, changed(told.takeover))
+        assert after.of(node) == pytest.approx(found.of(node) + told.margin)
+        assert set(told.following) & set(raising(asked, after, node).ruled_by)
+    assert told.tension
+    assert told.tension.reachable
+    after = difficulty(asked, changed(told.tension))
+    assert after.nodes[node].tension == found.nodes[node].tension + 1
+
+
+def made(rows: list[dict[str, Any]], **more: Any) -> Decomposition:
+    """One observable for each row, under one key attribute."""
+    leaves = [
+        {
+            "id": f"O-{index}",
+            "title": "t",
+            "asks": "?",
+            "measure": "m",
+            "threshold": 0.5,
+            "threshold_reason": "r",
+            "considered": "c",
+            "key_factors": [row],
+        }
+        for index, row in enumerate(rows)
+    ]
+    ids = [leaf["id"] for leaf in leaves]
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "made",
+        "title": "Made",
+        "key_attributes": [{"id": "KA", "title": "t", "asks": "?", "children": ["V"]}],
+        "vabs": [{"id": "V", "title": "t", "asks": "?", "children": ids}],
+        "observables": leaves,
+    }
+    return decomposition_of(DecompositionDocument.model_validate(document | more))
+
+
+def test_what_cannot_be_reached_says_where_it_ends() -> None:
+    """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no harder value."""
+    fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 30], "values": [0, 9], "reason": "r"}
+    short = made([fog])
+    told = raising(short, difficulty(short, {"fog_level": 9.0}), "KA")
+    assert told.tension is not None
+    assert not told.tension.reachable
+    (change,) = told.tension.changes
+    assert (change.to, change.most, change.harder) == (None, 30.0, "more")
+    both = made([fog, fog | {"values": [9, 0]}])
+    told = raising(both, difficulty(both, {"fog_level": 2.0}), "KA")
+    assert told.tension is not None
+    assert [(one.to, one.harder) for one in told.tension.changes] == [(None, "either way")]
+
+
+def test_a_factor_in_two_tables_has_to_satisfy_both() -> None:
+    """Under a node a factor goes as far as the table that asks most of it."""
+    fog = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 10], "reason": "r"}
+    asked = made([fog, fog | {"values": [0, 20]}])
+    told = raising(asked, difficulty(asked, {"fog_level": 2.0}), "KA")
+    assert told.tension is not None
+    assert [(one.factor, one.to, one.past) for one in told.tension.changes] == [("fog_level", 4.0, True)]
+
+
+def test_nothing_is_said_where_nothing_rules() -> None:
+    """Under a mean every factor counts, and at the highest tension there is no next."""
+    fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "r"}
+    mean = made([fog], policies={"factor_rule": "mean"})
+    assert raising(mean, difficulty(mean, {"fog_level": 2.0}), "KA").tension is None
+    top = made([fog])
+    told = raising(top, difficulty(top, {"fog_level": 9.0}), "KA")
+    assert (told.tension, told.takeover, told.margin) == (None, None, None)
+    assert math.isclose(difficulty(top, {"fog_level": 9.0}).of("KA"), 100.0)

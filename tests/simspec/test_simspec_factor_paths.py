@@ -1,0 +1,66 @@
+"""Where key factors are read from: fields that exist, and that change the factor when they change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from bench.realization._paths import find_path
+from bench.simspec import FACTORS, SimSpec, factor_paths, load_simspec
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+
+
+@pytest.fixture(scope="module")
+def situation() -> SimSpec:
+    return load_simspec(EXAMPLE)
+
+
+def test_a_path_is_what_a_campaign_sets(situation: SimSpec) -> None:
+    """The groups of the role, by their own ids; of two ways to say a number, the one that the situation uses."""
+    assert factor_paths(situation, "target_concealment") == ("actors[radar].concealment", "actors[truck].concealment")
+    assert factor_paths(situation, "bystander_density_per_km2") == ("actors[civilians].density_per_km2",)
+    counted = situation.model_copy(update={"actors": tuple(one for one in situation.actors if one.id != "civilians")})
+    assert factor_paths(counted, "bystander_density_per_km2") == ("actors[neighbours].count",)
+
+
+def test_what_the_situation_has_not_is_told_in_general(situation: SimSpec) -> None:
+    """Without orders, what an order would have to state."""
+    assert factor_paths(situation, "order_urgency_per_min") == ("orders[*].within_s",)
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+def test_changing_what_it_is_read_from_changes_the_factor(situation: SimSpec, factor: str) -> None:
+    """Every path leads somewhere, and every number there has another value under which the factor is another."""
+    paths = factor_paths(situation, factor)
+    assert all(paths)
+    if paths == (FACTORS[factor].path,) and "[" in paths[0]:
+        return  # the situation has no such thing
+    document = situation.model_dump(mode="json")
+    for path in paths:
+        if path.endswith("motion.kind"):  # who stands still has no speed
+            find_path(situation, path).set(document, "wander")
+    moving = SimSpec.model_validate(document)
+    for path in paths:
+        place = find_path(moving, path)
+        value: Any = document
+        for step in place.steps:
+            value = value[step]
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            assert any(_becomes_another(moving, factor, path, other) for other in _others(value)), path
+
+
+def _others(value: float) -> list[float]:
+    return [value + 1, value - 1] if isinstance(value, int) else [value * 4 + 0.05, value * 0.9]
+
+
+def _becomes_another(situation: SimSpec, factor: str, path: str, value: float) -> bool:
+    document = situation.model_dump(mode="json")
+    find_path(situation, path).set(document, value)
+    try:
+        return FACTORS[factor].read(SimSpec.model_validate(document)) != FACTORS[factor].read(situation)
+    except ValidationError:
+        return False
