@@ -25,7 +25,14 @@ def failsafes(p: ParameterStore) -> Failsafes:
         station_timeout_s=max(p["FS_GCS_TIMEOUT"], 1.0),
         station=Reaction(station, texts=((WARNING, "GCS Failsafe"),)) if station else None,
         station_back=((WARNING, "GCS Failsafe Cleared"),),
-        battery=tuple(step for step in (_battery(p, "LOW", "low"), _battery(p, "CRT", "critical")) if step.volts > 0.0),
+        battery=tuple(
+            step
+            for step in (
+                _battery(p, "low", p["BATT_LOW_VOLT"], p["BATT_FS_LOW_ACT"]),
+                _battery(p, "critical", p["BATT_CRT_VOLT"], p["BATT_FS_CRT_ACT"]),
+            )
+            if step.volts > 0.0
+        ),
         position=Reaction(
             Behaviour.LAND,
             texts=((CRITICAL, "EKF variance: position lost"), (CRITICAL, "EKF Failsafe: changed to LAND Mode")),
@@ -39,8 +46,8 @@ def failsafes(p: ParameterStore) -> Failsafes:
     )
 
 
-def _battery(p: ParameterStore, name: str, word: str) -> BatteryStep:
+def _battery(p: ParameterStore, word: str, volts: float, action: float) -> BatteryStep:
     """Charge states were seen to go from 1 to 3 when the battery was low."""
     texts = ((WARNING, f"Battery 1 is {word} {{volts:.2f}}V used {{used_mah:.0f}} mAh"), (WARNING, "Battery Failsafe"))
-    reaction = Reaction(_BATTERY.get(int(p[f"BATT_FS_{name}_ACT"])), texts=texts)
-    return BatteryStep(reaction, 3, volts=p[f"BATT_{name}_VOLT"], lasts_s=max(p["BATT_LOW_TIMER"], 0.0))
+    reaction = Reaction(_BATTERY.get(int(action)), texts=texts)
+    return BatteryStep(reaction, 3, volts=volts, lasts_s=max(p["BATT_LOW_TIMER"], 0.0))
