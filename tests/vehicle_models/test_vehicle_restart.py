@@ -107,6 +107,19 @@ def test_other_values_restart_nothing(make: Make, autopilot: str) -> None:
     assert asked(client, 2).time_boot_ms > 5000
 
 
+def test_streams_that_were_asked_for_end_with_it(make: Make) -> None:
+    """Rates of REQUEST_DATA_STREAM are not saved; rates that somebody wrote into the parameters are."""
+    client = make(simspec("ardupilot"), system=255)
+    put(client, "ardupilot", "SR0_RC_CHAN", 2)
+    client.say(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
+    assert {"ATTITUDE", "RC_CHANNELS"} <= set(names(client.fly(2.0)))
+    assert client.command(REBOOT, 1) == [ACCEPTED]
+    heard = set(names(client.fly(3.0)))
+    assert "RC_CHANNELS" in heard
+    assert "ATTITUDE" not in heard
+    assert client.vehicle.changed_parameters() == {"SR0_RC_CHAN": 2.0}
+
+
 def test_a_restart_makes_the_log_no_other(make: Make) -> None:
     """Twice the same flight with a restart in it, the same bytes."""
 

@@ -27,7 +27,7 @@ from ._frames import MAX_FRAME, FrameReader
 
 BACKLOG_BYTES = 1024 * 1024
 INBOX_FRAMES = 2048
-FLOOD_FRAMES = 512  # a client for whom more than this waits floods the link
+FLOOD_FRAMES = 1536  # a client for whom more than this waits floods the link
 HEARD_FROM_FLOOD = 8  # of its messages are heard in a step
 MAX_CLIENTS = 8
 # Of one socket in one poll; then it is not listened to until the next.

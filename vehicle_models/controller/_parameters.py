@@ -80,6 +80,7 @@ class ParameterStore:
         self.names = list(self.kinds)
         self.index = {name: number for number, name in enumerate(self.names)}
         self._values = {one.name: float(one.default) for one in ordered}
+        self._saved: dict[str, float] = {}  # where that is not the present value
         self._listeners: list[Callable[[], None]] = []
         faults = [
             Fault(f"vehicle.parameters.{name}", "this autopilot has no such parameter here", self._near(name))
@@ -94,11 +95,17 @@ class ParameterStore:
     def __getitem__(self, name: str) -> float:
         return self._values[name]
 
-    def put(self, name: str, value: float) -> bool:
-        """Store a value; True when that changed it. Raises KeyError for an unknown name; what is not finite is refused."""
+    def put(self, name: str, value: float, *, saves: bool = True) -> bool:
+        """Store a value; True when that changed it. Raises KeyError for an unknown name; what is not finite is refused.
+
+        What is not saved holds until the next start, which has the value from before again."""
         old = self._values[name]
         if not math.isfinite(value):
             return False
+        if saves:
+            self._saved.pop(name, None)
+        else:
+            self._saved.setdefault(name, old)
         if self.kinds[name] != REAL32:
             low, high = _RANGE[self.kinds[name]]
             value = float(min(max(int(value), low), high))
@@ -124,11 +131,10 @@ class ParameterStore:
         return crc
 
     def changed(self) -> dict[str, float]:
-        """What differs from the defaults, without what changes by itself."""
+        """What is saved and differs from the defaults, without what changes by itself."""
+        saved = {**self._values, **self._saved}
         return {
-            name: self._values[name]
-            for name, one in self.definitions.items()
-            if not one.volatile and self._values[name] != float(one.default)
+            name: saved[name] for name, one in self.definitions.items() if not one.volatile and saved[name] != float(one.default)
         }
 
     def packed(self, name: str) -> bytes:

@@ -200,7 +200,7 @@ class Streams:
             for suffix, its in personality.stream_parameters.items():
                 name = f"SR{place}_{suffix}"
                 if its == group and name in self._board.parameters.kinds:
-                    self._board.parameters.put(name, hz)
+                    self._board.parameters.put(name, hz, saves=False)
 
 
 def _whole(value: float) -> int:
