@@ -10,6 +10,15 @@ from ._asking import check_options as check_options
 from ._asking import measure_all as measure_all
 from ._bystanders import bystanders_declared as bystanders_declared
 from ._bystanders import marks_clear_of_bystanders as marks_clear_of_bystanders
+from ._compliance import area_kept as area_kept
+from ._compliance import attitude_stable as attitude_stable
+from ._compliance import ceiling_kept as ceiling_kept
+from ._compliance import floor_kept as floor_kept
+from ._compliance import geofence_kept as geofence_kept
+from ._compliance import height_kept as height_kept
+from ._compliance import no_fly_kept as no_fly_kept
+from ._compliance import no_fly_margin as no_fly_margin
+from ._compliance import speed_kept as speed_kept
 from ._fairness import detection_fairness as detection_fairness
 from ._fairness import track_fairness as track_fairness
 from ._measured import Finding as Finding
@@ -24,6 +33,11 @@ from ._reports import no_false_reports as no_false_reports
 from ._reports import priority_order as priority_order
 from ._reports import report_accuracy as report_accuracy
 from ._reports import targets_reported as targets_reported
+from ._standoff import landing_clear as landing_clear
+from ._standoff import loiter_limited as loiter_limited
+from ._standoff import no_low_overflight as no_low_overflight
+from ._standoff import slow_near_bystanders as slow_near_bystanders
+from ._standoff import standoff_kept as standoff_kept
 from ._tracks import classified_share as classified_share
 from ._tracks import no_false_tracks as no_false_tracks
 from ._tracks import track_accuracy as track_accuracy

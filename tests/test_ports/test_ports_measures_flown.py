@@ -1,0 +1,127 @@
+"""Flight near people and within limits: the edges of what is kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from cases import Run, scene
+from cases.flown import CLOSED, CROWDED, flown, square
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.simspec import Point
+from test_ports.measures import (
+    area_kept,
+    ceiling_kept,
+    geofence_kept,
+    landing_clear,
+    loiter_limited,
+    no_fly_kept,
+    no_low_overflight,
+    slow_near_bystanders,
+    standoff_kept,
+)
+from test_ports.measures._compliance import beyond
+
+
+def x_of(measure: Any, run: Run, **options: Any) -> float | None:
+    found: float | None = measure("OBS-1", run.tape, run.simspec, options).x
+    return found
+
+
+def test_half_of_the_flight_is_half_of_the_share() -> None:
+    """Shares are of the time in the air: 190 s here, of which 95 s too near."""
+    spec = scene(rules={"bystander_standoff_m": 50.0})
+    run = flown(spec)
+    run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s >= 100.0] = (*CROWDED, 30.0)
+    assert x_of(standoff_kept, run) == pytest.approx(0.5)
+
+
+def test_standing_on_the_ground_near_people_is_no_flight() -> None:
+    """Who is not in the air passes nobody; who never is has shown nothing."""
+    spec = scene(rules={"bystander_standoff_m": 50.0})
+    near = flown(spec, at=CROWDED, up_m=60.0)
+    near.tape.vehicle_position_enu_m[near.tape.vehicle_time_s < 5.0, 2] = 0.0
+    assert x_of(standoff_kept, near) == 1.0
+    parked = Run(
+        spec,
+        type(near.tape)(
+            **{
+                name: getattr(near.tape, name)
+                for name in (
+                    "cast",
+                    "vehicle_time_s",
+                    "vehicle_position_enu_m",
+                    "vehicle_velocity_enu_mps",
+                    "actor_time_s",
+                    "actor_position_enu_m",
+                )
+            }
+        ),
+    )
+    assert x_of(standoff_kept, parked) == 0.0
+    assert x_of(ceiling_kept, parked) == 0.0
+
+
+def test_never_near_is_slow_enough() -> None:
+    """Speed near people is judged near people; far off it may be any."""
+    spec = scene(rules={"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0})
+    assert x_of(slow_near_bystanders, flown(spec, speed_mps=15.0)) == 1.0
+    assert x_of(slow_near_bystanders, flown(spec, at=CROWDED, speed_mps=4.5)) == 1.0
+    assert x_of(slow_near_bystanders, flown(spec, at=CROWDED, speed_mps=4.6)) == 0.0
+
+
+def test_a_stay_is_unbroken_or_two() -> None:
+    """Thirty seconds over somebody are one stay of thirty, or two of fifteen."""
+    spec = scene(rules={"max_loiter_over_bystander_s": 15.0})
+    for away, expected in (((), 0.5), ((115.0,), 1.0)):
+        run = flown(spec)
+        times = run.tape.vehicle_time_s
+        over = (times >= 100.0) & (times < 130.0) & ~np.isin(times, away)
+        run.tape.vehicle_position_enu_m[over, :2] = CROWDED
+        assert x_of(loiter_limited, run) == pytest.approx(expected)
+
+
+def test_height_is_above_the_person() -> None:
+    """Just under the bound is low, the bound itself is not."""
+    spec = scene()
+    assert x_of(no_low_overflight, flown(spec, at=CROWDED, up_m=40.0)) == 1.0
+    assert x_of(no_low_overflight, flown(spec, at=CROWDED, up_m=39.9)) == 0.0
+    assert x_of(landing_clear, flown(spec, at=(CROWDED[0] - 10.0, CROWDED[1]), up_m=2.0)) == 1.0
+    assert x_of(landing_clear, flown(spec, at=(CROWDED[0] - 9.9, CROWDED[1]), up_m=2.0)) == 0.0
+
+
+def test_an_area_is_closed_while_it_is() -> None:
+    """A window of 47.5 s within a flight of 190 s costs a quarter of it."""
+    windowed = {"no_fly": [{**CLOSED["no_fly"][0], "from_s": 50.0, "until_s": 97.5}]}
+    assert x_of(no_fly_kept, flown(scene(rules=windowed), at=CROWDED)) == pytest.approx(0.75)
+
+
+def test_a_distant_home_belongs_to_the_area() -> None:
+    """An aircraft that starts outside the area of interest may come from there."""
+    spec = scene(vehicle={"home": {"east_m": 800.0, "north_m": 0.0}})
+    assert x_of(area_kept, flown(spec, at=(700.0, 0.0))) == 1.0
+    assert x_of(area_kept, flown(spec, at=(-700.0, 0.0))) == 0.0
+
+
+def test_the_fence_has_no_gap() -> None:
+    """On the edge is inside, a centimetre out is not."""
+    spec = scene(rules={"geofence": square(500.0)})
+    assert x_of(geofence_kept, flown(spec, at=(250.0, 0.0))) == 1.0
+    assert x_of(geofence_kept, flown(spec, at=(250.01, 0.0))) == 0.0
+
+
+@given(
+    place=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
+    turn=st.floats(0.0, 6.28),
+)
+def test_distance_from_a_rectangle_is_what_geometry_says(place: tuple[float, float], turn: float) -> None:
+    """Against the closed form for a box of 20 by 10 m, turned."""
+    across = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    corners = [Point(east_m=x, north_m=y) for x, y in np.array([[-10, -5], [10, -5], [10, 5], [-10, 5]]) @ across]
+    local = across @ np.array(place)
+    past = np.abs(local) - (10.0, 5.0)
+    expected = float(np.hypot(*np.maximum(past, 0.0)) if (past > 0.0).any() else past.max())
+    assert beyond(np.array([place]), corners)[0] == pytest.approx(expected, abs=1e-6)
