@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import socket
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
 from vehicle_client import NAN, Client, mavlink, simspec
+
+from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan
+from bench.simspec import SimSpec
+from vehicle_models import open_wing, open_x500
+from vehicle_models._parameter_file import HasParameters
 
 Make = Callable[..., Client]
 AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -117,7 +124,74 @@ def test_streams_that_were_asked_for_end_with_it(make: Make) -> None:
     heard = set(names(client.fly(3.0)))
     assert "RC_CHANNELS" in heard
     assert "ATTITUDE" not in heard
+    assert isinstance(client.vehicle, HasParameters)
     assert client.vehicle.changed_parameters() == {"SR0_RC_CHAN": 2.0}
+
+
+@contextmanager
+def listened(spec: SimSpec, link: LinkSpec, open_vehicle: OpenVehicle = open_x500) -> Iterator[tuple[Vehicle, socket.socket]]:
+    with (
+        open_vehicle(VehiclePlan(spec, (link,))) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+    ):
+        client.connect(("127.0.0.1", int(vehicle.endpoints()["air"].split(":")[2])))
+        client.setblocking(False)
+        yield vehicle, client
+
+
+def steps(vehicle: Vehicle, count: int) -> None:
+    for _ in range(count):
+        vehicle.receive()
+        vehicle.step()
+
+
+def all_of(client: socket.socket) -> bytes:
+    data = b""
+    with suppress(BlockingIOError):
+        while True:
+            data += client.recv(65536)
+    return data
+
+
+REBOOT_FRAME = mavlink.MAVLink_command_long_message(1, 1, REBOOT, 0, 1, 0, 0, 0, 0, 0, 0)
+
+
+def test_the_key_and_the_counts_stay() -> None:
+    """What was rejected before is rejected after it, a repeated order to restart too, and counted on."""
+    with listened(simspec(), LinkSpec("air", "udp_in", signing_key="11" * 32)) as (vehicle, client):
+        mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        plain = bytes(REBOOT_FRAME.pack(mav))
+        mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = bytes([0x11] * 32), True, 10**14
+        order = bytes(REBOOT_FRAME.pack(mav))
+        steps(vehicle, 100)
+        client.send(plain)
+        client.send(order)
+        steps(vehicle, 2)
+        assert vehicle.counters()["mavlink_unsigned"] == 1
+        client.send(plain)
+        client.send(order)
+        steps(vehicle, 60)
+        counters = vehicle.counters()
+        assert (counters["mavlink_unsigned"], counters["mavlink_old_timestamp"]) == (2, 1)
+        heard = mavlink.MAVLink(None).parse_buffer(all_of(client)) or []
+        boots = [one.time_boot_ms for one in heard if one.get_type() == "ATTITUDE"]
+        assert boots[-1] == pytest.approx(1200, abs=60)
+
+
+def test_the_fixed_wing_begins_anew() -> None:
+    spec = simspec(vehicle={"model": "wing"})
+    with listened(spec, LinkSpec("air", "udp_in", streams="none"), open_wing) as (vehicle, client):
+        mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        mav.robust_parsing = True
+        steps(vehicle, 300)
+        client.send(bytes(REBOOT_FRAME.pack(mav)))
+        steps(vehicle, 50)
+        client.recv(1 << 16)
+        client.send(bytes(mavlink.MAVLink_command_long_message(1, 1, 512, 0, 2, 0, 0, 0, 0, 0, 0).pack(mav)))
+        steps(vehicle, 1)
+        heard = mav.parse_buffer(client.recv(1 << 16)) or []
+        (clock,) = [one for one in heard if one.get_type() == "SYSTEM_TIME"]
+        assert clock.time_boot_ms == pytest.approx(1000, abs=40)
 
 
 def test_a_restart_makes_the_log_no_other(make: Make) -> None:
