@@ -11,6 +11,11 @@ from ._anova import Anova as Anova
 from ._anova import Effect as Effect
 from ._anova import anova as anova
 from ._bootstrap import bootstrap_means as bootstrap_means
+from ._claims import claim as claim
+from ._claims import more_passes as more_passes
+from ._claims import share_claimed as share_claimed
+from ._claims import share_ruled_out as share_ruled_out
+from ._claims import straight_passes as straight_passes
 from ._compare import NodeComparison as NodeComparison
 from ._compare import compare_nodes as compare_nodes
 from ._competence import Competence as Competence
@@ -22,6 +27,9 @@ from ._competence import tally_points as tally_points
 from ._configuration import configuration_of as configuration_of
 from ._configuration import configuration_tension as configuration_tension
 from ._configuration import studied as studied
+from ._curve import Curve as Curve
+from ._curve import CurveState as CurveState
+from ._curve import difficulty_response as difficulty_response
 from ._difficulty import Difficulty as Difficulty
 from ._difficulty import FactorRating as FactorRating
 from ._difficulty import NodeDifficulty as NodeDifficulty
@@ -75,6 +83,9 @@ from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
 from ._screening import NodeFactors as NodeFactors
 from ._screening import factor_frame as factor_frame
 from ._screening import node_factors as node_factors
+from ._sequential import StoppingRule as StoppingRule
+from ._sequential import Verdict as Verdict
+from ._sequential import confidence_sequence as confidence_sequence
 from ._summary import SUMMARY_COLUMNS as SUMMARY_COLUMNS
 from ._summary import summary_frame as summary_frame
 from ._table import SCORE_COLUMNS as SCORE_COLUMNS

@@ -1,0 +1,153 @@
+"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn and never to be the number.
+
+As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood, which stays finite
+where passes and failures are separated: Firth, D. (1993), "Bias reduction of maximum likelihood estimates", Biometrika 80(1),
+27-38; Heinze, G. and Schemper, M. (2002), Statistics in Medicine 21(16), 2409-2419. Its 50 % point rises when easy runs fail,
+which is why competence is another thing (reading.md 17).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from ._plan import Floats
+
+LEVEL = 0.95
+FEWEST = 10
+"""Runs below which no curve is drawn."""
+
+_GRID = 101
+_ROUNDS = 100
+_STEP_MOST = 5.0  # of one coefficient in one round, on the logit scale with difficulty standardised
+
+
+class CurveState(StrEnum):
+    """What can be said of a curve; the first two have none to draw."""
+
+    TOO_FEW = "too few runs"
+    ONE_DIFFICULTY = "one difficulty only"
+    ALL_PASSED = "all passed"
+    NONE_PASSED = "none passed"
+    SEPARATED = "separated"  # every pass on one side of every failure: the slope is the penalty's, not the data's
+    FITTED = "fitted"
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise band.
+
+    The arrays are empty where there is no curve to draw. `half_at` is the difficulty of an even chance; None where the curve does
+    not fall through it among the difficulties tested.
+    """
+
+    state: CurveState
+    runs: int
+    difficulty: Floats
+    probability: Floats
+    low: Floats
+    high: Floats
+    half_at: float | None
+
+    @property
+    def drawn(self) -> bool:
+        """Whether there is a curve."""
+        return self.difficulty.size > 0
+
+
+def difficulty_response(
+    difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, level: float = LEVEL
+) -> Curve:
+    """The curve of these trials; the rule of `competence` says what a trial is.
+
+    The band is Wald's on the logit scale. Where design points are given and their counts scatter more than independent
+    runs would (Pearson's chi-squared over its degrees of freedom above 1), the variance is multiplied by that ratio.
+    """
+    hard, ok = np.asarray(difficulty, dtype=np.float64), np.asarray(passed, dtype=np.float64)
+    state = _state(hard, ok)
+    if state in (CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY):
+        none = np.zeros(0)
+        return Curve(state, hard.size, none, none, none, none, None)
+    middle, scale = float(hard.mean()), float(hard.std())
+    design = np.stack([np.ones_like(hard), (hard - middle) / scale], axis=1)
+    beta = _fit(design, ok)
+    spread = np.linalg.inv(_information(design, beta)) * _dispersion(design, ok, beta, design_points)
+    grid = np.linspace(hard.min(), hard.max(), _GRID)
+    rows = np.stack([np.ones_like(grid), (grid - middle) / scale], axis=1)
+    logit = rows @ beta
+    half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows))
+    ends = (_logistic(logit - half_width), _logistic(logit + half_width))
+    return Curve(state, hard.size, grid, _logistic(logit), *ends, _half(beta, middle, scale, grid))
+
+
+def _state(hard: Floats, ok: Floats) -> CurveState:
+    if hard.size < FEWEST:
+        return CurveState.TOO_FEW
+    if np.ptp(hard) < 1e-6:
+        return CurveState.ONE_DIFFICULTY
+    if ok.all() or not ok.any():
+        return CurveState.ALL_PASSED if ok.all() else CurveState.NONE_PASSED
+    passes, fails = hard[ok > 0], hard[ok == 0]
+    if passes.max() <= fails.min() or fails.max() <= passes.min():
+        return CurveState.SEPARATED
+    return CurveState.FITTED
+
+
+def _fit(design: Floats, ok: Floats) -> Floats:
+    """Greatest penalised likelihood, by Fisher scoring with halved steps; it is concave enough to need few."""
+    beta: Floats = np.zeros(design.shape[1])
+    for _ in range(_ROUNDS):
+        inverse = np.linalg.inv(_information(design, beta))
+        chance = _logistic(design @ beta)
+        leverage = chance * (1.0 - chance) * np.einsum("ij,jk,ik->i", design, inverse, design)
+        step = inverse @ (design.T @ (ok - chance + leverage * (0.5 - chance)))
+        step *= min(1.0, _STEP_MOST / max(float(np.abs(step).max()), 1e-300))
+        before = _likelihood(design, ok, beta)
+        while _likelihood(design, ok, beta + step) < before - 1e-12 and np.abs(step).max() > 1e-10:
+            step = step / 2.0
+        beta = np.asarray(beta + step, dtype=np.float64)
+        if np.abs(step).max() < 1e-9:
+            return beta
+    return beta
+
+
+def _likelihood(design: Floats, ok: Floats, beta: Floats) -> float:
+    """Logarithm of the likelihood and of Firth's penalty."""
+    logit = design @ beta
+    penalty = 0.5 * float(np.linalg.slogdet(_information(design, beta))[1])
+    return float(np.sum(ok * logit - np.logaddexp(0.0, logit))) + penalty
+
+
+def _information(design: Floats, beta: Floats) -> NDArray[np.float64]:
+    chance = _logistic(design @ beta)
+    return np.asarray((design * (chance * (1.0 - chance))[:, None]).T @ design, dtype=np.float64)
+
+
+def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequence[str] | None) -> float:
+    """How much more the design points' counts scatter than independent runs would; 1 where not or not told."""
+    if design_points is None:
+        return 1.0
+    _, point = np.unique(np.array(list(design_points)), return_inverse=True)
+    free = int(point.max()) + 1 - design.shape[1]
+    if free < 1:
+        return 1.0
+    chance = _logistic(design @ beta)
+    excess = np.bincount(point, weights=ok - chance)
+    expected = np.bincount(point, weights=chance * (1.0 - chance))
+    return max(1.0, float(np.sum(excess**2 / expected)) / free)
+
+
+def _logistic(logit: Floats) -> Floats:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(logit, -500.0, 500.0))), dtype=np.float64)
+
+
+def _half(beta: Floats, middle: float, scale: float, grid: Floats) -> float | None:
+    if beta[1] >= 0.0:
+        return None
+    at = float(middle - scale * beta[0] / beta[1])
+    return at if grid[0] <= at <= grid[-1] else None

@@ -1,0 +1,77 @@
+"""Confidence sequences and stopping: they hold at every look at once, where fixed intervals do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.scoring import StoppingRule, Verdict, clopper_pearson, confidence_sequence
+
+
+@pytest.mark.parametrize("p", [0.02, 0.3, 0.5, 0.95])
+def test_the_sequence_covers_at_every_look_at_once(p: float) -> None:
+    """Over 200 looks at each of 2000 seeded sequences at most 5 % ever miss (three standard errors allowed)."""
+    passed = np.random.default_rng(21).random((2000, 200)) < p
+    low, high = confidence_sequence(passed)
+    assert ((low > p) | (high < p)).any(axis=1).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
+
+
+def test_fixed_intervals_do_not() -> None:
+    """The exact interval, looked at after every run, misses far more often than 5 %: what the sequence is for."""
+    passed = np.random.default_rng(22).random((1000, 300)) < 0.5
+    low, high = clopper_pearson(np.cumsum(passed, axis=1), np.arange(1, 301))
+    assert ((low > 0.5) | (high < 0.5)).any(axis=1).mean() > 0.15
+
+
+def test_the_sequence_narrows_and_holds_the_exact_interval_of_its_end() -> None:
+    """It never widens, and is wider than the interval for one look, but not by much."""
+    passed = np.random.default_rng(23).random(200) < 0.8
+    low, high = confidence_sequence(passed)
+    assert (np.diff(low) >= 0).all()
+    assert (np.diff(high) <= 0).all()
+    once = clopper_pearson(passed.sum(), 200)
+    assert low[-1] < once[0] < once[1] < high[-1]
+    assert high[-1] - low[-1] < 2.0 * (once[1] - once[0])
+
+
+def test_straight_runs_settle_it() -> None:
+    """2^n / (n + 1) first reaches 20 at n = 8: so many straight passes, or failures, settle a threshold of one half."""
+    rule = StoppingRule(0.5)
+    assert rule.settled_after([True] * 7) is None
+    assert rule.settled_after([True] * 30) == rule.settled_after([False] * 30) == 8
+    assert (rule.verdict([True] * 8), rule.verdict([False] * 8), rule.verdict([True, False] * 20)) == (
+        Verdict.ABOVE,
+        Verdict.BELOW,
+        Verdict.OPEN,
+    )
+    assert rule.verdict([]) is Verdict.OPEN
+
+
+@given(st.lists(st.booleans(), max_size=40), st.lists(st.booleans(), max_size=10), st.sampled_from([0.2, 0.5, 0.9]))
+def test_a_verdict_rests_on_the_trials_up_to_it(first: list[bool], later: list[bool], threshold: float) -> None:
+    """What comes after changes nothing, and the rule is that the sequence lies wholly on one side."""
+    rule = StoppingRule(threshold)
+    after = rule.settled_after(first)
+    if after is not None:
+        assert rule.settled_after(first + later) == after
+        assert rule.verdict(first + later) == rule.verdict(first[:after])
+    if first:
+        low, high = confidence_sequence(first)
+        outside = (low > threshold) | (high < threshold)
+        assert after == (int(np.argmax(outside)) + 1 if outside.any() else None)
+
+
+@pytest.mark.parametrize(("p", "wrong"), [(0.89, Verdict.ABOVE), (0.91, Verdict.BELOW)])
+def test_a_verdict_is_seldom_wrong(p: float, wrong: Verdict) -> None:
+    """Stopped as soon as it may be, at most 5 % of verdicts are wrong even next to the threshold."""
+    rule = StoppingRule(0.9)
+    trials = np.random.default_rng(24).random((600, 400)) < p
+    assert np.mean([rule.verdict(some) is wrong for some in trials]) <= 0.05
+
+
+def test_rules_that_cannot_be() -> None:
+    """Nothing settles a threshold at the end of the scale."""
+    with pytest.raises(ValueError, match="threshold 1"):
+        StoppingRule(1.0)
