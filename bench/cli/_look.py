@@ -86,12 +86,13 @@ def difficulty(
     Example: rebar difficulty examples/search.yaml --node KA-18
     """
     from bench.scoring import difficulty as rate_all
-    from bench.simspec import factor_paths, factor_values, load_simspec
-    from decompositions import load_decomposition
+    from bench.simspec import FACTORS, factor_paths, factor_values, load_simspec
+    from decompositions import Vocabulary, load_decomposition
 
     from ._scores import known_node
 
-    situation, asked = load_simspec(simspec), load_decomposition(decomposition)
+    units = {name: factor.unit for name, factor in FACTORS.items()}
+    situation, asked = load_simspec(simspec), load_decomposition(decomposition, Vocabulary(units))
     if node is not None:
         known_node("--node", asked, node)
     found = _Rated(

@@ -105,7 +105,7 @@ class Target:
 
         known_node("--explain", self.asked, node)
         summaries = node_reports(self.scores, self.summary.filter(node=node, configuration="all"))
-        return explain(self.asked, node, self.runs, summaries, self.sources, self.source, limit)
+        return explain(self.asked, node, self.runs, self.scores, summaries, self.sources, self.source, limit)
 
     def show(self, *, per_run: bool) -> None:
         """Tables for a person."""
@@ -275,12 +275,17 @@ def _tree_of_agent(found: Explanation, told: AgentTold) -> Tree:
         tree.add(Text(f"not scored in any of {one.considered} considered runs"))
     else:
         made_of = ", ".join(told.scored_runs) + (", ..." if one.scored > len(told.scored_runs) else "")
-        tree.add(Text(f"score {one.score:.2f}: the mean of the {one.scored} runs that have one ({made_of})"))
+        ends = "" if one.score_low is None else f", 95 % [{one.score_low:.2f}, {one.score_high:.2f}]"
+        tree.add(Text(f"score {one.score:.2f}{ends}: the mean of the {one.scored} runs that have one ({made_of})"))
     if one.raised_by_failure:
         tree.add(Text("failing raised this score: it exceeds what it would be had every failed observable passed"))
     if one.confidence is not None:
         interval = f"95 % [{one.confidence_low:.1%}, {one.confidence_high:.1%}] {one.method}"
         tree.add(Text(f"confidence {one.confidence:.1%}, {interval}: the mean over {one.considered} considered runs"))
+    if one.competence_50 is not None:
+        least = "at least " if one.competence_50_at_least else ""
+        bound = "" if one.competence_50_low is None else f", 95 % above {one.competence_50_low:.2f}"
+        tree.add(Text(f"competence {least}{one.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"))
     tree.add(
         Text(
             f"{one.runs} runs count: {one.passed} passed, {one.considered - one.passed} failed, "

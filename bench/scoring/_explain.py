@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+import polars as pl
 from pydantic import Field
 
 from bench.contracts import Evidence, Observation, Outcome
@@ -18,6 +20,7 @@ from ._scores import NodeScore, RunScores, score_run
 from ._table import ScoredRun
 
 State = Literal["failed", "near miss", "achieved", "not considered"]
+RunState = Literal["failed", "passed", "not considered", "excluded"]
 _FIRST: tuple[State, ...] = ("failed", "near miss", "achieved", "not considered")
 
 
@@ -66,7 +69,7 @@ class RunTold(Document):
     agent: str
     design_point: str
     state: Annotated[
-        Literal["failed", "passed", "not considered", "excluded"],
+        RunState,
         Field(description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."),
     ]
     outcome: Outcome
@@ -110,6 +113,7 @@ def explain(
     decomposition: Decomposition,
     node: str,
     runs: Sequence[ScoredRun],
+    scores: pl.DataFrame,
     summaries: Sequence[NodeReport],
     sources: Sources,
     source: str = "",
@@ -117,10 +121,11 @@ def explain(
 ) -> Explanation:
     """Walk from a node's numbers to the samples behind them.
 
-    `summaries` has the node's rows over all configurations, one for each agent. Raises KeyError for an unknown node.
+    `scores` is the score table of the runs, `summaries` the node's rows over all configurations, one for each agent. Raises
+    KeyError for an unknown node.
     """
     asked = decomposition.nodes[node]
-    told = _Teller(decomposition, node, sources, limit)
+    told = _Teller(decomposition, node, sources, limit, _scored(scores, node))
     return Explanation(
         source=source,
         decomposition=decomposition.name,
@@ -141,36 +146,38 @@ class _Teller:
     node: str
     sources: Sources
     limit: int
+    scored: Mapping[str, NodeScore]
 
     def agent(self, summary: NodeReport, runs: Sequence[ScoredRun]) -> AgentTold:
-        scored = [(run, self._scores(run)) for run in runs]
-        behind = [run.realization for run, scores in scored if scores[self.node].score is not None]
-        scored.sort(key=lambda pair: self._rank(*pair))
-        most = self.limit or len(scored)
-        left: dict[str, int] = {}
-        for run, scores in scored[most:]:
-            state = _state_of_run(run, scores[self.node])
-            left[state] = left.get(state, 0) + 1
+        ordered = sorted(runs, key=self._rank)
+        behind = [run.realization for run in runs if self.scored[run.realization].score is not None]
+        most = self.limit or len(ordered)
         return AgentTold(
             summary=summary,
             scored_runs=tuple(behind[:most]),
-            runs=tuple(self._run(run, scores) for run, scores in scored[:most]),
-            runs_left_out=left,
+            runs=tuple(self._run(run) for run in ordered[:most]),
+            runs_left_out=dict(Counter(self._state(run) for run in ordered[most:])),
         )
 
-    def _scores(self, run: ScoredRun) -> RunScores:
-        return score_run(self.asked, run.difficulty, run.observations if run.outcome.counts else ())
-
-    def _rank(self, run: ScoredRun, scores: RunScores) -> tuple[int, float, float]:
+    def _rank(self, run: ScoredRun) -> tuple[int, float, float]:
         """Failures first, the worst of them before the others; then the passes that score least."""
-        one = scores[self.node]
-        order = ("failed", "passed", "not considered", "excluded").index(_state_of_run(run, one))
-        return order, one.confidence or 0.0, one.score if one.score is not None else -1.0
+        one = self.scored[run.realization]
+        order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
+        return order, one.confidence or 0.0, -1.0 if one.score is None else one.score
 
-    def _run(self, run: ScoredRun, scores: RunScores) -> RunTold:
-        one = scores[self.node]
-        way = self._way(scores)
-        observed = {each.observable: each for each in (run.observations if run.outcome.counts else ())}
+    def _state(self, run: ScoredRun) -> RunState:
+        one = self.scored[run.realization]
+        if not run.outcome.counts:
+            return "excluded"
+        if not one.considered:
+            return "not considered"
+        return "passed" if one.achieved == one.considered else "failed"
+
+    def _run(self, run: ScoredRun) -> RunTold:
+        counted = run.observations if run.outcome.counts else ()
+        scores = score_run(self.asked, run.difficulty, counted)
+        one, way = scores[self.node], self._way(scores)
+        observed = {each.observable: each for each in counted}
         leaves = [
             self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in way)
             for leaf in self.asked.observables_under(self.node)
@@ -182,7 +189,7 @@ class _Teller:
             run=run.realization,
             agent=run.agent,
             design_point=run.design_point,
-            state=_state_of_run(run, one),
+            state=self._state(run),
             outcome=run.outcome,
             reason=self.sources.reasons.get(run.realization, ""),
             recording=self.sources.recordings.get(run.realization),
@@ -231,20 +238,23 @@ class _Teller:
         )
 
 
+def _scored(scores: pl.DataFrame, node: str) -> dict[str, NodeScore]:
+    """The node in every run, from the score table."""
+    rows = scores.filter(pl.col("node").cast(pl.String) == node).select(
+        "realization", "score", "confidence", "achieved", "considered"
+    )
+    return {
+        str(name): NodeScore(node, score, confidence, achieved, considered)
+        for name, score, confidence, achieved, considered in rows.iter_rows()
+    }
+
+
 def _state(score: NodeScore) -> State:
     if not score.considered:
         return "not considered"
     if score.achieved:
         return "achieved"
     return "failed" if score.score is None else "near miss"
-
-
-def _state_of_run(run: ScoredRun, score: NodeScore) -> Literal["failed", "passed", "not considered", "excluded"]:
-    if not run.outcome.counts:
-        return "excluded"
-    if not score.considered:
-        return "not considered"
-    return "passed" if score.achieved == score.considered else "failed"
 
 
 def _why_not(asked: Observable, seen: Observation | None) -> str:

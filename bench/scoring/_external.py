@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import polars as pl
@@ -47,17 +48,19 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     """
     faults = _Faults(source)
     text = text.removeprefix("\ufeff")
+    rows: Iterator[_Row]
     if text.lstrip()[:1] in ("[", "{"):
-        rows = list(_json_rows(text, faults))
-        columns = _columns(rows)
+        kept = list(_json_rows(text, faults))
+        columns, rows = _columns(kept), iter(kept)
     else:
         columns = {}
-        rows = list(_csv_rows(text, columns, faults))
-    if not rows and not faults.found:
+        rows = _csv_rows(text, columns, faults)
+    first = next(rows, None)  # by then a header has told its columns
+    if first is None and not faults.found:
         faults.add(1, "the table has no rows", "give one row for each run and observable")
     reader = _Reader(decomposition, faults, columns)
     reader.check_columns()
-    for row in rows:
+    for row in chain(() if first is None else (first,), rows):
         reader.take(row)
     faults.raise_any()
     return reader.table()

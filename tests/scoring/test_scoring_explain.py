@@ -1,0 +1,169 @@
+"""Why a node has its score: states, the way down, order and bounds, on runs made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from bench.contracts import Evidence, Observation, Outcome
+from bench.scoring import (
+    Explanation,
+    ScoredRun,
+    Sources,
+    difficulty_given,
+    explain,
+    node_reports,
+    run_reports,
+    score_table,
+    summary_frame,
+)
+from decompositions import Decomposition, DecompositionDocument, Vocabulary, decomposition_of
+
+DIFFICULTIES = {"OBS1": 30.0, "OBS2": 80.0, "OBS3": 50.0}
+
+
+def made(partial: bool = False, **more: Any) -> Decomposition:
+    """The paper's worked graph."""
+    leaves = [
+        {
+            "id": name,
+            "title": f"Title of {name}",
+            "asks": "?",
+            "measure": "m",
+            "threshold": 0.5,
+            "threshold_reason": "r",
+            "considered": "Somebody is there.",
+            "partial_credit": partial,
+        }
+        for name in DIFFICULTIES
+    ]
+    inner = {"VAB1": ["OBS1", "OBS2"], "VAB2": ["OBS3"]}
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "worked",
+        "title": "Worked",
+        "key_attributes": [{"id": "KA1", "title": "One", "asks": "?", "children": ["VAB1", "VAB2"]}],
+        "vabs": [{"id": name, "title": name, "asks": "?", "children": children} for name, children in inner.items()],
+        "observables": leaves,
+    }
+    return decomposition_of(DecompositionDocument.model_validate(document | more), Vocabulary(difficulty="given"))
+
+
+def flown(asked: Decomposition, name: str, *xs: float | None, **changes: Any) -> ScoredRun:
+    """A run with x of the three observables, each with two moments of evidence."""
+    seen = tuple(
+        Observation(
+            observable=one,
+            considered=x is not None,
+            x=x,
+            evidence=(Evidence(time_s=1.0, text=f"{one} first"), Evidence(time_s=2.0, text=f"{one} then")),
+        )
+        for one, x in zip(DIFFICULTIES, xs, strict=True)
+    )
+    run = ScoredRun(name, name, 0, "agent", Outcome.COMPLETED, difficulty_given(asked, DIFFICULTIES), seen)
+    return replace(run, **changes)
+
+
+def told(asked: Decomposition, runs: list[ScoredRun], node: str = "KA1", limit: int = 0, **sources: Any) -> Explanation:
+    scores = score_table(asked, runs)
+    summaries = node_reports(scores, summary_frame(scores, asked).filter(node=node, configuration="all"))
+    return explain(asked, node, runs, scores, summaries, Sources(**sources), limit=limit)
+
+
+def test_failures_come_first_and_what_says_nothing_last() -> None:
+    """The worst failure, the others, passes from the lowest score up, runs not considered, runs of the bench's own fault."""
+    asked = made()
+    runs = [
+        flown(asked, "spoilt", 0.0, 0.0, 0.0, outcome=Outcome.BENCH_ERROR),
+        flown(asked, "idle", None, None, None),
+        flown(asked, "high", None, 1.0, None),
+        flown(asked, "low", 1.0, 1.0, 1.0),
+        flown(asked, "half", 0.0, 1.0, 1.0),
+        flown(asked, "worst", 0.0, 0.0, 0.0),
+    ]
+    (agent,) = told(asked, runs, reasons={"spoilt": "no room"}, recordings={"low": "low.mcap"}).agents
+    assert [one.run for one in agent.runs] == ["worst", "half", "low", "high", "idle", "spoilt"]
+    states = ["failed", "failed", "passed", "passed", "not considered", "excluded"]
+    assert [one.state for one in agent.runs] == states
+    assert [one.ruled_by for one in agent.runs] == [
+        (),
+        ("KA1", "VAB2", "OBS3"),
+        ("KA1", "VAB1", "OBS1"),
+        ("KA1", "VAB1", "OBS2"),
+        (),
+        (),
+    ]
+    assert agent.scored_runs == ("high", "low", "half")
+    assert agent.runs[2].recording == "low.mcap"
+    assert (agent.runs[5].reason, agent.runs[5].observables) == ("no room", ())
+    assert agent.summary.score == pytest.approx(sum(one.score for one in agent.runs if one.score is not None) / 3)
+    assert (agent.summary.passed, agent.summary.considered, agent.summary.runs, agent.summary.excluded) == (2, 4, 5, 1)
+
+
+def test_credit_near_misses_and_reasons_are_told() -> None:
+    """Score is difficulty plus credit; a near miss scores and is no pass; what was not considered says when it would be."""
+    asked = made(partial=True, policies={"near_miss": 0.1})
+    (agent,) = told(asked, [flown(asked, "a", 0.75, 0.45, None)]).agents
+    (run,) = agent.runs
+    leaves = {leaf.id: leaf for leaf in run.observables}
+    assert [leaf.id for leaf in run.observables] == ["OBS2", "OBS1", "OBS3"]
+    assert (leaves["OBS1"].state, leaves["OBS1"].credit, leaves["OBS1"].score) == ("achieved", 1.0, 31.0)
+    assert (leaves["OBS2"].state, leaves["OBS2"].credit) == ("near miss", pytest.approx(-0.2))
+    assert (leaves["OBS3"].state, leaves["OBS3"].x, leaves["OBS3"].score) == ("not considered", None, None)
+    assert leaves["OBS3"].reason == "considered when: Somebody is there."
+    assert (run.state, run.achieved, run.considered, run.ruled_by[-1]) == ("failed", 1, 2, "OBS1")
+    absent = told(asked, [flown(asked, "a", 1.0, 1.0, 1.0, observations=())]).agents[0].runs[0]
+    assert absent.observables[0].reason.startswith("there is no observation of it")
+
+
+def test_the_output_is_bounded_and_says_what_it_leaves_out() -> None:
+    """A limit holds for runs, observables and moments; the ruling observable is shown whatever the limit."""
+    asked = made()
+    runs = [flown(asked, f"r{i}", 0.0, 0.0, 1.0) for i in range(4)] + [flown(asked, "good", 1.0, 1.0, 1.0)]
+    (agent,) = told(asked, runs, limit=1).agents
+    assert (len(agent.runs), agent.runs_left_out) == (1, {"failed": 3, "passed": 1})
+    (run,) = agent.runs
+    assert [(leaf.id, leaf.ruling) for leaf in run.observables] == [("OBS1", False), ("OBS3", True)]
+    assert run.observables_left_out == 1
+    assert (len(run.observables[0].evidence), run.observables[0].evidence_left_out) == (1, 1)
+    assert agent.scored_runs == ("r0",)
+
+
+def test_each_agent_is_told_by_itself() -> None:
+    """Two agents, two means."""
+    asked = made()
+    runs = [flown(asked, "a", 1.0, 1.0, 1.0, agent="one"), flown(asked, "b", 0.0, 0.0, 0.0, agent="two")]
+    first, second = told(asked, runs, "VAB1").agents
+    assert (first.summary.agent, first.summary.score, [run.run for run in first.runs]) == ("one", 30.0, ["a"])
+    assert (second.summary.agent, second.summary.score, [run.run for run in second.runs]) == ("two", None, ["b"])
+
+
+def test_no_child_rules_a_mean() -> None:
+    """Under `inner_score: mean` there is no way down to one observable."""
+    asked = made(policies={"inner_score": "mean"})
+    (agent,) = told(asked, [flown(asked, "a", 1.0, 1.0, 1.0)]).agents
+    assert agent.runs[0].ruled_by == ()
+    assert agent.runs[0].score == 52.5
+
+
+def test_an_observable_explains_itself() -> None:
+    """The lowest node is its own way."""
+    asked = made()
+    (agent,) = told(asked, [flown(asked, "a", 1.0, 1.0, 1.0)], "OBS2").agents
+    assert agent.runs[0].ruled_by == ("OBS2",)
+    assert [leaf.id for leaf in agent.runs[0].observables] == ["OBS2"]
+    with pytest.raises(KeyError):
+        told(asked, [], "OBS9")
+
+
+def test_runs_are_reported_in_the_order_of_the_table() -> None:
+    """Every node of every run, x at observables alone."""
+    asked = made()
+    first, second = run_reports(score_table(asked, [flown(asked, "b", 1.0, 0.0, None), flown(asked, "a", 1.0, 1.0, 1.0)]))
+    assert (first.run, second.run) == ("b", "a")
+    nodes = {node.id: node for node in first.nodes}
+    assert list(nodes) == list(asked.nodes)
+    assert (nodes["OBS2"].x, nodes["OBS3"].x, nodes["KA1"].x) == (0.0, None, None)
+    assert (nodes["KA1"].achieved, nodes["KA1"].considered, nodes["KA1"].score) == (1, 2, 30.0)
