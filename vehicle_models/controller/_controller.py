@@ -22,11 +22,12 @@ from ._flight import Airframe, Behaviour, Flight, Landed, Target
 from ._frames import KINDS, Decoder, Packer, message_id, sender
 from ._ftp import FileTransfer
 from ._gimbal import Gimbal
-from ._guidance import Guidance, LandDetector
+from ._guidance import Guidance
 from ._health import Health
 from ._home import HomeKeeper
 from ._identity import Identity
 from ._injection import Injection
+from ._land_detector import LandDetector
 from ._links import Link
 from ._manoeuvres import Manoeuvres, Takeoff
 from ._manual import Manual
