@@ -94,7 +94,9 @@ class Controller:
         self._streams.add_answers(identity.answers())
         events = Events(board, personality.event_names)
         telemetry.event_sequence = lambda: events.sequence
-        files = FileTransfer(board, Files(personality.files(parameters)), personality.file_sessions)
+        files = FileTransfer(
+            board, Files(personality.files(parameters), personality.files_writable), personality.file_sessions
+        )
         commands = Commands(board)
         navigator = Navigator(board, modes, self._guidance)
         telemetry.orbit = navigator.orbit_status

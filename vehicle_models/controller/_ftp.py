@@ -1,7 +1,8 @@
-"""MAVLink FTP over the read-only files: what is asked for in FILE_TRANSFER_PROTOCOL payloads."""
+"""MAVLink FTP: what is asked for in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch area."""
 
 from __future__ import annotations
 
+import errno
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -45,18 +46,29 @@ class Op(IntEnum):
 class Error(IntEnum):
     """Error codes of a NAK."""
 
+    ERRNO = 2  # a POSIX number follows
     INVALID_SIZE = 3
     INVALID_SESSION = 4
     NO_SESSIONS = 5
     END_OF_FILE = 6
     UNKNOWN_COMMAND = 7
+    EXISTS = 8
     PROTECTED = 9
     NOT_FOUND = 10
 
 
+_BY_ERRNO = {
+    errno.EEXIST: Error.EXISTS,
+    errno.ENOENT: Error.NOT_FOUND,
+    errno.EACCES: Error.PROTECTED,
+    errno.EROFS: Error.PROTECTED,
+}
+
+
 class _Refused(Exception):
-    def __init__(self, error: Error) -> None:
+    def __init__(self, error: Error, number: int | None = None) -> None:
         self.error = error
+        self.data = bytes([error]) if number is None else bytes([error, number & 0xFF])
 
 
 @dataclass(slots=True)
@@ -77,6 +89,7 @@ class _Request:
 class _Session:
     content: bytes
     used_ns: int
+    writes: str | None = None  # the path of a file that is written
 
 
 @dataclass(slots=True)
@@ -90,7 +103,7 @@ class _Burst:
 
 
 class FileTransfer:
-    """Sessions, reading, bursts, listings and checksums. Whatever would write is refused as protected.
+    """Sessions, reading, bursts, listings and checksums; writing, where the files can be written.
 
     `sessions` is how many files may be open; with one, its number is the vehicle's to give (0), with several the
     client's to choose, as the two autopilots have it.
@@ -111,7 +124,14 @@ class FileTransfer:
             Op.OPEN: self._open,
             Op.READ: self._read,
             Op.CRC32: self._checksum,
-            **dict.fromkeys((*range(Op.CREATE, Op.CRC32),), _protected),
+            Op.CREATE: lambda asked: self._open_to_write(asked, keeps=False),
+            Op.OPEN_WRITE: lambda asked: self._open_to_write(asked, keeps=True),
+            Op.WRITE: self._write,
+            Op.REMOVE: lambda asked: self._change(files.remove, asked.path),
+            Op.MAKE_FOLDER: lambda asked: self._change(files.make_folder, asked.path),
+            Op.REMOVE_FOLDER: lambda asked: self._change(files.remove_folder, asked.path),
+            Op.TRUNCATE: lambda asked: self._change(files.truncate, asked.path, asked.offset),
+            Op.RENAME: self._rename,
         }
 
     def handlers(self) -> Mapping[str, Handler]:
@@ -154,14 +174,12 @@ class FileTransfer:
                 raise _Refused(Error.UNKNOWN_COMMAND)
             data = handler(asked)
         except _Refused as refused:
-            return _payload(asked.sequence + 1, asked.session, Op.NAK, asked.opcode, asked.offset, bytes([refused.error]))
-        session = self._opened if asked.opcode == Op.OPEN else asked.session
+            return _payload(asked.sequence + 1, asked.session, Op.NAK, asked.opcode, asked.offset, refused.data)
+        session = self._opened if asked.opcode in (Op.OPEN, Op.CREATE, Op.OPEN_WRITE) else asked.session
         return _payload(asked.sequence + 1, session, Op.ACK, asked.opcode, asked.offset, data)
 
     def _open(self, asked: _Request) -> bytes:
-        number = 0 if self._most == 1 else asked.session
-        if len(self._sessions) >= self._most and (self._most == 1 or number not in self._sessions):
-            raise _Refused(Error.NO_SESSIONS)
+        number = self._free(asked)
         content = self._files.read(asked.path)
         if content is None:
             raise _Refused(Error.NOT_FOUND)
@@ -169,8 +187,51 @@ class FileTransfer:
         self._opened = number
         return struct.pack("<I", len(content))
 
+    def _open_to_write(self, asked: _Request, *, keeps: bool) -> bytes:
+        """Answered with the size that the file had, as PX4 does."""
+        number = self._free(asked)
+        try:
+            size = self._files.create(asked.path, keeps)
+        except OSError as error:
+            raise _refused(error) from error
+        self._sessions[number] = _Session(b"", self._flight.time_ns, asked.path)
+        self._opened = number
+        return struct.pack("<I", size)
+
+    def _free(self, asked: _Request) -> int:
+        """The number of the session to be opened."""
+        number = 0 if self._most == 1 else asked.session
+        if len(self._sessions) >= self._most and (self._most == 1 or number not in self._sessions):
+            raise _Refused(Error.NO_SESSIONS)
+        return number
+
+    def _write(self, asked: _Request) -> bytes:
+        session = self._session(asked.session)
+        if session.writes is None:
+            raise _Refused(Error.ERRNO, errno.EBADF)
+        try:
+            return struct.pack("<I", self._files.write(session.writes, asked.offset, asked.data))
+        except OSError as error:
+            raise _refused(error) from error
+
+    def _rename(self, asked: _Request) -> bytes:
+        old, _, new = asked.data.partition(b"\0")
+        new = new.split(b"\0", 1)[0]
+        if not new:
+            raise _Refused(Error.ERRNO, errno.EINVAL)
+        return self._change(self._files.rename, old.decode("utf-8", "replace"), new.decode("utf-8", "replace"))
+
+    def _change(self, change: Callable[..., None], *what: str | int) -> bytes:
+        try:
+            change(*what)
+        except OSError as error:
+            raise _refused(error) from error
+        return b""
+
     def _read(self, asked: _Request) -> bytes:
         session = self._session(asked.session)
+        if session.writes is not None:
+            raise _Refused(Error.ERRNO, errno.EBADF)
         if asked.offset >= len(session.content):
             raise _Refused(Error.END_OF_FILE)
         return session.content[asked.offset : asked.offset + (asked.size or DATA)]
@@ -254,8 +315,11 @@ class FileTransfer:
     _opened = 0
 
 
-def _protected(asked: _Request) -> bytes:
-    raise _Refused(Error.PROTECTED)
+def _refused(error: OSError) -> _Refused:
+    """What the protocol makes of a POSIX number: an error of its own where it has one."""
+    number = error.errno or errno.EIO
+    own = _BY_ERRNO.get(number)
+    return _Refused(own) if own else _Refused(Error.ERRNO, number)
 
 
 def _payload(sequence: int, session: int, opcode: Op, asked: int, offset: int, data: bytes, last: bool = False) -> bytes:

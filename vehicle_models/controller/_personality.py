@@ -216,6 +216,7 @@ class Personality(ABC):
     event_names: ClassVar[tuple[EventName, ...]] = ()  # empty: it has no events
     metadata: ClassVar[Metadata | None] = None
     file_sessions: ClassVar[int] = 1  # files open at once
+    files_writable: ClassVar[bool] = False  # clients may keep files of their own, as long as the process lasts
     answers_after_ack: ClassVar[bool] = False  # REQUEST_MESSAGE: the message comes behind the acknowledgement
     vtol_state: ClassVar[int]
     no_mission_total: ClassVar[int]  # MISSION_CURRENT.total without a mission

@@ -157,6 +157,7 @@ class Px4(Personality):
     standard_modes = STANDARD_MODES
     event_names = EVENTS
     metadata = Metadata(parameters, EVENTS)
+    files_writable = True
     board_version = 1
     vtol_state = 0
     no_mission_total = 65535
