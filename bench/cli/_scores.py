@@ -284,7 +284,7 @@ def _tree_of_agent(found: Explanation, told: AgentTold) -> Tree:
         tree.add(Text(f"confidence {one.confidence:.1%}, {interval}: the mean over {one.considered} considered runs"))
     if one.competence_50 is not None:
         least = "at least " if one.competence_50_at_least else ""
-        bound = "" if one.competence_50_low is None else f", 95 % above {one.competence_50_low:.2f}"
+        bound = "" if one.competence_50_low is None else f", at least {one.competence_50_low:.2f} with 95 % confidence"
         tree.add(Text(f"competence {least}{one.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"))
     tree.add(
         Text(

@@ -266,8 +266,8 @@ def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) 
         "considered": considered,
         "scored": scored,
         "score_mean": score,
-        "score_low": np.fmin(score_low, score),
-        "score_high": np.fmax(score_high, score),
+        "score_low": np.minimum(score_low, score),
+        "score_high": np.maximum(score_high, score),
         "passed_score_mean": passed,
         "raised_by_failure": score > passed + 1e-9,
         "confidence_mean": confidence,
@@ -326,7 +326,9 @@ def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats
 def _competence(scenes: _Scenes, scores: pl.DataFrame) -> dict[str, pl.Series]:
     """The columns of competence for an agent's every node over all configurations, null in groups without a trial."""
     groups = len(scenes.agents) * len(scenes.nodes)
-    counted = _tally(scenes, groups) if np.array_equal(scenes.low, scenes.high) else _tally_rows(scores, groups)
+    tried = scenes.sums["trials"] > 0
+    alike = np.array_equal(scenes.low[tried], scenes.high[tried])
+    counted = _tally(scenes, groups) if alike else _tally_rows(scores, groups)
     columns: dict[str, pl.Series] = {}
     for name, share in SHARES.items():
         found = competence(counted, share)

@@ -103,6 +103,7 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert (whole["OBS1"]["scored"], whole["OBS1"]["considered"], whole["OBS1"]["passed"]) == (1, 2, 1)
     assert (whole["KA1"]["passed"], whole["KA1"]["considered"], whole["KA1"]["runs"]) == (1, 2, 2)
     assert whole["KA1"]["raised_by_failure"] is True
+    assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (None, None)  # two design points say too little
     assert told["absent"] == 0
 
     assert run(worked) == 0
