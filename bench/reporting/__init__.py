@@ -18,5 +18,11 @@ from ._page import render_report as render_report
 from ._page import write_report as write_report
 from ._pairs import Pairing as Pairing
 from ._pairs import pair_agents as pair_agents
+from ._statistics import Comparison as Comparison
+from ._statistics import FactorsMatter as FactorsMatter
+from ._statistics import compare_agents as compare_agents
+from ._statistics import compare_campaigns as compare_campaigns
+from ._statistics import factors_figure as factors_figure
+from ._statistics import factors_that_matter as factors_that_matter
 from ._terminal import score_lines as score_lines
 from ._terminal import score_table as score_table

@@ -28,6 +28,7 @@ from ._facts import describe, factor_levels, factor_rows, provenance_of
 from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, looks, map_figure, pairs_figure
 from ._map import RunMap, choose_runs, draw_map
 from ._pairs import Pairing, pair_agents
+from ._statistics import compare_agents, factors_figure, factors_that_matter
 
 MANIFEST_ROWS = 5000
 DECISION_ROWS = 200
@@ -50,6 +51,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     """The page as text. `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown."""
     figures = _Figures()
     comparisons = _comparisons(data, figures)
+    matter = factors_that_matter(data)
     plotly, script = (_script_text(text) for text in (get_plotlyjs(), _template_text("report.js")))
     shown = looks(data.agents)
     names, counts = _outcome_counts(data, shown)
@@ -71,6 +73,9 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "maps": [_map(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
         "comparisons": comparisons,
+        "settled": {one.id: compare_agents(data, one.first.name, one.second.name) for one in comparisons},
+        "matter": matter,
+        "factors_id": figures.add("factors-1", factors_figure(matter)) if matter.tables else "",
         "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
         # The page's own digest cannot stand in the page.

@@ -164,7 +164,7 @@ def not_claimed(data: ReportData) -> list[str]:
         "The score is the mean over runs in which something was achieved; failed runs leave it. An agent that fails often can have "
         "a high score and a low confidence: read both.",
         "Confidence is what was observed, not a promise; its interval says how far the truth may lie from it. The intervals and "
-        "tests are not corrected for looking at several nodes.",
+        "tests are not corrected for looking at several nodes, unless a p is said to be adjusted.",
     ]
     unscored = [
         f"{node} for {agent}"

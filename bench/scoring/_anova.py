@@ -79,6 +79,8 @@ def anova(values: Sequence[float], factors: Sequence[FactorColumn], points: Sequ
     method = CLUSTERED if count < len(y) else PLAIN
     empty = Anova(len(y), count, method, None, (), terms.left_out, independence(factors))
     parameters = 1 + sum(term.df for term in terms.kept)
+    if not len(y):
+        return _said(empty, "no run has a value")
     if not terms.kept:
         return _said(empty, "no factor varies")
     if count <= parameters:

@@ -282,8 +282,8 @@ def _remarks(fit: _Likelihood | _Firth, y: Floats, x: Floats, points: int) -> li
             said.append("runs of one design point are taken as independent")
     rarer = int(min(y.sum(), len(y) - y.sum()))
     if rarer < LEAST_FOR_EACH * (x.shape[1] - 1):
-        kind = "passes" if y.sum() <= len(y) / 2 else "failures"
-        said.append(f"only {rarer} {kind} for {x.shape[1] - 1} parameters")
+        one, many = ("pass", "passes") if y.sum() <= len(y) / 2 else ("failure", "failures")
+        said.append(f"only {rarer} {one if rarer == 1 else many} for {x.shape[1] - 1} parameters")
     return said
 
 

@@ -154,7 +154,7 @@ def test_data_in_scripts_cannot_end_them(made: Path) -> None:
     renamed = replace(data, agents=(odd, AGENTS[1]), runs=runs, scores=data.scores.with_columns(named), tallies=tallies)
     page = Page(render_report(renamed))
     figures = {name: text for name, text in page.scripts.items() if name.startswith("data-")}
-    assert len(figures) == len(data.configurations) + 1
+    assert len(figures) == len(data.configurations) + 2  # the pairs, the factors
     assert all("<" not in text and json.loads(text)["data"] for text in figures.values())
 
 
@@ -176,7 +176,9 @@ def test_the_page_is_sound_html(page: Page) -> None:
     assert len(page.ids) == len(set(page.ids))
     figures = {name.removeprefix("data-") for name in page.scripts if name.startswith("data-")}
     drawn = {
-        value for tag, name, value in page.attributes if name == "id" and re.fullmatch(r"(configuration|map|pairs)-\d+", value)
+        value
+        for tag, name, value in page.attributes
+        if name == "id" and re.fullmatch(r"(configuration|map|pairs|factors)-\d+", value)
     }
     assert drawn == figures
 

@@ -135,7 +135,8 @@ def test_a_design_too_small_is_refused_in_words() -> None:
     found = anova(np.arange(15.0), factors, points)
     assert found.effects == ()
     assert found.note == "3 design points are too few for 3 parameters"
-    assert anova([], (), []).note == "no factor varies"
+    assert anova([1.0, 2.0], (), ["p1", "p2"]).note == "no factor varies"
+    assert anova([], (), []).note == "no run has a value"
 
 
 def test_spread_and_shape_of_residuals_are_checked() -> None:

@@ -1,0 +1,161 @@
+"""`rebar compare` on made campaigns: what it says, for people and machines, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from bench.cli._app import run
+from bench.reporting import compare_campaigns, factors_that_matter, load_report_data, render_report
+from bench.scoring import FACTOR_COLUMNS
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from made_campaign import AGENTS, STUDY, Made, make_campaign
+
+NAIVE, AWARE = AGENTS
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two agents on eighteen scenes."""
+    return make_campaign(tmp_path_factory.mktemp("compare") / "both", Made(scenes=18))
+
+
+@pytest.fixture(scope="module")
+def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The same two agents, each with a campaign of its own."""
+    home = tmp_path_factory.mktemp("apart")
+    return tuple(make_campaign(home / agent, Made(scenes=18, agents=(agent,))) for agent in AGENTS)  # type: ignore[return-value]
+
+
+def told(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+    """What the command prints for a machine."""
+    assert run(["compare", *line, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+
+
+def test_two_agents_of_one_campaign(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of the table."""
+    document = told([str(made)], capsys)
+    assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
+    nodes = {one["node"]: one for one in document["nodes"]}  # type: ignore[attr-defined]
+    assert set(nodes) == {"P-RESPONSIBLE", "P-RELIABLE", *STUDY}
+    assert [name for name in STUDY if nodes[name]["settled"]] == ["KA-18"]
+    scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("node") == "KA-18")
+    rates = [(scores.filter(pl.col("agent") == agent)["confidence"] >= 1.0).mean() for agent in AGENTS]
+    assert nodes["KA-18"]["pass_rates"] == pytest.approx(rates)
+    assert nodes["KA-18"]["difference"]["estimate"] == pytest.approx(rates[1] - rates[0])  # type: ignore[operator]
+    assert nodes["KA-18"]["verdict"].endswith("18 pairs; settled")
+    assert nodes["KA-03"]["pairs_needed"] > 18
+
+
+def test_for_people(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A table, and a sentence for every node asked for."""
+    assert run(["compare", str(made), "--agents", AWARE, NAIVE, "--node", "KA-18", "--node", "KA-20"]) == 0
+    text = capsys.readouterr().out
+    assert f"KA-18: {AWARE} passes KA-18 in" in text
+    assert "KA-20: " in text
+    assert "KA-03" not in text
+
+
+def test_one_agent_each_of_two_campaigns(made: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    """Scenes are known by what they are, so two folders say the same as one."""
+    assert told([str(made)], capsys) == told([*map(str, apart)], capsys)
+
+
+def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path], tmp_path: Path) -> None:
+    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is none."""
+    other = tmp_path / "renamed"
+    shutil.copytree(apart[1], other)
+    scores = pl.read_parquet(other / "scores.parquet")
+    scores.with_columns(pl.concat_str(pl.lit("q"), "design_point").alias("design_point")).write_parquet(other / "scores.parquet")
+    assert compare_campaigns([apart[0], other]) == compare_campaigns(apart)
+    path = other / "simspecs" / f"p000-r0-{AWARE}.json"
+    path.write_text(path.read_text().replace('"root":1000', '"root":999'))
+    changed = compare_campaigns([apart[0], other])
+    assert changed.scenes == 17
+    assert changed.nodes[0].counts.pairs == 17
+
+
+def test_the_same_agent_in_two_campaigns_is_told_apart_by_folder(made: Path, tmp_path: Path) -> None:
+    """A campaign against its copy: no difference anywhere, and labels that say which is which."""
+    other = tmp_path / "copy"
+    shutil.copytree(made, other)
+    found = compare_campaigns([made, other], [NAIVE, NAIVE])
+    assert (found.first, found.second) == ("both", "copy")
+    assert all(one.difference is not None and one.difference.estimate == 0.0 for one in found.nodes)
+    assert all(one.divergence is not None and one.divergence.value == 0.0 for one in found.nodes)
+
+
+def test_what_cannot_be_compared_is_refused_with_code_2(
+    made: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each mistake says what is wrong and what would do."""
+    other, bare, moved = tmp_path / "other", tmp_path / "bare", tmp_path / "moved"
+    shutil.copytree(apart[1], other)
+    (other / "decomposition.json").write_text((other / "decomposition.json").read_text().replace("Made up.", "Made otherwise."))
+    shutil.copytree(made, bare)
+    (bare / "scores.parquet").unlink()
+    shutil.copytree(apart[1], moved)
+    for path in (moved / "simspecs").glob("*.json"):
+        path.write_text(path.read_text().replace('"root":10', '"root":77'))
+    mistakes = {
+        "different decompositions": [str(apart[0]), str(other)],
+        "there is no node 'KA-99'": [str(made), "--node", "KA-99"],
+        "is not in": [str(made), "--agents", NAIVE, "nobody"],
+        "the same agent": [str(made), "--agents", NAIVE, NAIVE],
+        "not plain which two": [str(apart[0])],
+        "name one folder or two": [str(made)] * 3,
+        "holds no scores": [str(bare)],
+        "no scene in common": [str(apart[0]), str(moved)],
+        "holds no campaign": [str(tmp_path)],
+    }
+    for words, line in mistakes.items():
+        assert run(["compare", *line]) == 2, words
+        shown = capsys.readouterr().err
+        assert words in shown
+        assert "Traceback" not in shown
+
+
+def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None:
+    """--help has an example."""
+    assert run(["compare", "--help"]) == 0
+    assert "Example: rebar compare" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
+    """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and no other."""
+    data = load_report_data(made)
+    points = {point: number for number, point in enumerate(sorted(set(data.scores["design_point"])))}
+    # Six design points of the design, three replicates each; concealment is the factor that changes fastest.
+    named = {point: (f"p{number % 6 + 1:03d}", number // 6 + 1) for point, number in points.items()}
+    hidden = pl.col("design_point").is_in(["p002", "p004", "p006"])
+    spoilt = hidden & (pl.col("agent") == NAIVE) & (pl.col("node") == "KA-20")
+    base = pl.col("realization").hash(1) % 7 / 100.0
+    scores = data.scores.with_columns(
+        pl.col("design_point").replace_strict({k: v[0] for k, v in named.items()}),
+        pl.col("design_point").replace_strict({k: v[1] for k, v in named.items()}).alias("replicate"),
+    ).with_columns((pl.when(spoilt).then(0.2).otherwise(0.9) + base).alias("confidence"))
+
+    matter = factors_that_matter(replace(data, scores=scores))
+    found = [(table.agent, table.node, row.factor) for table, row in matter.found if "confidence" in row.found]
+    assert found == [(NAIVE, "KA-20", "concealment")]
+    assert matter.frame.columns == list(FACTOR_COLUMNS)
+    assert matter.independence is not None
+    assert matter.independence.max_v == pytest.approx(0.0, abs=1e-9)
+
+
+def test_without_a_design_the_report_says_so(made: Path) -> None:
+    """A campaign without factors has a section that says that there are none."""
+
+    data = load_report_data(made)
+    assert factors_that_matter(replace(data, campaign={})).note == "The campaign's design varies no factor."
+    assert "varies no factor" in render_report(replace(data, campaign={}))
+    odd = {"design": {"factors": [{"name": "fog"}]}}
+    assert "cannot be read" in factors_that_matter(replace(data, campaign=odd)).note
