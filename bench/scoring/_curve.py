@@ -139,7 +139,8 @@ def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequenc
     chance = _logistic(design @ beta)
     excess = np.bincount(point, weights=ok - chance)
     expected = np.bincount(point, weights=chance * (1.0 - chance))
-    return max(1.0, float(np.sum(excess**2 / expected)) / free)
+    scatter = float(np.sum(excess**2 / expected)) / free
+    return scatter if scatter > 1.0 else 1.0
 
 
 def _logistic(logit: Floats) -> Floats:

@@ -1,0 +1,227 @@
+"""The scorer against a brute-force reference: random graphs, many runs at once, every policy of scoring."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import fmean
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bench.contracts import Observation, Outcome
+from bench.scoring import ScoredRun, difficulty_given, score_table, summary_frame
+from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of
+
+GRID = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
+FAULTS = {"worker_lost"}
+
+Values = dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A run as the reference takes it; what is not in `xs` was not observed, and None is not considered."""
+
+    name: str
+    point: str
+    agent: str
+    outcome: Outcome
+    difficulty: dict[str, float]
+    xs: Values
+
+    @property
+    def counted(self) -> Values:
+        return {} if str(self.outcome) in FAULTS else self.xs
+
+    def scored_run(self, asked: Decomposition) -> ScoredRun:
+        seen = tuple(Observation(observable=one, considered=x is not None, x=x) for one, x in self.xs.items())
+        return ScoredRun(self.name, self.point, 0, self.agent, self.outcome, difficulty_given(asked, self.difficulty), seen)
+
+
+class Reference:
+    """The rulings 4 to 17 read aloud, node by node and run by run; it shares nothing with the implementation."""
+
+    def __init__(self, asked: Decomposition) -> None:
+        self.asked, self.rules = asked, asked.policies
+
+    def leaves(self, node: str) -> set[str]:
+        children = self.asked.nodes[node].children
+        return {node} if not children else {leaf for child in children for leaf in self.leaves(child)}
+
+    def difficulty(self, node: str, run: Flown) -> float:
+        return min(run.difficulty[leaf] for leaf in self.leaves(node))
+
+    def considered(self, node: str, xs: Values) -> list[str]:
+        return [leaf for leaf in self.leaves(node) if xs.get(leaf) is not None]
+
+    def achieved(self, node: str, xs: Values) -> list[str]:
+        return [leaf for leaf in self.considered(node, xs) if (xs[leaf] or 0.0) >= self.asked.observables[leaf].threshold]
+
+    def score(self, node: str, run: Flown, xs: Values) -> float | None:
+        children = self.asked.nodes[node].children
+        if children:
+            scores = [score for score in (self.score(child, run, xs) for child in children) if score is not None]
+            if not scores:
+                return None
+            return min(scores) if self.rules.inner_score == "minimum" else fmean(scores)
+        rule, x = self.asked.observables[node], xs.get(node)
+        if x is None:
+            return None
+        near = rule.near_miss if rule.near_miss is not None else self.rules.near_miss
+        credit = self.rules.credit_points * (x - rule.threshold) if rule.partial_credit else 0.0
+        close = rule.partial_credit and near > 0 and x >= rule.threshold - near - 1e-12
+        return run.difficulty[node] + credit if x >= rule.threshold or close else None
+
+    def confidence(self, node: str, run: Flown, xs: Values) -> float | None:
+        considered = self.considered(node, xs)
+        if not considered:
+            return None
+        children = self.asked.nodes[node].children
+        if self.rules.confidence == "observables" or not children:
+            return len(self.achieved(node, xs)) / len(considered)
+        asked = [child for child in children if self.considered(child, xs)]
+        return sum(self.score(child, run, xs) is not None for child in asked) / len(asked)
+
+    def passed_score(self, node: str, run: Flown, xs: Values) -> float | None:
+        """The score with every failed observable passed with x at its threshold."""
+        best = {one: None if x is None else max(x, self.asked.observables[one].threshold) for one, x in xs.items()}
+        return self.score(node, run, best)
+
+    def competence(self, node: str, runs: Sequence[Flown], share: float) -> float | None:
+        trials = [
+            (self.difficulty(node, run), len(self.achieved(node, run.counted)) == len(self.considered(node, run.counted)))
+            for run in runs
+            if self.considered(node, run.counted)
+        ]
+        hard = sorted({d for d, _ in trials})
+
+        def mean(low: float, high: float) -> float:
+            return fmean(ok for d, ok in trials if low <= d <= high)
+
+        fits = {d: min(max(mean(a, b) for b in hard if b >= d) for a in hard if a <= d) for d in hard}
+        return max((d for d in hard if fits[d] >= share - 1e-9), default=0.0) if trials else None
+
+
+def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
+    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the observables."""
+    counts = [draw(st.integers(1, most)) for most in (3, 3, 5, 6)]
+    names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
+    layers = []
+    for above, below in pairwise(names):
+        children = {name: draw(st.lists(st.sampled_from(below), min_size=1, unique=True)) for name in above}
+        for orphan in sorted(set(below) - {child for ones in children.values() for child in ones}):
+            children[draw(st.sampled_from(above))].append(orphan)
+        layers.append([{"id": name, "title": name, "asks": "?", "children": ones} for name, ones in children.items()])
+    return layers, names[3]
+
+
+@st.composite
+def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
+    """A random decomposition with random policies, and a few runs of it by two agents in three situations."""
+    layers, names = graph(draw)
+    observables = []
+    for name in names:
+        partial = draw(st.booleans())
+        row = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 100], "reason": "For the test."}
+        observables.append(
+            {
+                "id": name,
+                "title": name,
+                "asks": "?",
+                "measure": "m",
+                "threshold": draw(GRID),
+                "threshold_reason": "For the test.",
+                "considered": "Drawn.",
+                "partial_credit": partial,
+                "near_miss": draw(st.none() | GRID) if partial else None,
+                "key_factors": [row],
+            }
+        )
+    policies = Policies(
+        near_miss=draw(st.sampled_from([0.0, 0.2])),
+        credit_points=draw(st.sampled_from([4.0, 0.0, 10.0])),
+        inner_score=draw(st.sampled_from(["minimum", "mean"])),
+        confidence=draw(st.sampled_from(["observables", "children"])),
+        over_runs=draw(st.sampled_from(["mean_of_ratios", "pooled_counts"])),
+    )
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "random",
+        "title": "Random",
+        "policies": policies.model_dump(),
+        "principles": layers[0],
+        "key_attributes": layers[1],
+        "vabs": layers[2],
+        "observables": observables,
+    }
+    asked = decomposition_of(DecompositionDocument.model_validate(document))
+    hard = st.sampled_from([0.0, 20.0, 33.3, 60.0, 100.0])
+    situations = [{name: draw(hard) for name in names} for _ in range(3)]
+    outcome = st.sampled_from([Outcome.COMPLETED, Outcome.AGENT_CRASHED, Outcome.WORKER_LOST])
+    runs = []
+    for i in range(draw(st.integers(1, 7))):
+        situation = draw(st.integers(0, 2))
+        seen = draw(st.lists(st.sampled_from(names), unique=True))
+        point, agent = f"p{situation}{draw(st.sampled_from('ab'))}", draw(st.sampled_from(["one", "two"]))
+        runs.append(Flown(f"r{i}", point, agent, draw(outcome), situations[situation], {n: draw(st.none() | GRID) for n in seen}))
+    return asked, runs
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(campaigns())
+def test_tables_and_summaries_are_those_of_the_reference(campaign: tuple[Decomposition, list[Flown]]) -> None:
+    """Every row of the score table and of the summary, for every policy of scoring."""
+    asked, runs = campaign
+    told = Reference(asked)
+    table = score_table(asked, [run.scored_run(asked) for run in runs])
+    rows = {(row["realization"], row["node"]): row for row in table.iter_rows(named=True)}
+    for run in runs:
+        for node in asked.nodes:
+            row, xs = rows[run.name, node], run.counted
+            assert row["difficulty"] == told.difficulty(node, run)
+            assert row["score"] == near(told.score(node, run, xs))
+            assert row["confidence"] == told.confidence(node, run, xs)
+            assert row["achieved"] == len(told.achieved(node, xs))
+            assert row["considered"] == len(told.considered(node, xs))
+            assert row["passed_score"] == near(told.passed_score(node, run, xs))
+            assert row["x"] == xs.get(node)
+    for row in summary_frame(table, asked).iter_rows(named=True):
+        own = [run for run in runs if run.agent == row["agent"]]
+        if row["configuration"] != "all":
+            own = [run for run in own if rows[run.name, row["node"]]["configuration"] == row["configuration"]]
+        same_summary(told, row, own)
+
+
+def same_summary(told: Reference, row: dict[str, Any], own: list[Flown]) -> None:
+    """One row of the summary, from its runs."""
+    node, counted = row["node"], [run for run in own if str(run.outcome) not in FAULTS]
+    asked = [run for run in counted if told.considered(node, run.xs)]
+    scores = [score for score in (told.score(node, run, run.xs) for run in counted) if score is not None]
+    passed = [score for score in (told.passed_score(node, run, run.xs) for run in asked) if score is not None]
+    assert (row["runs"], row["excluded"]) == (len(counted), len(own) - len(counted))
+    assert (row["considered"], row["scored"]) == (len(asked), len(scores))
+    assert row["design_points"] == len({run.point for run in asked})
+    assert row["score_mean"] == near(fmean(scores) if scores else None)
+    assert row["passed_score_mean"] == near(fmean(passed) if passed else None)
+    assert row["raised_by_failure"] == bool(scores and fmean(scores) > fmean(passed) + 1e-9)
+    ratios = [ratio for ratio in (told.confidence(node, run, run.xs) for run in asked) if ratio is not None]
+    if told.rules.over_runs == "mean_of_ratios":
+        mean = fmean(ratios) if ratios else None
+    else:
+        total = sum(len(told.considered(node, run.xs)) for run in asked)
+        mean = sum(len(told.achieved(node, run.xs)) for run in asked) / total if total else None
+    assert row["confidence_mean"] == near(mean)
+    whole = row["configuration"] == "all"
+    for name, share in (("competence_50", 0.5), ("competence_90", 0.9)):
+        assert row[name] == (told.competence(node, counted, share) if whole else None)
+        if row[name] is not None:
+            assert row[f"{name}_low"] <= row[name]
+
+
+def near(value: float | None) -> Any:
+    """Equal but for the order in which floats are added."""
+    return None if value is None else pytest.approx(value, abs=1e-9)
