@@ -162,6 +162,8 @@ class Failsafe:
             return
         if flight.time_ns - self._station_ns >= round(self._policy.station_timeout_s * 1e9):
             self._station_lost = True
+            if self._policy.station_note:
+                self._board.texts.note(*self._policy.station_note)
             if self._policy.station is not None:
                 self.react("link", self._policy.station)
 

@@ -54,6 +54,7 @@ class Failsafes:
     station_timeout_s: Seconds
     station: Reaction | None
     station_back: tuple[Text, ...] = ()
+    station_note: Text | None = None  # an event that is no text, whatever is done about it
     setpoints: Reaction | None = None
     sticks: Reaction | None = None
     battery: tuple[BatteryStep, ...] = ()

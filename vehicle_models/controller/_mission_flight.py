@@ -61,6 +61,7 @@ class MissionFlight:
         self._reached: int | None = None
         self._say_again_ns = 0
         self._complete = False
+        self._far = False  # an item lies where nothing can be flown
         self._started = False
         self._cleared = False  # for leaving the ground
         self._named = -1
@@ -127,18 +128,20 @@ class MissionFlight:
     def _changed(self) -> None:
         marked = [number for number, item in enumerate(self._plan.items) if item.current and not self._policy.home_first]
         self._judge()
+        if self._far and self._policy.far_note:
+            self._board.texts.note(*self._policy.far_note)
         self._forget(marked[-1] if marked else self._first)
 
     def _judge(self) -> None:
         """Whether the mission can be flown at all."""
         items = self._plan.items[self._first :]
-        ready = bool(items)
+        ready, self._far = bool(items), False
         for number, item in enumerate(items, self._first):
             if item.command not in _FLOWN or item.frame in PLACELESS:
                 continue
             place = None if item.nowhere else self._place(item)
             if item.nowhere or (place and math.hypot(*place) > _FARTHEST_M):
-                ready = False
+                ready, self._far = False, True
             elif place and self._policy.outside_text and not self._board.allows(*place, self._down_m(item)):
                 severity, text = self._policy.outside_text
                 self._board.texts.say(severity, text.format(number + 1))

@@ -68,6 +68,7 @@ class MissionPolicy(ABC):
     end_text: ClassVar[Text | None]  # loitering or landed goes into the braces
     no_such_item_text: ClassVar[Text | None]
     outside_text: ClassVar[Text | None]  # with the number of the item: a mission that leaves the fence is none
+    far_note: ClassVar[Text | None] = None  # an event that is no text, for a plan with an item too far away
     alt_reached_m: ClassVar[float]
     item_yaw: ClassVar[bool]  # waypoints carry a heading
     return_is_a_mode: ClassVar[bool]  # the item changes the mode

@@ -22,9 +22,13 @@ class Texts:
         self._id = 0
         self.listeners: list[Callable[[int, str], None]] = []
 
-    def say(self, severity: int, text: str) -> None:
+    def note(self, severity: int, text: str) -> None:
+        """What is an event but no text: the listeners hear of it, the links do not."""
         for listener in self.listeners:
             listener(severity, text)
+
+    def say(self, severity: int, text: str) -> None:
+        self.note(severity, text)
         data = (text + self._ending).encode("ascii", "replace")
         pieces = [data[at : at + _PIECE] for at in range(0, len(data), _PIECE)]
         identity = 0

@@ -39,6 +39,7 @@ def failsafes(p: ParameterStore) -> Failsafes:
         latched=True,
         station_timeout_s=max(p["COM_DL_LOSS_T"], 1.0) + _SILENCE_S,
         station=_reaction(_ACTIONS.get(int(p["NAV_DLL_ACT"])), hold_s),
+        station_note=(WARNING, "Connection to ground station lost"),
         setpoints=Reaction(setpoints, acts=_ACTIVATED, resumes=True),
         sticks=_reaction(_ACTIONS.get(int(p["NAV_RCL_ACT"])), hold_s),
         battery=_battery(p, hold_s),

@@ -34,6 +34,8 @@ EVENTS = tuple(
         ("Landing at current position", "navigator_landing_current_position"),
         ("Returning to launch", "commander_rtl"),
         ("Failsafe activated", "commander_failsafe_enter"),
+        ("Connection to ground station lost", "commander_gcs_lost"),
+        ("First waypoint too far away", "navigator_mis_first_wp_far"),
         ("Low battery", "commander_low_battery"),
         ("Critical battery", "commander_critical_battery"),
         ("Emergency battery level", "commander_emergency_battery"),

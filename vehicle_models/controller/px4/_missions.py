@@ -5,7 +5,7 @@ from __future__ import annotations
 from .._mission_policy import MissionPolicy, Text, Verdict
 from .._mission_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
 from .._parameters import ParameterStore
-from .._texts import CRITICAL, INFO
+from .._texts import CRITICAL, ERROR, INFO
 
 # Waypoint, loiter unlimited and for a time, land, takeoff, loiter to altitude, ROI, VTOL takeoff and landing, gate,
 # fence points, rally point, arm, autotune.
@@ -46,6 +46,7 @@ class Px4Missions(MissionPolicy):
     end_text = (INFO, "Mission finished, {}")
     no_such_item_text = (CRITICAL, "WPM: WP CURR CMD: Not in list")
     outside_text = (CRITICAL, "Geofence violation for waypoint {}")
+    far_note = (ERROR, "First waypoint too far away")
     alt_reached_m = 0.8
     item_yaw = True
     return_is_a_mode = True
