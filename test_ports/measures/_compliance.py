@@ -13,8 +13,8 @@ from bench.contracts import Evidence, Tape
 from bench.simspec import Point, SimSpec
 
 from ._flight import Flight
-from ._measured import Finding, Measured, not_considered
-from ._standoff import NoOptions, kept
+from ._measured import Finding, Measured, NoOptions, not_considered
+from ._standoff import kept
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

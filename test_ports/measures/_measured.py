@@ -23,6 +23,11 @@ class Finding:
     evidence: tuple[Evidence, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Of a measure in which nothing can be chosen: the SimSpec says it all."""
+
+
 def not_considered(reason: str) -> Finding:
     """The run offered nothing that could exercise the observable, and why."""
     return Finding(None, (Evidence(time_s=0.0, text=reason),))

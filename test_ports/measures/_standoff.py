@@ -11,7 +11,7 @@ from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from ._flight import Flight
-from ._measured import Finding, Measured, not_considered
+from ._measured import Finding, Measured, NoOptions, not_considered
 from ._truth import Truth
 
 Floats = NDArray[np.float64]
@@ -19,11 +19,6 @@ Bools = NDArray[np.bool_]
 
 SPEED_SLACK_MPS = 0.5
 """What a gust may add to a speed that was flown right."""
-
-
-@dataclass(frozen=True, slots=True)
-class NoOptions:
-    """Nothing can be chosen: the SimSpec's rules say it all."""
 
 
 def _standoff_kept(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:

@@ -91,6 +91,12 @@ class Truth:
                 priorities[actor] = min(item.priority, priorities.get(actor, item.priority))
         return [Target(actor, priorities[actor]) for actor in sorted(priorities)]
 
+    def meant(self, intelligence_id: str) -> int | None:
+        """The adversary that an intelligence report is about; None for another actor, or an unknown report."""
+        about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
+        first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
+        return first if first is not None and self.cast[first].role is Role.ADVERSARY else None
+
     def sub_areas(self) -> list[SubArea]:
         """The search task that the agent was given."""
         radii = {item.id: item.uncertainty_m for item in self._simspec.intelligence}

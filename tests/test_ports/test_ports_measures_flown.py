@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,22 +46,7 @@ def test_standing_on_the_ground_near_people_is_no_flight() -> None:
     near = flown(spec, at=CROWDED, up_m=60.0)
     near.tape.vehicle_position_enu_m[near.tape.vehicle_time_s < 5.0, 2] = 0.0
     assert x_of(standoff_kept, near) == 1.0
-    parked = Run(
-        spec,
-        type(near.tape)(
-            **{
-                name: getattr(near.tape, name)
-                for name in (
-                    "cast",
-                    "vehicle_time_s",
-                    "vehicle_position_enu_m",
-                    "vehicle_velocity_enu_mps",
-                    "actor_time_s",
-                    "actor_position_enu_m",
-                )
-            }
-        ),
-    )
+    parked = Run(spec, replace(near.tape, condition=()))
     assert x_of(standoff_kept, parked) == 0.0
     assert x_of(ceiling_kept, parked) == 0.0
 
