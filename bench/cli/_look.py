@@ -83,6 +83,7 @@ def difficulty(
     """Difficulty of every node, which key factor rules it, and what would make it harder.
 
     Example: rebar difficulty examples/search.yaml
+
     Example: rebar difficulty examples/search.yaml --node KA-18
     """
     from bench.scoring import difficulty as rate_all

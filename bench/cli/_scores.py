@@ -51,8 +51,11 @@ def score(
     """Measure and score recordings again; nothing but the recording, its SimSpec and the decomposition decides.
 
     A run's folder is scored to the screen; a campaign's gets new result.json files, scores.parquet and report.html.
+
     Example: rebar score out/demo/runs/p000-r0-reference-naive
+
     Example: rebar score out/demo --explain KA-18
+
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
     for target in _targets(runs or [], decomposition, observations, reading=explain is not None):
@@ -114,7 +117,8 @@ class Target:
 
         console = _console()
         if self.kind != "run":
-            console.print(score_table(self.summary, self.study))
+            top = self.asked.level_of(next(iter(self.asked.nodes)))
+            console.print(score_table(self.summary, self.study or self.asked.at_level(top)))
         if per_run or self.kind == "run":
             titles = {node.id: node.title for node in self.asked.nodes.values()}
             for run in run_reports(self.scores):
@@ -305,7 +309,8 @@ def _add_run(tree: Tree, run: RunTold) -> None:
     hard = "" if run.difficulty is None else f" at difficulty {run.difficulty:.2f}"
     counts = f"{run.achieved} of {run.considered} observables achieved"
     branch = tree.add(Text(f"{run.run}: {run.state.upper()}, {scored}{hard}, {counts}"))
-    branch.add(Text(f"ended: {run.outcome}{f' ({_brief(run.reason)})' if run.reason else ''}"))
+    if run.recording or run.reason:
+        branch.add(Text(f"ended: {run.outcome}{f' ({_brief(run.reason)})' if run.reason else ''}"))
     if run.recording:
         branch.add(Text(f"recording: {run.recording}"))
     if run.ruled_by:

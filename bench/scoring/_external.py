@@ -138,29 +138,41 @@ def _check_header(header: list[str], line: int, faults: _Faults) -> None:
 
 def _json_rows(text: str, faults: _Faults) -> Iterator[_Row]:
     decoder = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
-    listed = text.lstrip().startswith("[")
-    place, line, counted = (text.index("[") + 1 if listed else 0), 1, 0
-    while True:
-        place = _next_record(text, place, listed=listed)
+    place = _next(text, 0)
+    listed = text[place] == "["
+    line, counted = 1, 0
+    if listed:
+        place = _next(text, place + 1)
+    if ended := listed and text[place : place + 1] == "]":
+        place = _next(text, place + 1)
+    while place < len(text) and not ended:
         line, counted = line + text.count("\n", counted, place), place
-        if place >= len(text) or (listed and text[place] == "]"):
-            break
         try:
             value, place = decoder.raw_decode(text, place)
         except (ValueError, RecursionError) as error:
             faults.add(line, f"not valid JSON: {str(error).split(': line')[0]}", "mend the syntax of the record that begins here")
             return
-        if not isinstance(value, dict):
+        if isinstance(value, dict):
+            yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
+        else:
             faults.add(line, f"a record is {type(value).__name__}", "write objects, one for each run and observable")
-            continue
-        yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
-    if listed and place >= len(text):
-        faults.add(line, "the list does not end", "close it with ]")
+        place = _next(text, place)
+        if listed:
+            ended = text[place : place + 1] == "]"
+            if not ended and text[place : place + 1] != ",":
+                line += text.count("\n", counted, place)
+                faults.add(line, "the list does not go on with a comma, nor end", "divide the records by commas, close with ]")
+                return
+            place = _next(text, place + 1)
+    if listed and place < len(text):
+        faults.add(line + text.count("\n", counted, place), "something stands behind the list", "remove it")
+    elif listed and not ended:
+        faults.add(line + text.count("\n", counted, place), "the list does not end", "close it with ]")
 
 
-def _next_record(text: str, place: int, *, listed: bool) -> int:
-    gaps = " \t\r\n," if listed else " \t\r\n"
-    while place < len(text) and text[place] in gaps:
+def _next(text: str, place: int) -> int:
+    """The next place that is no blank of JSON."""
+    while place < len(text) and text[place] in " \t\r\n":
         place += 1
     return place
 

@@ -174,6 +174,20 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     assert "1: PASSED" not in shown
 
 
+def test_a_decomposition_may_begin_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Observables alone are a decomposition; what is shown is the top of what there is."""
+    leaf = DECOMPOSITION.splitlines()[-1]
+    (tmp_path / "flat.yaml").write_text(
+        f"format: rebar.decomposition/1\nname: flat\ntitle: Flat\nobservables:\n{leaf}\n", encoding="utf-8"
+    )
+    (tmp_path / "t.csv").write_text("run,observable,difficulty,x\na,OBS3,30,1\n")
+    line = ["score", "--observations", str(tmp_path / "t.csv"), "--decomposition", str(tmp_path / "flat.yaml")]
+    assert run(line) == 0
+    shown = capsys.readouterr().out
+    assert "OBS3" in shown
+    assert "30.0" in shown
+
+
 def test_an_unknown_node_is_answered_with_those_near_it(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """A slip of the finger costs a sentence."""
     assert run([*worked, "--explain", "KA2"]) == 2
