@@ -164,7 +164,9 @@ def _met(first: Side, second: Side) -> tuple[pl.DataFrame, pl.DataFrame]:
     shared = {there[scene]: here[scene] for scene in here if scene in there}
     key = pl.col("realization")
     named = mine.unique("realization").filter(key.is_in(list(shared.values()))).select("realization", "design_point", "replicate")
-    renamed = other.with_columns(key.cast(pl.String).replace_strict(shared, default=None, return_dtype=pl.String)).drop_nulls("realization")
+    renamed = other.with_columns(key.cast(pl.String).replace_strict(shared, default=None, return_dtype=pl.String)).drop_nulls(
+        "realization"
+    )
     return (
         mine.filter(key.is_in(list(shared.values()))),
         renamed.drop("design_point", "replicate").join(named, on="realization", how="inner"),

@@ -307,7 +307,10 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
 
 
 def _bend(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
-    levels, codes = np.unique(x, return_inverse=True)
+    # Over the means of design points: runs of one share its luck, which among them would look like a bend.
+    sizes = np.bincount(clusters)
+    x, y = np.bincount(clusters, x) / sizes, np.bincount(clusters, y) / sizes
+    levels, codes = np.unique(np.round(x, 12), return_inverse=True)
     if len(levels) < 3:
         return "two levels", None
     lines = np.column_stack([np.ones(len(x)), x])
@@ -315,11 +318,10 @@ def _bend(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float
     if len(levels) <= len(x) // 2:
         means = np.bincount(codes, y) / np.bincount(codes)
         pure = float(((y - means[codes]) ** 2).sum())
-        df, left = len(levels) - 2, min(len(x), int(clusters.max()) + 1) - len(levels)
-        if left < 1 or pure <= 1e-20 * float(((y - y.mean()) ** 2).sum()):
+        df, left = len(levels) - 2, len(x) - len(levels)
+        if pure <= 1e-20 * float(((y - y.mean()) ** 2).sum()):
             return "lack of fit", None
-        # Where runs share a design point the points' own number is the honest one, and the test is the more careful for it.
-        return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / (len(x) - len(levels))), df, left))
+        return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / left), df, left))
     if line_ss <= 1e-20 * float(((y - y.mean()) ** 2).sum()) or len(x) < 6:
         return "RESET", None
     from statsmodels.regression.linear_model import OLS

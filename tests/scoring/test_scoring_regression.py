@@ -161,3 +161,21 @@ def test_what_cannot_be_correlated_is_none() -> None:
     assert correlation([1.0, 2, 3, 4, 5, 6], FactorColumn("n", tuple("uvuvuv")), points) is None
     assert correlation([1.0, 2, 3, 4, 5, 6], FactorColumn("k", (1,) * 6), points) is None
     assert correlation([1.0] * 6, FactorColumn("x", (1, 2, 3, 4, 5, 6)), points) is None
+
+
+def test_luck_of_design_points_is_no_effect_and_no_bend() -> None:
+    """Replicates that share luck and no effect: odds, correlations and bends err in some 5 of 100."""
+    levels = np.repeat(np.arange(36), 3)
+    factors = [FactorColumn("a", tuple((levels % 3).tolist())), FactorColumn("b", tuple("uvw"[one] for one in levels // 3 % 3))]
+    points = [f"p{one}" for one in levels]
+    wrong: dict[str, list[bool]] = {"odds": [], "line": [], "bend": []}
+    for seed in range(120):
+        draw = np.random.default_rng(seed)
+        luck = np.repeat(draw.normal(size=36), 3)
+        passed = (draw.random(108) < 1 / (1 + np.exp(-0.8 - luck))).tolist()
+        wrong["odds"] += [one.p is not None and one.p < 0.05 for one in logistic(passed, factors, points).tests]
+        line = correlation((luck + draw.normal(size=108)).tolist(), factors[0], points)
+        assert line is not None
+        wrong["line"].append(line.pearson_p is not None and line.pearson_p < 0.05)
+        wrong["bend"].append(line.bend_p is not None and line.bend_p < 0.05)
+    assert all(0.005 < np.mean(one) < 0.1 for one in wrong.values()), {name: np.mean(one) for name, one in wrong.items()}
