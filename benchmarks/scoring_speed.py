@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, difficulty, score_table, summary_frame
+from bench.scoring import ScoredRun, Trials, competence, difficulty, score_table, summary_frame, tally
 from decompositions import Decomposition, DecompositionDocument, decomposition_of
 
 COUNTS = (5, 43, 121, 135)
@@ -101,7 +101,7 @@ def _run(asked: Decomposition, number: int, found: list, rng: np.random.Generato
 
 
 def table(path: Path, count: int) -> Callable[[], object]:
-    """Score the runs and write the table."""
+    """Score the runs and write the table as Parquet."""
     asked = made()
     runs = runs_of(asked, count)
 
@@ -116,13 +116,33 @@ def read(path: Path, count: int) -> Callable[[], object]:
     return lambda: pl.read_parquet(path)
 
 
+def competent(path: Path, count: int) -> Callable[[], object]:
+    """Competence alone, run by run, at both shares."""
+    scores = pl.read_parquet(path, columns=["agent", "node", "design_point", "difficulty", "achieved", "considered"])
+    scores = scores.filter(pl.col("considered") > 0)
+    group, point = (
+        scores.select(pl.struct(names).rank("dense") - 1).to_series() for names in (["agent", "node"], ["design_point"])
+    )
+    passed = scores["achieved"] == scores["considered"]
+    trials = Trials(
+        group.cast(pl.Int64).to_numpy(), scores["difficulty"].to_numpy(), passed.to_numpy(), point.cast(pl.Int64).to_numpy()
+    )
+
+    def step() -> None:
+        counted = tally(trials, int(trials.group.max()) + 1)
+        for share in ((1, 2), (9, 10)):
+            competence(counted, share)
+
+    return step
+
+
 def summary(path: Path, count: int) -> Callable[[], object]:
     """Sum the table up: means, intervals, bootstrap and competence of every node, agent and configuration."""
     asked, scores = made(), pl.read_parquet(path)
     return lambda: summary_frame(scores, asked)
 
 
-STEPS = {"table": table, "read": read, "summary": summary}
+STEPS = {"table": table, "read": read, "summary": summary, "competence": competent}
 
 
 def measure(name: str, path: Path, count: int) -> None:
