@@ -19,9 +19,7 @@ from bench.errors import Fault, SetupError
 if TYPE_CHECKING:
     import polars as pl
 
-    from bench.scoring import Explanation, ScoredRun, ScoreReport, Sources
-    from bench.scoring._explain import AgentTold, ObservableTold, RunTold
-    from bench.scoring._report import RunReport
+    from bench.scoring import AgentTold, Explanation, ObservableTold, RunReport, RunTold, ScoredRun, ScoreReport, Sources
     from decompositions import Decomposition
 
 MOST_TABLE_BYTES = 2 * 1024**3

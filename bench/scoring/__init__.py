@@ -46,7 +46,10 @@ from ._divergence import js_divergence as js_divergence
 from ._effects import Difference as Difference
 from ._effects import PairedCounts as PairedCounts
 from ._effects import cliffs_delta as cliffs_delta
+from ._explain import AgentTold as AgentTold
 from ._explain import Explanation as Explanation
+from ._explain import ObservableTold as ObservableTold
+from ._explain import RunTold as RunTold
 from ._explain import Sources as Sources
 from ._explain import explain as explain
 from ._external import ExternalTable as ExternalTable
@@ -72,6 +75,9 @@ from ._regression import Logistic as Logistic
 from ._regression import OddsRatio as OddsRatio
 from ._regression import correlation as correlation
 from ._regression import logistic as logistic
+from ._report import NodeReport as NodeReport
+from ._report import RunNode as RunNode
+from ._report import RunReport as RunReport
 from ._report import ScoreReport as ScoreReport
 from ._report import node_reports as node_reports
 from ._report import run_reports as run_reports

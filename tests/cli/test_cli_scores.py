@@ -260,3 +260,30 @@ def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> N
     assert "more than 406.667" in " ".join(capsys.readouterr().out.split())
     assert run(["difficulty", str(EXAMPLE), "--node", "KA-81"]) == 2
     assert "did you mean KA-18" in capsys.readouterr().err
+
+
+def test_a_campaign_written_as_a_table_scores_the_same(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last bit."""
+    own = printed(["score", str(campaign), "--json", "--per-run"], capsys)
+    rows = [
+        {
+            "run": one["run"],
+            "observable": node["id"],
+            "difficulty": node["difficulty"],
+            "x": node["x"],
+            "considered": node["considered"] == 1,
+            "design_point": one["design_point"],
+            "agent": one["agent"],
+        }
+        for one in own["runs"]
+        for node in one["nodes"]
+        if node["level"] == "observable"
+    ]
+    table = tmp_path / "table.jsonl"
+    table.write_text("\n".join(map(json.dumps, rows)))
+    line = ["score", "--observations", str(table), "--decomposition", str(campaign / "decomposition.yaml")]
+    again = printed([*line, "--json", "--per-run"], capsys)
+    assert again["nodes"] == own["nodes"]
+    assert [one["nodes"] for one in again["runs"]] == [one["nodes"] for one in own["runs"]]
