@@ -303,14 +303,13 @@ def _spread(scenes: _Scenes) -> Floats:
 
 
 def _score_ends(scenes: _Scenes) -> tuple[Floats, Floats]:
-    low, high = [], []
+    starts = scenes.starts
+    ends = np.full((2, starts.size, len(scenes.nodes)), np.nan)
     names = (*scenes.design_points, "")
-    for first, last in pairwise([*scenes.starts.tolist(), scenes.agent.size]):
+    for block, (first, last) in enumerate(pairwise([*starts.tolist(), scenes.agent.size])):
         own = [names[number] for number in scenes.point[first:last]]
-        ends = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], own)
-        low.append(ends[0])
-        high.append(ends[1])
-    return np.stack(low), np.stack(high)
+        ends[:, block] = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], own)
+    return ends[0], ends[1]
 
 
 def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats, leaf: Bools) -> dict[str, NDArray[Any]]:

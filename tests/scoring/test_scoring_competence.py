@@ -221,3 +221,31 @@ def test_the_published_score_rises_where_competence_falls(asked: Decomposition, 
     assert after["score_mean"] > before["score_mean"]
     assert (before["raised_by_failure"], after["raised_by_failure"]) == (False, True)
     assert after["competence_90"] <= before["competence_90"]
+
+
+def test_the_order_of_rows_and_the_type_of_texts_do_not_matter(asked: Decomposition, situations: list[Difficulty]) -> None:
+    """A table that was shuffled, or whose texts are categories, has the same summary; a null configuration is in `all` alone."""
+    xs = [dict.fromkeys(asked.observables, float(i % 4 > 0)) for i in range(24)]
+    table = score_table(asked, [run(f"r{i}", situations[i % 3], some, f"p{i % 6}") for i, some in enumerate(xs)])
+    texts = [name for name, dtype in table.schema.items() if dtype == pl.String]
+    first = summary_frame(table, asked)
+    assert summary_frame(table.with_columns(pl.col(texts).cast(pl.Categorical)), asked).equals(first)
+    keys = ["configuration", "node"]
+    shuffled = summary_frame(table.sample(fraction=1.0, shuffle=True, seed=6), asked)
+    numbers = [name for name in first.columns if name.startswith(("competence", "score_", "considered", "design"))]
+    assert shuffled.sort(keys).select(numbers).equals(first.sort(keys).select(numbers))
+    unknown = summary_frame(table.with_columns(pl.lit(None, pl.String).alias("configuration")), asked)
+    assert unknown.equals(first.filter(configuration="all"))
+
+
+def test_a_design_point_may_have_several_difficulties(asked: Decomposition, situations: list[Difficulty]) -> None:
+    """As in a table from elsewhere: each difficulty is a cell of its own, and the numbers are those of `competence_of`."""
+    rng = np.random.default_rng(7)
+    hard, ok = [situations[i % 3] for i in range(60)], rng.random(60) < 0.9
+    points = [f"p{i // 6}" for i in range(60)]
+    runs = [run(f"r{i}", hard[i], dict.fromkeys(asked.observables, float(ok[i])), points[i]) for i in range(60)]
+    row = whole(asked, runs).row(by_predicate=pl.col("node") == "KA-05", named=True)
+    for name, share in (("competence_50", HALF), ("competence_90", NINE_TENTHS)):
+        alone = competence_of([one.of("KA-05") for one in hard], ok, points, share)
+        assert (row[name], row[f"{name}_low"], row[f"{name}_at_least"]) == alone
+    assert row["competence_50_low"] > 0
