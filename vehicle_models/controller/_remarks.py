@@ -15,6 +15,7 @@ class Remarks:
 
     def __init__(self, board: Board) -> None:
         self._board = board
+        self._speaks = bool(board.personality.clear_texts or board.personality.touch_text)
         self._ground_m = board.flight.down_m
         self._cleared = False
         self._stood = True
@@ -28,6 +29,8 @@ class Remarks:
         return {}
 
     def tick(self) -> None:
+        if not self._speaks:
+            return
         flight = self._board.flight
         if flight.on_ground:
             self._meet(max(flight.vd_mps, self._sank_mps))
