@@ -225,8 +225,19 @@ class FactorsMatter:
 
     @property
     def found(self) -> list[tuple[FactorTable, FactorRow]]:
-        """What was found, over all nodes and agents."""
-        return [(table, row) for table in self.tables for row in table.rows if row.found]
+        """What was found in confidence or passes, over all nodes and agents."""
+        rows = ((table, row) for table in self.tables for row in table.rows)
+        return [(table, row) for table, row in rows if {"confidence", "passes"} & set(row.found)]
+
+    @property
+    def found_in_scores(self) -> list[tuple[str, list[str]]]:
+        """Factors that were found in scores alone, each with the nodes and agents; difficulty may be all that they move."""
+        places: dict[str, list[str]] = {}
+        for table in self.tables:
+            for row in table.rows:
+                if row.found == ("score",):
+                    places.setdefault(row.factor, []).append(f"{table.node} of {table.agent}")
+        return list(places.items())
 
 
 def factors_that_matter(data: ReportData) -> FactorsMatter:

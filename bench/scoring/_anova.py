@@ -73,7 +73,7 @@ def anova(values: Sequence[float], factors: Sequence[FactorColumn], points: Sequ
     Never raises for what a design cannot carry: that is named under `left_out`.
     """
     y = np.asarray(values, dtype=np.float64)
-    clusters = _codes(points)
+    clusters = cluster_codes(points)
     count = int(clusters.max()) + 1 if len(clusters) else 0
     terms = terms_of(factors, count, interactions=interactions)
     method = CLUSTERED if count < len(y) else PLAIN
@@ -100,7 +100,8 @@ def _analysed(y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, t
     total, rest = float(((y - y.mean()) ** 2).sum()), float((residual**2).sum())
     exact = rest <= NIL * total
     spread = None if exact else rest / (len(y) - whole.shape[1])
-    tester = _Tester(y, clusters, count, terms, total, rest, spread)
+    scaled = None if exact or count == len(y) else scaled_residuals(y, whole, clusters)
+    tester = _Tester(y, clusters, terms, count - whole.shape[1], total, spread, count < len(y), scaled)
     return Anova(
         n=empty.n,
         points=empty.points,
@@ -117,70 +118,72 @@ def _analysed(y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, t
 
 @dataclass(frozen=True, slots=True)
 class _Tester:
-    """Tests one term after another against the same runs."""
+    """Tests one term after another against the same runs. `spread` is None where the factors determine every value."""
 
     y: NDArray[np.float64]
     clusters: NDArray[np.int64]
-    count: int
     terms: Terms
+    points_left: int
     total: float
-    rest: float
     spread: float | None
+    shared: bool
+    scaled: NDArray[np.float64] | None
 
     def effect(self, term: Term) -> Effect:
         beside = [one for one in self.terms.kept if not set(term.factors) <= set(one.factors)]
         with_it, places = design_matrix([*beside, term], len(self.y))
         without, _ = design_matrix(beside, len(self.y))
         sum_sq = max(0.0, _residual_ss(without, self.y) - _residual_ss(with_it, self.y))
-        f, p = (None, None) if self.spread is None else self._test(term, with_it, places[term.name], sum_sq, self.spread)
-        return Effect(
-            term=term.name,
-            df=term.df,
-            sum_sq=sum_sq,
-            f=f,
-            p=p,
-            eta2=sum_sq / self.total,
-            omega2=None if self.spread is None else max(0.0, (sum_sq - term.df * self.spread) / (self.total + self.spread)),
-            note=self.terms.note(term.name),
-        )
+        note = self.terms.note(term.name)
+        if self.spread is None:
+            return Effect(term.name, term.df, sum_sq, None, None, sum_sq / self.total, None, note)
+        f, p = self._clustered(term, with_it, places[term.name]) if self.shared else self._plain(term, sum_sq, self.spread)
+        if p is None:
+            note = "; ".join(filter(None, (note, "too few design points to test it")))
+        omega2 = max(0.0, (sum_sq - term.df * self.spread) / (self.total + self.spread))
+        return Effect(term.name, term.df, sum_sq, f, p, sum_sq / self.total, omega2, note)
 
-    def _test(
-        self, term: Term, x: NDArray[np.float64], place: slice, sum_sq: float, spread: float
-    ) -> tuple[float | None, float | None]:
-        whole, _ = design_matrix(self.terms.kept, len(self.y))
-        if self.count == len(self.y):
-            f, left = sum_sq / term.df / spread, len(self.y) - whole.shape[1]
-        else:
-            weights = np.asarray(np.linalg.pinv(x)[place].T, dtype=np.float64)
-            errors = clustered_errors(self.y, whole, self.clusters, weights)
-            if errors is None:
-                return None, None
-            part, points = _solved(x, self.y)[place], self.count - whole.shape[1]
-            left = points - term.df + 1
-            if left < 1:
-                return None, None
-            f = float(part @ np.linalg.pinv(errors.T @ errors) @ part) / term.df * left / points
+    def _plain(self, term: Term, sum_sq: float, spread: float) -> tuple[float, float]:
+        f = sum_sq / term.df / spread
+        return f, float(stats.f.sf(f, term.df, self.points_left))
+
+    def _clustered(self, term: Term, x: NDArray[np.float64], place: slice) -> tuple[float | None, float | None]:
+        left = self.points_left - term.df + 1
+        if self.scaled is None or left < 1:
+            return None, None
+        weights = np.asarray(np.linalg.pinv(x)[place].T, dtype=np.float64)
+        errors, part = clustered_errors(self.scaled, self.clusters, weights), weights.T @ self.y
+        f = float(part @ np.linalg.pinv(errors.T @ errors) @ part) / term.df * left / self.points_left
         return f, float(stats.f.sf(f, term.df, left))
 
 
-def clustered_errors(
-    y: NDArray[np.float64], x: NDArray[np.float64], clusters: NDArray[np.int64], weights: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """What each cluster adds to the error of the estimates `weights.T @ y`: one row a cluster, whose crossproduct is CR2.
+def scaled_residuals(y: NDArray[np.float64], x: NDArray[np.float64], clusters: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    """Residuals of the regression on `x`, scaled up by what each run's cluster took of them (CR2).
 
-    Residuals are those of the regression on `x`, scaled up by what the cluster itself took of them. With clusters of one run each
-    and the regression's own weights this is MacKinnon and White's HC2. None where some cluster alone determines a coefficient.
+    None where some cluster alone determines a coefficient.
     """
     residual = y - x @ _solved(x, y)
     bread = np.linalg.pinv(x.T @ x)
-    errors = []
+    scaled = np.empty_like(residual)
     for cluster in range(int(clusters.max()) + 1):
         mine = clusters == cluster
         kept, turn = np.linalg.eigh(np.eye(int(mine.sum())) - x[mine] @ bread @ x[mine].T)
         if kept[0] < 1e-9:
             return None
-        errors.append(weights[mine].T @ (turn @ ((turn.T @ residual[mine]) / np.sqrt(kept))))
-    return np.array(errors)
+        scaled[mine] = turn @ ((turn.T @ residual[mine]) / np.sqrt(kept))
+    return scaled
+
+
+def clustered_errors(
+    scaled: NDArray[np.float64], clusters: NDArray[np.int64], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """What each cluster adds to the error of the estimates `weights.T @ y`: one row a cluster, whose crossproduct is CR2.
+
+    With clusters of one run each and the regression's own weights that is MacKinnon and White's HC2.
+    """
+    errors = np.zeros((int(clusters.max()) + 1, weights.shape[1]))
+    np.add.at(errors, clusters, weights * scaled[:, None])
+    return errors
 
 
 def _normal(residual: NDArray[np.float64]) -> float | None:
@@ -194,7 +197,8 @@ def _equal_spread(residual: NDArray[np.float64], x: NDArray[np.float64]) -> floa
     return float(het_breuschpagan(residual, x, robust=True)[1])
 
 
-def _codes(points: Sequence[str]) -> NDArray[np.int64]:
+def cluster_codes(points: Sequence[str]) -> NDArray[np.int64]:
+    """Each run's design point as a number from 0, in the order of first appearance."""
     place = {point: number for number, point in enumerate(dict.fromkeys(points))}
     return np.array([place[point] for point in points], dtype=np.int64)
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SHUFFLES = 2000
+AT_ONCE = 200
 FINER = ((200, 5.0), (50, 10.0), (0, 20.0))
 NOT_CONSIDERED, FAILED, BANDS = 0, 1, 2
 
@@ -93,8 +94,9 @@ def _class(ended: Ended, band: float) -> int:
 def _exchanged(
     one: NDArray[np.float64], other: NDArray[np.float64], draw: np.random.Generator, shuffles: int
 ) -> NDArray[np.float64]:
-    swaps = draw.integers(0, 2, size=(shuffles, len(one))).astype(np.float64)
-    return np.asarray(one.sum(axis=0) + swaps @ (other - one))
+    gain, start = other - one, one.sum(axis=0)
+    parts = [min(AT_ONCE, shuffles - done) for done in range(0, shuffles, AT_ONCE)]
+    return np.vstack([start + draw.integers(0, 2, size=(count, len(one))).astype(np.float64) @ gain for count in parts])
 
 
 def _mixed(hot: NDArray[np.float64], first: int, draw: np.random.Generator, shuffles: int) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, stats
 
 
@@ -83,19 +84,26 @@ def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: fl
     if not first or not second:
         return None
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    wins = (b[:, None] > a).astype(np.float64) - (b[:, None] < a)  # a failed run may rank as minus infinity
-    delta = float(wins.mean())
-    if min(wins.shape) < 2:
+    rows, columns = len(b), len(a)
+    of_rows, of_columns = _wins(b, a), -_wins(a, b)
+    delta = float(of_rows.mean())
+    if min(rows, columns) < 2:
         return Difference(delta, -1.0, 1.0)
     if abs(delta) == 1.0:
         return Difference(delta, delta, delta)
-    rows, columns = len(b), len(a)
-    of_rows, of_columns = wins.mean(axis=1) - delta, wins.mean(axis=0) - delta
-    cells = float(((wins - delta) ** 2).sum())
-    above = columns**2 * float((of_rows**2).sum()) + rows**2 * float((of_columns**2).sum())
+    ties = int((np.searchsorted(np.sort(a), b, "right") - np.searchsorted(np.sort(a), b, "left")).sum())
+    cells = rows * columns * (1 - delta**2) - ties
+    above = columns**2 * float(((of_rows - delta) ** 2).sum()) + rows**2 * float(((of_columns - delta) ** 2).sum())
     variance = (above - cells) / (rows * columns * (rows - 1) * (columns - 1))
     variance = max(variance, (1 - delta**2) / (rows * columns - 1))
     z2v = float(stats.norm.ppf(0.5 + confidence / 2)) ** 2 * variance
     centre, reach = delta - delta**3, np.sqrt(z2v * ((1 - delta**2) ** 2 + z2v))
     low, high = (centre - reach) / (1 - delta**2 + z2v), (centre + reach) / (1 - delta**2 + z2v)
     return Difference(delta, max(-1.0, float(low)), min(1.0, float(high)))
+
+
+def _wins(values: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """For each value the share of others below it less the share above."""
+    ordered = np.sort(others)
+    below, not_above = np.searchsorted(ordered, values, "left"), np.searchsorted(ordered, values, "right")
+    return np.asarray((below + not_above) / len(others) - 1.0)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from ._anova import clustered_errors
+from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._terms import FactorColumn, LeftOut, Term, design_matrix, terms_of
 
 FIRTH = "Firth's penalised likelihood"
@@ -106,7 +106,7 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     x, places = design_matrix([term for _, term in kept], len(y))
     if count <= x.shape[1]:
         return _noted(nothing, f"{count} design points are too few for {x.shape[1]} parameters")
-    fit = _fitted(y, x, np.array([list(dict.fromkeys(points)).index(one) for one in points]))
+    fit = _fitted(y, x, cluster_codes(points))
     tests = tuple(FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name)) for factor, term in kept)
     odds = tuple(one for factor, term in kept for one in _odds(factor, fit, places[term.name]))
     return Logistic(len(y), wins, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
@@ -121,7 +121,7 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
         return None
     x, y = factor.numbers(), np.asarray(values, dtype=np.float64)
     ranked = np.asarray(stats.rankdata(x)), np.asarray(stats.rankdata(y))
-    clusters = np.array([list(dict.fromkeys(points)).index(one) for one in points])
+    clusters = cluster_codes(points)
     test, bend_p = _bend(x, y, clusters)
     return Correlation(
         factor=factor.name,
@@ -223,7 +223,7 @@ def _climbed(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tu
         chance = _chance(x @ beta)
         root = x * np.sqrt(chance * (1 - chance))[:, None]
         information = root.T @ root
-        hat = np.einsum("ij,jk,ik->i", root, np.linalg.pinv(information), root)
+        hat = ((root @ np.linalg.pinv(information)) * root).sum(axis=1)
         slope = x.T @ (y - chance + hat * (0.5 - chance))
         step = np.zeros_like(beta)
         step[free] = np.linalg.pinv(information[np.ix_(free, free)]) @ slope[free]
@@ -300,8 +300,11 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
         r = float(np.clip(np.corrcoef(x, y)[0, 1], -1.0, 1.0))
         return float(2 * stats.t.sf(abs(r) * np.sqrt((len(x) - 2) / max(1e-300, 1 - r**2)), len(x) - 2))
     weights = np.asarray(np.linalg.pinv(lines)[1:].T, dtype=np.float64)
-    errors = clustered_errors(y, lines, clusters, weights)
-    if errors is None or (error := float(np.sqrt((errors**2).sum()))) == 0.0:
+    scaled = scaled_residuals(y, lines, clusters)
+    if scaled is None:
+        return None
+    error = float(np.sqrt((clustered_errors(scaled, clusters, weights) ** 2).sum()))
+    if error == 0.0:
         return None
     return float(2 * stats.t.sf(abs(float(weights[:, 0] @ y)) / error, count - 2))
 

@@ -11,7 +11,7 @@ from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.multitest import multipletests
 
 from bench.scoring import FactorColumn, anova, benjamini_hochberg, cramers_v, factor_columns, holm, independence
-from bench.scoring._anova import CLUSTERED, PLAIN, clustered_errors
+from bench.scoring._anova import CLUSTERED, PLAIN, clustered_errors, scaled_residuals
 
 
 def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[tuple[FactorColumn, ...], list[str]]:
@@ -60,8 +60,9 @@ def test_errors_of_single_runs_are_statsmodels_hc2() -> None:
     draw = np.random.default_rng(1)
     x = np.column_stack([np.ones(30), draw.normal(size=(30, 2))])
     y = draw.normal(size=30) * (1 + np.abs(x[:, 1]))
-    errors = clustered_errors(y, x, np.arange(30), np.linalg.pinv(x).T)
-    assert errors is not None
+    scaled = scaled_residuals(y, x, np.arange(30))
+    assert scaled is not None
+    errors = clustered_errors(scaled, np.arange(30), np.linalg.pinv(x).T)
     assert errors.T @ errors == pytest.approx(OLS(y, x).fit().cov_HC2)
 
 
