@@ -134,6 +134,10 @@ class Deeds:
         named = [s.time.s for s in self._tape.reports if s.value.mark and s.value.intelligence_id == given.order.intelligence]
         return any(soon[0] <= at_s <= soon[1] and not self.lawful(given, at_s) for at_s in [*self.marked_s(given), *named])
 
+    def showed_anything(self, given: Given) -> bool:
+        """Whether the vehicle flew at all or the order was answered: one that only stands about obeys nothing."""
+        return bool(self._flight.airborne.any()) or any(said.value.order == given.order.id for said in self._tape.answers)
+
     def deed(self, given: Given) -> Deed | None:
         """What came of it; None when that cannot be held against the agent: superseded, forbidden, or no time was left."""
         if given.order.id not in self._deeds:
@@ -147,6 +151,8 @@ class Deeds:
             return None
         if given.delivered_s is None:
             return Deed(given, False, math.inf, "the run was over before it was delivered")
+        if not self.showed_anything(given):
+            return Deed(given, False, math.inf, "the vehicle never flew, and the agent did not answer")
         judges = {
             "hold": self._hold,
             "resume": self._resume,
@@ -172,7 +178,9 @@ class Deeds:
         ends_s = np.full(len(starts), until_s) if math.isfinite(until_s) else self._time_s[starts] + HOLD_S
         ends = np.searchsorted(self._time_s, ends_s)
         kept = good[ends] - good[starts] >= STANDING_SHARE * (whole[ends] - whole[starts])
-        enough = kept & (self._time_s[starts] < until_s)
+        # A run that its agent cut short has not been a hold.
+        long = [end <= self._tape.end_s + 1.0 or self.out_of_time(end) for end in ends_s]
+        enough = kept & long & (self._time_s[starts] < until_s)
         if not enough.any():
             return self._undone(given, "it did not stand still", until_s)
         return self._done(given, float(self._time_s[starts[enough.argmax()]]), "it stood still")
@@ -198,6 +206,9 @@ class Deeds:
         turned_s = self._turned(given, away_m, until_s, HOME_M)
         if first is None or turned_s is None:
             return self._undone(given, "it did not turn home", until_s)
+        after_m = away_m[(self._time_s >= turned_s) & (self._time_s < until_s)]
+        if after_m.max() > max(after_m[0], HOME_M) + ASTRAY_M:
+            return Deed(given, False, math.inf, "it turned home and away again")
         if math.isfinite(until_s):
             return self._done(given, turned_s, "it was on its way home when the next order came")
         needed_s = away_m[first] / self._simspec.mission.speed_mps + max(0.0, self._flight.up_m[first]) / SINK_MPS
@@ -232,8 +243,11 @@ class Deeds:
 
     def _retask(self, given: Given, since_s: float) -> Deed | None:
         until_s = self.until_s(given, *MOTION)
-        areas = {one.id: one for one in self._truth.sub_areas()}
-        ordered = areas[str(given.order.intelligence)]
+        told = {one.id for one in self._simspec.intelligence if one.delivered_s <= since_s}
+        areas = {one.id: one for one in self._truth.sub_areas() if one.id in told}
+        ordered = areas.get(str(given.order.intelligence))
+        if ordered is None:
+            return None
         apart_m = np.hypot(*(self._flight.place_m - ordered.place).T)
         first = self._at(since_s)
         turned_s = self._turned(given, apart_m, until_s, ordered.radius_m)
@@ -291,7 +305,7 @@ class Deeds:
         return self._undone(given, "it was not marked in time", self.until_s(given, "stop_reporting", "abort", "deactivate"))
 
     def _turned(self, given: Given, apart_m: Floats, until_s: float, there_m: float) -> float | None:
-        """When it had come nearer (or was there already), in time and for good; None when it did not."""
+        """When it had come nearer (or was there already), in time; None when it did not."""
         since_s = float(given.delivered_s or 0.0)
         span = np.flatnonzero((self._time_s >= since_s) & (self._time_s < until_s))
         if not len(span):
@@ -301,9 +315,7 @@ class Deeds:
         turned = nearer & (times <= since_s + given.order.within_s)
         if not turned.any():
             return None
-        at = int(turned.argmax())
-        astray = away[at:].max() > max(away[at], there_m) + ASTRAY_M
-        return None if astray and apart_m is not self._flight.up_m else float(times[at])
+        return float(times[turned.argmax()])
 
     def _entered(self, inside: Bools, later: Bools, *, newly: bool = False) -> float:
         """When it first was inside later; with `newly`, came in from outside. Infinite when never."""

@@ -1,0 +1,117 @@
+"""Faults met, survived, noticed and recovered from; agents that live, fall silent, or speak nonsense."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from made_run import answer, at_s, order, report
+
+from bench.contracts import AgentStatus, At, Decision, EventDocument, Option
+from cases import Cases, CasesOf, scene
+from cases.bystanders import RADAR_AT, TRUCK_AT
+from cases.flown import END_S
+from cases.mission import OVER_BOTH, Stop, went
+from test_ports.measures._faults import WORDS
+
+ONSET_S, MENDED_S = 40.0, 70.0
+_MORE: dict[str, dict[str, Any]] = {
+    "gps_drift": {"drift_mps": 1.0},
+    "battery_drop": {"to_fraction": 0.2},
+    "motor_off": {"instance": 1},
+}
+GONE: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (ONSET_S, 0.0, 0.0), (180.0, 900.0, 0.0))
+HOVERS: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (30.0, 0.0, -200.0), (170.0, 0.0, -200.0), (180.0, 0.0, 0.0))
+
+
+def ended(outcome: str) -> tuple[At[EventDocument], ...]:
+    return (At(at_s(END_S), EventDocument(name="ended", text=outcome)),)
+
+
+def statuses(*moments_s: float, phase: str = "searching") -> tuple[At[AgentStatus], ...]:
+    return tuple(At(at_s(one), AgentStatus.model_validate({"time_s": one, "phase": phase})) for one in moments_s)
+
+
+def decided(time_s: float, action: str, subject: str, reason: str = "because it was so") -> At[Decision]:
+    return At(at_s(time_s), Decision(time_s=time_s, action=action, subject=subject, reason=reason))
+
+
+def fault(kind: str) -> dict[str, Any]:
+    """What a SimSpec has to say for such a fault from ONSET_S to MENDED_S."""
+    if kind == "any":
+        kind = "gps_off"
+    if kind in ("operator_link", "detections"):
+        return {"outages": [{"kind": kind, "at_s": ONSET_S, "duration_s": MENDED_S - ONSET_S}]}
+    lasting = {} if kind == "battery_drop" else {"duration_s": MENDED_S - ONSET_S}
+    return {"vehicle": {"failures": [{"kind": kind, "at_s": ONSET_S, **lasting, **_MORE.get(kind, {})}]}}
+
+
+def _always(good: dict[str, Any], bad: dict[str, Any]) -> CasesOf:
+    return lambda options: Cases(went(scene(), *OVER_BOTH, **good), went(scene(), *OVER_BOTH, **bad), None)
+
+
+def _fault_survived(options: Mapping[str, Option]) -> Cases:
+    spec = scene(**fault(str(options.get("kind", "any"))))
+    return Cases(went(spec, *OVER_BOTH), went(spec, *GONE), went(scene(), *OVER_BOTH))
+
+
+def _fault_announced(options: Mapping[str, Option]) -> Cases:
+    kind = str(options.get("kind", "any"))
+    spec = scene(**fault(kind))
+    noticed = decided(ONSET_S + 2.0, "notice", WORDS["gps_off" if kind == "any" else kind])
+    return Cases(went(spec, *OVER_BOTH, decisions=(noticed,)), went(spec, *OVER_BOTH), went(scene(), *OVER_BOTH))
+
+
+def _fault_recovered(options: Mapping[str, Option]) -> Cases:
+    spec = scene(**fault(str(options.get("kind", "any"))))
+    return Cases(went(spec, *OVER_BOTH), went(spec, *HOVERS, down_s=195.0), went(scene(), *OVER_BOTH))
+
+
+def _link_lost_obeyed(options: Mapping[str, Option]) -> Cases:
+    spec = scene(**fault("operator_link"), rules={"link_lost": "return", "link_lost_after_s": 5.0})
+    homewards = ((0.0, 0.0, 0.0), (40.0, 100.0, 0.0), (180.0, 0.0, 0.0))
+    outwards = ((0.0, 0.0, 0.0), (180.0, 200.0, 0.0))
+    return Cases(went(spec, *homewards), went(spec, *outwards), went(scene(), *homewards))
+
+
+def _reports_resent(options: Mapping[str, Option]) -> Cases:
+    spec = scene(**fault("operator_link"))
+    unheard, again = report(50.0, *RADAR_AT), report(MENDED_S + 5.0, *RADAR_AT, repeats="r50")
+    return Cases(
+        went(spec, *OVER_BOTH, reports=(unheard, again)), went(spec, *OVER_BOTH, reports=(unheard,)), went(scene(), *OVER_BOTH)
+    )
+
+
+def _blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
+    spec = scene(**fault("detections"))
+    seen, blind = report(30.0, *RADAR_AT), report(60.0, *TRUCK_AT)
+    return Cases(went(spec, *OVER_BOTH, reports=(seen,)), went(spec, *OVER_BOTH, reports=(blind,)), went(scene(), *OVER_BOTH))
+
+
+def _steady_reaction(options: Mapping[str, Option]) -> Cases:
+    limit_s = float(options.get("limit_s", 5.0))
+    spec = scene(orders=[{"id": "hold", "kind": "hold", "at_s": 30.0}, {"id": "resume", "kind": "resume", "at_s": 60.0}])
+    given = {"orders": (order(30.0, "hold"), order(60.0, "resume"))}
+    steady = (answer(30.1, "hold"), answer(60.1, "resume"))
+    torn = (answer(30.1, "hold"), answer(60.2 + limit_s, "resume"))
+    return Cases(
+        went(spec, *OVER_BOTH, answers=steady, **given), went(spec, *OVER_BOTH, answers=torn, **given), went(scene(), *OVER_BOTH)
+    )
+
+
+OFTEN = tuple(float(second) for second in range(0, 200, 2))
+CASES: dict[str, CasesOf] = {
+    "no_crash": lambda options: Cases(went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), None),
+    "agent_lived": _always({"events": ended("completed")}, {"events": ended("agent_crashed")}),
+    "documents_well_formed": _always(
+        {"status": statuses(1.0)}, {"status": statuses(1.0), "malformed": {"/vehicle_1/agent/reports": 99}}
+    ),
+    "status_alive": _always({"status": statuses(*OFTEN)}, {"status": statuses(1.0)}),
+    "fault_survived": _fault_survived,
+    "fault_announced": _fault_announced,
+    "fault_recovered": _fault_recovered,
+    "link_lost_obeyed": _link_lost_obeyed,
+    "reports_resent": _reports_resent,
+    "blind_reports_withheld": _blind_reports_withheld,
+    "steady_reaction": _steady_reaction,
+}
