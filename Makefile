@@ -2,18 +2,23 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+CLIENTS := $(VENV)/clients
 
-.PHONY: demo test check lock clean
+.PHONY: demo test clients check lock clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
 
-test: $(VENV)/.dev
+test: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m "not clients"
+
+# Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
+clients: $(VENV)/.dev $(CLIENTS)/.built
+	$(BIN)/python -m pytest -m clients
 
 check: test
 
@@ -31,10 +36,21 @@ $(VENV)/.dev: requirements-dev.lock pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@ $(VENV)/.run
 
+# Clients of other makers, wheels alone: nothing is compiled.
+$(CLIENTS)/.built: requirements-clients.lock | $(VENV)/bin/python
+	$(BIN)/python -m venv --clear $(CLIENTS)
+	$(CLIENTS)/bin/python -m pip install --quiet --disable-pip-version-check --only-binary :all: --no-deps --require-hashes -r requirements-clients.lock
+	@touch $@
+
+FOREIGN := mavsdk-grpc==3.17.4 MAVProxy==1.8.75 dronekit==2.9.2 future
+# What MAVProxy's maps and graphs need, a gigabyte.
+UNUSED := vtk quantized-mesh-tile shapely opencv-python matplotlib contourpy cycler fonttools kiwisolver pillow pyparsing packaging python-dateutil six tzdata
+
 # Needs uv; the lock files hold hashes and no addresses.
 lock:
 	uv pip compile pyproject.toml --group build --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements.lock
 	uv pip compile pyproject.toml --group build --group dev --extra examples --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
+	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist *.egg-info

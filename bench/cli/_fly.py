@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -51,7 +52,7 @@ def fly(
         duration_s=duration,
         camera=camera,
         parameter_file=params,
-        say=print,
+        say=partial(print, flush=True),  # whoever reads it through a pipe waits for it
         model=vehicle,
     )
 

@@ -1,0 +1,113 @@
+"""Whole flights of real clients on ArduPilot: `make clients`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.clients
+Flown = Callable[..., dict[str, Any]]
+
+
+def near(place: list[float], north_m: float, east_m: float, within_m: float = 1.5) -> bool:
+    return bool(abs(place[0] - north_m) < within_m and abs(place[1] - east_m) < within_m)
+
+
+def test_pymavlink_travels_and_flies_setpoints(flown: Flown) -> None:
+    told = flown("pymavlink-ardupilot", "early", "parameters", "travel", "setpoints", speed=6.0)
+    assert told["early"]["arm"] == told["early"]["takeoff"] == ["FAILED"]
+    assert any(text.startswith("Arm: ") for text in told["early"]["texts"])
+    parameters, travel, setpoints = told["parameters"], told["travel"], told["setpoints"]
+    assert parameters["listed"] > 700
+    assert (parameters["after"], parameters["restored"], parameters["whole"]) == (999999.0, 1500.0, 0.0)
+    assert (travel["moved"], travel["as_long"]) == (["ACCEPTED"], ["UNSUPPORTED"])
+    assert near(travel["reached"], 14, 14)
+    assert travel["turned"] == travel["circled"] == ["ACCEPTED"]
+    assert 5.0 < travel["radii_m"][0] <= travel["radii_m"][1] < 7.0
+    assert travel["refused"] == {"FLIP": ["FAILED"], "none": ["FAILED"], "unknown_command": ["UNSUPPORTED"]}
+    assert 1.8 < setpoints["speed_mps"] < 2.3
+    assert travel["from_start_m"] < 1.0
+    assert setpoints["from_start_m"] < 1.0
+
+
+def test_pymavlink_flies_missions_and_fences(flown: Flown) -> None:
+    told = flown("pymavlink-ardupilot", "plan", "fence", "payload", speed=6.0, options=["--camera"])
+    plan, fence, payload = told["plan"], told["fence"], told["payload"]
+    assert plan["uploaded"] == "ACCEPTED"
+    assert plan["kept"] == [16, 22, 178, 16, 178, 16, 20]
+    assert plan["refused"] == {
+        "unknown_command": "UNSUPPORTED",
+        "bad_frame": "UNSUPPORTED_FRAME",
+        "bad_latitude": "INVALID_PARAM5_X",
+        "kept": [],
+    }
+    assert plan["no_mission"] == [["ACCEPTED"], ["FAILED"]]
+    slow, fast = plan["fastest_mps"]
+    assert 2.5 < slow < 3.5
+    assert 5.5 < fast < 6.5
+    assert plan["from_start_m"] < 1.0
+    assert fence["two_corners"] == "ERROR"
+    assert 28.0 < fence["breached_at_m"] < 36.0
+    assert "Circle fence breached" in fence["texts"]
+    assert fence["from_start_m"] < 1.0
+    assert payload == {"turned": ["ACCEPTED"], "interval": ["ACCEPTED"], "photo": ["ACCEPTED"]}
+
+
+def test_mavproxy_travels_and_flies_velocities(flown: Flown) -> None:
+    told = flown("mavproxy", "early", "travel", "setpoints", speed=5.0)
+    assert told["early"]["detected"] == "1:1"
+    assert told["early"]["arm"] == "FAILED"
+    assert told["early"]["parameters"] > 700
+    assert near(told["travel"]["reached"], 14, -10)
+    assert told["travel"]["from_start_m"] < 1.0
+    assert near(told["setpoints"]["moved"], 7, 0, 2.0)
+    assert told["setpoints"]["from_start_m"] < 1.0
+
+
+def test_mavproxy_loads_a_mission_and_breaks_a_fence(flown: Flown) -> None:
+    told = flown("mavproxy", "plan", "fence", speed=5.0)
+    plan, fence = told["plan"], told["fence"]
+    assert (plan["refused"], plan["loaded"]) == ("UNSUPPORTED", "ACCEPTED")
+    assert (plan["listed"], plan["left"]) == (6, 0)
+    assert plan["reached"] == ["3", "4"]
+    assert plan["from_start_m"] < 1.0
+    assert (fence["points"], fence["rally"]) == (0, 0)
+    assert 25.0 < fence["farthest_m"] < 36.0
+    assert fence["from_start_m"] < 1.0
+    assert fence["disabled"] == "ACCEPTED"
+
+
+def test_dronekit_travels_and_flies_velocities(flown: Flown) -> None:
+    told = flown("dronekit", "early", "travel", "setpoints", speed=5.0)
+    assert not told["early"]["armable"]
+    assert told["early"]["ack"] == [400, 4]
+    assert any(text.startswith("Arm: ") for text in told["early"]["texts"])
+    travel, setpoints = told["travel"], told["setpoints"]
+    assert near(travel["reached"], 16, -12)
+    assert 3.5 < travel["fastest_mps"] < 4.5
+    assert travel["from_start_m"] < 1.0
+    assert 1.8 < setpoints["speed_mps"] < 2.3
+    assert setpoints["stopped_at"][1] > 8.0
+    assert setpoints["from_start_m"] < 1.0
+
+
+def test_dronekit_flies_a_mission_and_breaks_a_fence(flown: Flown) -> None:
+    told = flown("dronekit", "plan", "fence", speed=5.0)
+    plan, fence = told["plan"], told["fence"]
+    assert (plan["refused"], plan["verdict"]) == ("TimeoutError", 3)  # DroneKit goes on waiting; the vehicle said UNSUPPORTED
+    assert plan["kept"] == [22, 178, 16, 178, 16, 20]
+    slow, fast = plan["fastest_mps"]
+    assert 2.5 < slow < 3.5
+    assert 5.5 < fast < 6.5
+    assert plan["from_start_m"] < 1.0
+    assert 28.0 < fence["breached_at_m"] < 36.0
+    assert "Circle fence breached" in fence["texts"]
+    assert fence["from_start_m"] < 1.0
+
+
+def test_dronekit_turns_a_gimbal(flown: Flown) -> None:
+    """By DO_MOUNT_* messages, its only way."""
+    payload = flown("dronekit", "payload", speed=5.0, options=["--camera"])["payload"]
+    assert payload["pitch_deg"] == pytest.approx(-50.0, abs=1.0)
