@@ -101,6 +101,8 @@ class X500Airframe:
     def disarm(self) -> None:
         self._plant.write("flying", 0.0)
         self._plant.write("armed", 0.0)
+        for name in ROTORS:
+            self._plant.write(f"test-{name}", 0.0)
 
     def rest(self) -> None:
         self._plant.write("flying", 0.0)

@@ -126,6 +126,29 @@ def test_a_motor_test_ends_when_somebody_arms(copter: Client) -> None:
     assert copter.vehicle.truth().position_enu_m[2] == pytest.approx(6.0, abs=0.3)
 
 
+def test_a_motor_test_is_no_time_for_a_restart(copter: Client) -> None:
+    """Its motors count as armed. Another test takes the place of the one that runs."""
+    copter.fly(3.0)
+    assert copter.command(MOTOR_TEST, 2, 0, 20, 500) == [0]
+    copter.fly(1.0)
+    assert copter.command(246, 1) == [4]
+    assert outputs(copter) == [1000, 1000, 1000, pytest.approx(1200, abs=15)]
+    assert copter.command(MOTOR_TEST, 3, 0, 20, 500) == [0]
+    copter.fly(1.0)
+    assert outputs(copter) == [pytest.approx(1000, abs=5), pytest.approx(1200, abs=15), *[pytest.approx(1000, abs=5)] * 2]
+
+
+def test_an_empty_battery_turns_no_rotor(make: Make) -> None:
+    failure = {"at_s": 4.0, "kind": "battery_drop", "to_fraction": 0.0}
+    client = make(simspec("ardupilot", vehicle={"failures": [failure]}), system=255)
+    client.fly(1.9)
+    assert client.command(MOTOR_TEST, 1, 0, 30, 500) == [0]
+    client.fly(0.7)
+    assert outputs(client)[0] == pytest.approx(1300, abs=15)
+    client.fly(1.5)
+    assert max(outputs(client)) < 1010
+
+
 def told(client: Client) -> float:
     client.command(512, 1)
     return float(client.last("SYS_STATUS").battery_remaining)

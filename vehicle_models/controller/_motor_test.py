@@ -22,6 +22,7 @@ class _Test:
     share: float | None  # of full speed; None where the throttle made no sense
     span_ns: int
     begun_ns: int
+    pauses: bool = False
 
 
 class MotorTest:
@@ -48,12 +49,11 @@ class MotorTest:
         if test.share is None or flight.armed or (past_ns >= test.span_ns and test.count <= 1):
             self._end()
         elif past_ns * 2 >= test.span_ns * 3:
-            test.place, test.count, test.begun_ns = test.place + 1, test.count - 1, flight.time_ns
+            test.place, test.count, test.begun_ns, test.pauses = test.place + 1, test.count - 1, flight.time_ns, False
             self._turn(test.place, test.share)
-        elif past_ns >= test.span_ns:
-            self._turn(test.place, 0.0)
-        else:
-            self._turn(test.place, test.share)
+        elif past_ns >= test.span_ns and not test.pauses:
+            test.pauses = True
+            self._stop()
 
     def _begin(self, command: Command) -> Result:
         flight, texts = self._board.flight, self._board.texts
@@ -67,6 +67,9 @@ class MotorTest:
         span_ns = round(min(max(span_s, 0.0), _LONGEST_S) * 1e9)
         self._test = _Test(int(first) - 1, max(int(count), 1) if count < 256.0 else 1, share, span_ns, flight.time_ns)
         flight.tests_motors = True
+        self._stop()
+        if share is not None:
+            self._turn(self._test.place, share)
         return Result.ACCEPTED
 
     def _share(self, kind: float, throttle: float) -> float | None:
@@ -86,9 +89,12 @@ class MotorTest:
         if 0 <= place < len(order):
             self._board.airframe.test_rotor(order[place], share)
 
-    def _end(self) -> None:
+    def _stop(self) -> None:
         for rotor in self._board.personality.motor_order:
             self._board.airframe.test_rotor(rotor, 0.0)
+
+    def _end(self) -> None:
+        self._stop()
         self._test = None
         self._board.flight.tests_motors = False
         self._board.texts.say(INFO, "finished motor test")

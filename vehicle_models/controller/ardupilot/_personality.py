@@ -309,7 +309,7 @@ class ArduPilot(Personality):
                 return self._calibration(flight, command)
             case 246:
                 known = first in (1.0, 3.0)
-                return failed if flight.armed else accepted if known else Answer((Result.UNSUPPORTED,))
+                return failed if flight.armed or flight.tests_motors else accepted if known else Answer((Result.UNSUPPORTED,))
             case 2600:
                 return Answer((Result.ACCEPTED,), ((5, f"Control high latency {'en' if first else 'dis'}abled"),))
             case 42428:
