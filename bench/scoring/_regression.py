@@ -193,12 +193,11 @@ class _Firth:
             start[column] += way * reach
             return _climbed(self.y, self.x, start, free)[1] - edge
 
-        reach = 1.0
-        while above(reach) > 0.0:
-            reach *= 2.0
-            if reach > 64.0:
-                return way * np.inf
-        return float(self.beta[column] + way * optimize.brentq(above, 0.0, reach, xtol=1e-6))
+        # What lies beyond MOST_ODDS is not told, so it need not be found.
+        reach = float(np.log(MOST_ODDS)) - way * float(self.beta[column])
+        if reach <= 0.0 or above(reach) > 0.0:
+            return way * np.inf
+        return float(self.beta[column] + way * optimize.brentq(above, 0.0, reach, xtol=1e-4))
 
 
 def _fitted(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Firth:
