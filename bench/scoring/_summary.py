@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -60,9 +60,8 @@ threshold. `score_low` and `score_high` are null below five design points with a
 confidence. `competence_*` is over difficulties: it stands in the rows of `all`
 alone, and is null where the node was never considered (see `_competence`)."""
 
-EXACT = "clopper-pearson"
-CLUSTERED = "korn-graubard"
-NOTHING = "none considered"
+NOTHING, EXACT, CLUSTERED = "none considered", "clopper-pearson", "korn-graubard"
+_METHODS = (NOTHING, EXACT, CLUSTERED)
 _FAULTS_OF_THE_BENCH = [str(one) for one in Outcome if not one.counts]
 
 
@@ -80,14 +79,9 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     whole = scenes.together()
     together = _summarised(whole, policies, titles).with_columns(**_competence(whole, scores))
     frame = pl.concat([together, _summarised(scenes.configured(), policies, titles)], how="diagonal")
-    place = {name: number for number, name in enumerate((ALL, *scenes.configurations))}
-    order = {name: number for number, name in enumerate(scenes.agents)}
     asked = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
-    return asked.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items()).sort(
-        pl.col("agent").replace_strict(order, return_dtype=pl.Int64),
-        pl.col("configuration").replace_strict(place, return_dtype=pl.Int64),
-        maintain_order=True,
-    )
+    asked = asked.sort("_agent", "_place", maintain_order=True)  # `all` is 0 too, and comes before the first as it did here
+    return asked.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,8 +249,13 @@ def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) 
     score_low, score_high = _score_ends(scenes)
     confidence = _confidence(scenes, policies)
     points = np.add.reduceat((scenes.sums["considered"] > 0).astype(np.int64), starts)
-    level = np.tile(np.array(scenes.levels), starts.size)
+    leaf = np.array([level == Level.OBSERVABLE for level in scenes.levels])
+    plain = leaf & (points == considered)
+    confidence_low, confidence_high = _interval(confidence, considered, points, _spread(scenes), plain)
+    method = np.where(considered == 0, 0, np.where(plain, 1, 2))
     blocks = {
+        "_agent": np.repeat(scenes.agent[starts], len(nodes)),
+        "_place": np.repeat(scenes.configuration[starts], len(nodes)),
         "difficulty": np.where((high - low < 10.0**-DECIMALS) & np.isfinite(low), low, np.nan),
         "difficulty_low": np.where(np.isfinite(low), low, np.nan),
         "difficulty_high": np.where(np.isfinite(high), high, np.nan),
@@ -271,20 +270,24 @@ def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) 
         "passed_score_mean": passed,
         "raised_by_failure": score > passed + 1e-9,
         "confidence_mean": confidence,
-        **_intervals(confidence, considered, points, _spread(scenes), level.reshape(considered.shape) == str(Level.OBSERVABLE)),
+        "confidence_low": confidence_low,
+        "confidence_high": confidence_high,
     }
-    frame = pl.DataFrame(
-        {
-            "agent": np.repeat(np.array(scenes.agents)[scenes.agent[starts]], len(nodes)),
-            "configuration": np.repeat(np.array(scenes.configurations)[scenes.configuration[starts]], len(nodes)),
-            "node": np.tile(np.array(nodes), starts.size),
-            "level": level,
-            "title": np.tile(np.array([titles.get(name, "") for name in nodes]), starts.size),
-            **{name: values.ravel() for name, values in blocks.items()},
-        },
-        schema_overrides={name: dtype for name, dtype in SUMMARY_COLUMNS.items() if dtype == pl.String},
-    )
+    of_block, of_node = np.repeat(np.arange(starts.size), len(nodes)), np.tile(np.arange(len(nodes)), starts.size)
+    texts = {
+        "agent": _gather(scenes.agents, scenes.agent[starts][of_block]),
+        "configuration": _gather(scenes.configurations, scenes.configuration[starts][of_block]),
+        "node": _gather(nodes, of_node),
+        "level": _gather(scenes.levels, of_node),
+        "title": _gather([titles.get(name, "") for name in nodes], of_node),
+        "method": _gather(_METHODS, method.ravel()),
+    }
+    frame = pl.DataFrame(texts | {name: pl.Series(values.ravel()) for name, values in blocks.items()})
     return frame.with_columns(pl.col(pl.Float64).fill_nan(None))
+
+
+def _gather(texts: Sequence[str], index: Counts) -> pl.Series:
+    return pl.Series(texts, dtype=pl.String).gather(index)
 
 
 def _confidence(scenes: _Scenes, policies: Policies) -> Floats:
@@ -312,14 +315,11 @@ def _score_ends(scenes: _Scenes) -> tuple[Floats, Floats]:
     return ends[0], ends[1]
 
 
-def _intervals(mean: Floats, considered: Counts, points: Counts, squared: Floats, leaf: Bools) -> dict[str, NDArray[Any]]:
-    """Exact on the counts of an observable whose runs share no design point; else on effective counts."""
+def _interval(mean: Floats, considered: Counts, points: Counts, squared: Floats, plain: Bools) -> tuple[Floats, Floats]:
+    """Exact on the counts where it is `plain`: observables whose runs share no design point; else on effective counts."""
     runs, share = considered.astype(np.float64), np.nan_to_num(mean)
-    plain = leaf & (points == considered)
     tried = np.where(plain, runs, effective_size(share, runs, points, squared))
-    low, high = clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
-    method = np.where(considered == 0, NOTHING, np.where(plain, EXACT, CLUSTERED))
-    return {"confidence_low": low, "confidence_high": high, "method": method}
+    return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
 
 
 def _competence(scenes: _Scenes, scores: pl.DataFrame) -> dict[str, pl.Series]:
