@@ -76,9 +76,10 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     policies = decomposition.policies if decomposition else Policies()
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
     scenes = _scenes(scores)
-    whole = scenes.together()
-    together = _summarised(whole, policies, titles).with_columns(**_competence(whole, scores))
-    frame = pl.concat([together, _summarised(scenes.configured(), policies, titles)], how="diagonal")
+    apart = _summarised(scenes.configured(), policies, titles)
+    scenes = scenes.together()  # and nothing of the others is kept, for they may be large
+    together = _summarised(scenes, policies, titles).with_columns(**_competence(scenes, scores))
+    frame = pl.concat([together, apart], how="diagonal")
     asked = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
     asked = asked.sort("_agent", "_place", maintain_order=True)  # `all` is 0 too, and comes before the first as it did here
     return asked.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
