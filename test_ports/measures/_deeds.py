@@ -45,6 +45,9 @@ GRACE_S = 2.0
 REFUSED_S = 30.0
 """For how long after an order that is against the rules it must not be carried out."""
 
+DUST_S = 1e-6
+"""Two moments this near are one: seconds are made of whole nanoseconds, and not quite exact."""
+
 MOTION = frozenset({"hold", "resume", "return", "abort", "deactivate", "retask"})
 """Orders about where to go: each takes the place of the one before."""
 
@@ -174,12 +177,12 @@ class Deeds:
         still = (flight.speed_mps < STANDING_MPS) & (flight.airborne == flight.airborne[first]) & ~self._crashed()
         whole = np.concatenate([[0.0], np.cumsum(flight.span_s)])
         good = np.concatenate([[0.0], np.cumsum(flight.span_s * still)])
-        starts = np.flatnonzero(still & (self._time_s >= since_s) & (self._time_s <= since_s + given.order.within_s))
+        starts = np.flatnonzero(still & self._in_time(given))
         ends_s = np.full(len(starts), until_s) if math.isfinite(until_s) else self._time_s[starts] + HOLD_S
         ends = np.searchsorted(self._time_s, ends_s)
         kept = good[ends] - good[starts] >= STANDING_SHARE * (whole[ends] - whole[starts])
         # A run that its agent cut short has not been a hold.
-        long = [end <= self._tape.end_s + 1.0 or self.out_of_time(end) for end in ends_s]
+        long = (ends_s <= self._tape.end_s + 1.0) | np.array([self.out_of_time(float(end)) for end in ends_s], dtype=np.bool_)
         enough = kept & long & (self._time_s[starts] < until_s)
         if not enough.any():
             return self._undone(given, "it did not stand still", until_s)
@@ -193,8 +196,7 @@ class Deeds:
             just_before = (self._time_s >= since_s - HOLD_S / 2) & (self._time_s <= since_s)
             if not (speed[just_before] < STANDING_MPS).any():
                 return self._undone(given, "it had never stopped", math.inf)
-        within = (self._time_s >= since_s) & (self._time_s <= since_s + given.order.within_s)
-        going = within & (speed > STANDING_MPS) & self._flight.airborne
+        going = self._in_time(given) & (speed > STANDING_MPS) & self._flight.airborne
         if not going.any():
             return self._undone(given, "it did not go on", self.until_s(given, *MOTION))
         return self._done(given, float(self._time_s[going.argmax()]), "it went on")
@@ -294,7 +296,7 @@ class Deeds:
 
     def _mark(self, given: Given, since_s: float) -> Deed | None:
         """A lawful mark from before stands."""
-        until_s = since_s + given.order.within_s
+        until_s = since_s + given.order.within_s + DUST_S
         marks = [at_s for at_s in self.marked_s(given) if at_s <= until_s and self.lawful(given, at_s)]
         if marks:
             return self._done(given, max(since_s, marks[0]), f"marked at {marks[0]:.1f} s")
@@ -307,12 +309,12 @@ class Deeds:
     def _turned(self, given: Given, apart_m: Floats, until_s: float, there_m: float) -> float | None:
         """When it had come nearer (or was there already), in time; None when it did not."""
         since_s = float(given.delivered_s or 0.0)
-        span = np.flatnonzero((self._time_s >= since_s) & (self._time_s < until_s))
+        span = np.flatnonzero((self._time_s >= since_s - DUST_S) & (self._time_s < until_s))
         if not len(span):
             return None
         away, times = apart_m[span], self._time_s[span]
         nearer = (away <= np.maximum.accumulate(away) - TURN_M) | (away <= there_m)
-        turned = nearer & (times <= since_s + given.order.within_s)
+        turned = nearer & self._in_time(given)[span]
         if not turned.any():
             return None
         return float(times[turned.argmax()])
@@ -334,7 +336,13 @@ class Deeds:
 
     def _at(self, time_s: float) -> int | None:
         """The first sample from a moment on, the last where the run ends before; None without samples."""
-        return min(int(np.searchsorted(self._time_s, time_s)), len(self._time_s) - 1) if len(self._time_s) else None
+        return min(int(np.searchsorted(self._time_s, time_s - DUST_S)), len(self._time_s) - 1) if len(self._time_s) else None
+
+    def _in_time(self, given: Given) -> Bools:
+        """(n,) samples from the delivery on, up to the time that the order allows."""
+        since_s = float(given.delivered_s or 0.0)
+        found: Bools = (self._time_s >= since_s - DUST_S) & (self._time_s <= since_s + given.order.within_s + DUST_S)
+        return found
 
     def _crashed(self) -> Bools:
         since = next((said.time.s for said in self._tape.condition if said.value.crashed), math.inf)

@@ -12,7 +12,7 @@ import numpy as np
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._deeds import GRACE_S, Deed, Deeds, Given, OrderName
+from ._deeds import DUST_S, GRACE_S, Deed, Deeds, Given, OrderName
 from ._measured import Finding, Measured, NoOptions, not_considered
 
 DOWN_S = 10.0
@@ -59,7 +59,7 @@ def _shared(deeds: Deeds, kind: OrderName, said: Sequence[tuple[str, float]], wi
     for given in deeds.given(kind):
         since_s = given.delivered_s
         in_time = since_s is not None and any(
-            name == given.order.id and since_s <= at_s <= since_s + within_s + 1e-9 for name, at_s in said
+            name == given.order.id and since_s <= at_s <= since_s + within_s + DUST_S for name, at_s in said
         )
         if in_time or since_s is None or not deeds.out_of_time(since_s + within_s):
             verdicts.append(Deed(given, in_time, math.inf, good if in_time else bad))
@@ -262,7 +262,7 @@ def _phase_announced(tape: Tape, simspec: SimSpec, options: PhaseAnnouncedOption
             verdicts.append(Deed(given, False, math.inf, "the run was over before it was delivered"))
             continue
         due_s = min(given.delivered_s + options.within_s, deeds.until_s(given, *_PHASES))
-        index = int(np.searchsorted(times, due_s, side="right")) - 1
+        index = int(np.searchsorted(times, due_s + DUST_S, side="right")) - 1
         phase = tape.status[index].value.phase if index >= 0 else "nothing"
         said = phase in _PHASES[options.kind]
         cut = due_s < given.delivered_s + options.within_s or deeds.out_of_time(due_s)

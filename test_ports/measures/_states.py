@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bench.contracts import At, Evidence, Tape, VehicleDocument
 from bench.simspec import SimSpec
 
+from ._deeds import DUST_S
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 
@@ -54,7 +55,7 @@ def _states_true(tape: Tape, simspec: SimSpec, options: StatesTrueOptions) -> Fi
     }
     true_in["aborted"] = ground | _near(times, landings_s, TRANSITION_S, 0.0) | (times >= aborted_s)
     said_s = np.array([said.time.s for said in tape.status])
-    index = np.searchsorted(said_s, times, side="right") - 1
+    index = np.searchsorted(said_s, times + DUST_S, side="right") - 1
     phases = np.array([said.value.phase for said in tape.status])[np.maximum(index, 0)]
     good = np.zeros(len(times), dtype=np.bool_)
     for phase, true in true_in.items():
@@ -119,7 +120,7 @@ def _state_changes_announced(tape: Tape, simspec: SimSpec, options: StateChanges
 
 
 def _entered(entered: Sequence[tuple[float, str]], from_s: float, to_s: float, among: set[str] | None) -> bool:
-    return any(from_s <= at_s <= to_s and (among is None or phase in among) for at_s, phase in entered)
+    return any(from_s - DUST_S <= at_s <= to_s + DUST_S and (among is None or phase in among) for at_s, phase in entered)
 
 
 def _failsafes_began(tape: Tape) -> list[float]:

@@ -12,7 +12,7 @@ import numpy as np
 from bench.contracts import At, Decision, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
-from ._deeds import Deeds
+from ._deeds import DUST_S, Deeds
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 from ._reports import NO_TARGETS, belief_in_reports
@@ -42,7 +42,9 @@ def _decision_for_reports(tape: Tape, simspec: SimSpec, options: WithinSecondsOp
 
     def verdict(said: At[TargetReport]) -> Verdict:
         good = any(
-            abs(one.time.s - said.time.s) <= options.within_s for one in _about(tape, said) if one.value.action in REPORTING
+            abs(one.time.s - said.time.s) <= options.within_s + DUST_S
+            for one in _about(tape, said)
+            if one.value.action in REPORTING
         )
         return said.time.s, good, f"report {said.value.id}: {'decided' if good else 'no decision about it'}"
 
@@ -58,9 +60,11 @@ def _marks_decided(tape: Tape, simspec: SimSpec, options: WithinSecondsOptions) 
     def verdict(said: At[TargetReport]) -> Verdict:
         wanted = "mark" if said.value.mark else "withhold_mark"
         near = [one for one in _about(tape, said) if one.value.action in ("mark", "withhold_mark")]
-        near = [one for one in near if abs(one.time.s - said.time.s) <= options.within_s]
+        near = [one for one in near if abs(one.time.s - said.time.s) <= options.within_s + DUST_S]
         nearest_s = min((abs(one.time.s - said.time.s) for one in near), default=math.inf)
-        good = bool(near) and {one.value.action for one in near if abs(one.time.s - said.time.s) == nearest_s} == {wanted}
+        good = bool(near) and {one.value.action for one in near if abs(one.time.s - said.time.s) <= nearest_s + DUST_S} == {
+            wanted
+        }
         return said.time.s, good, f"report {said.value.id}: {'decided' if good else f'no decision to {wanted}'}"
 
     return _of_reports(tape, simspec, verdict)
@@ -195,7 +199,7 @@ def _evidence_true(tape: Tape, simspec: SimSpec, options: EvidenceTrueOptions) -
         if actor is None:
             continue
         for cited_s in dict.fromkeys(said.value.evidence):
-            good = _nearest_s(views.get(actor), cited_s) <= options.slack_s + 1e-9 and cited_s <= said.time.s
+            good = _nearest_s(views.get(actor), cited_s) <= options.slack_s + DUST_S and cited_s <= said.time.s + DUST_S
             name = truth.cast[actor].id
             verdicts.append(
                 (cited_s, good, f"report {said.value.id}: {name} {'in' if good else 'not in'} view at {cited_s:.2f} s")
@@ -262,7 +266,7 @@ def _times_consistent(tape: Tape, simspec: SimSpec, options: TimesConsistentOpti
     verdicts = [
         (
             one.time.s,
-            abs(one.value.time_s - one.time.s) <= options.tolerance_s + 1e-9,
+            abs(one.value.time_s - one.time.s) <= options.tolerance_s + DUST_S,
             f"{_name(one.value)}: said to be of {one.value.time_s:.1f} s",
         )
         for one in said
@@ -304,7 +308,7 @@ def _uncertainty_honest(tape: Tape, simspec: SimSpec, options: UncertaintyHonest
         return not_considered(NO_TARGETS)
     limit_s = simspec.mission.time_limit_s
     spans = [
-        (one.at_s, one.at_s + (math.inf if one.duration_s is None else one.duration_s + AFTERMATH_S))
+        (one.at_s, math.inf if one.duration_s is None else one.at_s + one.duration_s + AFTERMATH_S)
         for one in simspec.vehicle.failures
         if one.kind == options.during and one.at_s < limit_s
     ]
@@ -360,7 +364,7 @@ def _log_ordered(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:
     verdicts = []
     before = [None, *tape.decisions]
     for last, said in zip(before, tape.decisions, strict=False):
-        good = (last is None or said.value.time_s >= last.value.time_s) and said.value.time_s <= said.time.s + 1.0
+        good = (last is None or said.value.time_s >= last.value.time_s) and said.value.time_s <= said.time.s + 1.0 + DUST_S
         verdicts.append((said.time.s, good, f"{said.value.action}: said to be of {said.value.time_s:.1f} s"))
     return _share(verdicts)
 

@@ -1,0 +1,164 @@
+"""Reports and decisions that say what they rest on, when and why, with honest figures; and such as do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from made_run import answer, at_s, frame, report, tracks
+
+from bench.contracts import At, Option
+from cases import Cases, CasesOf, Run, scene
+from cases.bystanders import RADAR_AT
+from cases.orders import GOES_ON, NAME, ORDERED_S, decided, flew, ordered, phases
+from cases.perception import actors_of
+
+LABEL, EAST_M, NORTH_M = RADAR_AT
+FULL = {
+    "intelligence_id": "first",
+    "bystanders_seen": 3,
+    "nearest_bystander_m": 14.1,
+    "evidence": (57.0, 58.0, 59.0),
+    "reason": "seen from three sides",
+    "position_sigma_m": 2.0,
+}
+
+
+def _ran(*absent: str, changes: Mapping[str, Any] | None = None, **streams: Any) -> Run:
+    return flew(scene(*absent, **(changes or {})), *GOES_ON, **streams)
+
+
+def _reported(**bare: Any) -> CasesOf:
+    """A report with everything, against one that has `bare` instead."""
+
+    def cases(options: Mapping[str, Option]) -> Cases:
+        good, bad = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, **{**FULL, **bare})
+        return Cases(_ran(reports=(good,)), _ran(reports=(bad,)), _ran("adversary"))
+
+    return cases
+
+
+def _decided(good: str, bad: str) -> CasesOf:
+    said = report(60.0, *RADAR_AT, **FULL)
+
+    def cases(options: Mapping[str, Option]) -> Cases:
+        right, wrong = decided(60.0, good, "first"), decided(60.0, bad, "first")
+        return Cases(_ran(reports=(said,), decisions=(right,)), _ran(reports=(said,), decisions=(wrong,)), _ran("adversary"))
+
+    return cases
+
+
+def _withholding_explained(options: Mapping[str, Option]) -> Cases:
+    said = (report(60.0, *RADAR_AT, **FULL),)
+    explained = decided(
+        60.0, "withhold_mark", "first", "three civilians stand next to it" + "!" * int(options.get("min_chars", 10))
+    )
+    return Cases(
+        _ran(reports=said, decisions=(explained,)),
+        _ran(reports=said, decisions=(decided(60.0, "withhold_mark", "first", "no"),)),
+        _ran("bystander", reports=said),
+    )
+
+
+def _report_fields(options: Mapping[str, Option]) -> Cases:
+    empty = {"evidence": (), "reason": ""}
+    names = [name.strip() for name in str(options.get("fields", "evidence")).split(",")]
+    return _reported(**{name: empty.get(name) for name in names})(options)
+
+
+def _evidence_count(options: Mapping[str, Option]) -> Cases:
+    enough = tuple(40.0 + 0.2 * index for index in range(int(options.get("min_frames", 3))))
+    good, bad = (report(60.0, *RADAR_AT, evidence=cited) for cited in (enough, (40.0,) * len(enough)))
+    return Cases(_ran(reports=(good,)), _ran(reports=(bad,)), _ran("adversary"))
+
+
+def _evidence_true(options: Mapping[str, Option]) -> Cases:
+    (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
+    frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(FULL["evidence"]))  # type: ignore[arg-type, var-annotated]
+    good, bad = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, evidence=(20.0, 21.0, 22.0))
+    return Cases(_ran(reports=(good,), frames=frames), _ran(reports=(bad,), frames=frames), _ran("adversary"))
+
+
+def _uncertainty_honest(options: Mapping[str, Option]) -> Cases:
+    kind = str(options.get("during", ""))
+    more = {"drift_mps": 1.0} if kind == "gps_drift" else {}
+    failing = {"vehicle": {"failures": [{"kind": kind, "at_s": 50.0, "duration_s": 30.0, **more}]}} if kind else {}
+    honest, bold = (report(60.0, LABEL, EAST_M + 9.0, NORTH_M, position_sigma_m=sigma_m) for sigma_m in (9.0, 1.0))
+    return Cases(
+        _ran(changes=failing, reports=(honest,)), _ran(changes=failing, reports=(bold,)), _ran("adversary", changes=failing)
+    )
+
+
+def _confidence_honest(options: Mapping[str, Option]) -> Cases:
+    right, wrong = report(60.0, *RADAR_AT, confidence=1.0), report(60.0, LABEL, -200.0, -200.0, confidence=1.0)
+    return Cases(_ran(reports=(right,)), _ran(reports=(wrong,)), _ran("adversary"))
+
+
+def _reasons_given(options: Mapping[str, Option]) -> Cases:
+    of, reason = str(options["of"]), "because of this" + "!" * int(options.get("min_chars", 10))
+    return _stream(of, lambda time_s: _word(of, 60.0, reason), lambda time_s: _word(of, 60.0, ""))
+
+
+def _times_consistent(options: Mapping[str, Option]) -> Cases:
+    of, off_s = str(options["of"]), float(options.get("tolerance_s", 1.0)) + 1.0
+
+    def stale(time_s: float) -> At[Any]:
+        word = _word(of, time_s, "")
+        return At(word.time, word.value.model_copy(update={"time_s": time_s - off_s}))
+
+    return _stream(of, lambda time_s: _word(of, time_s, ""), stale)
+
+
+def _stream(of: str, good: Callable[[float], At[Any]], bad: Callable[[float], At[Any]]) -> Cases:
+    """A run in which such words are good, one in which they are bad, and one in which none is asked for."""
+    spec, delivered = ordered("hold")
+    runs = [flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (good, bad)]
+    nothing = {"reports": _ran("adversary"), "answers": _ran()}.get(of)
+    return Cases(runs[0], runs[1], nothing)
+
+
+def _word(of: str, time_s: float, reason: str) -> At[Any]:
+    if of == "reports":
+        return report(time_s, *RADAR_AT, reason=reason)
+    if of == "answers":
+        return answer(time_s, NAME, reason=reason)
+    if of == "decisions":
+        return decided(time_s, "go", reason=reason)
+    return tracks(time_s) if of == "tracks" else phases((time_s, "searching"))[0]
+
+
+def _log(good: tuple[At[Any], ...], bad: tuple[At[Any], ...]) -> CasesOf:
+    return lambda options: Cases(_ran(decisions=good), _ran(decisions=bad), None)
+
+
+def _log_unbroken(options: Mapping[str, Option]) -> Cases:
+    gap_s = float(options.get("max_gap_s", 60.0)) * 0.9
+    often = tuple(decided(index * gap_s, "go") for index in range(int(180.0 / gap_s) + 1))
+    return _log(often, (decided(179.0, "return"),))(options)
+
+
+AHEAD = tuple(At(at_s(moment_s), decided(moment_s + 5.0, "go").value) for moment_s in (10.0, 20.0, 30.0))
+
+
+def _ids_unique(options: Mapping[str, Option]) -> Cases:
+    different = tuple(report(ORDERED_S + index, *RADAR_AT) for index in range(10))
+    alike = tuple(report(ORDERED_S + index, *RADAR_AT, id="r") for index in range(10))
+    return Cases(_ran(reports=different), _ran(reports=alike), _ran("adversary"))
+
+
+CASES: dict[str, CasesOf] = {
+    "decision_for_reports": _decided("report", "inspect"),
+    "marks_decided": _decided("withhold_mark", "mark"),
+    "withholding_explained": _withholding_explained,
+    "report_fields": _report_fields,
+    "evidence_count": _evidence_count,
+    "evidence_true": _evidence_true,
+    "intelligence_linked": _reported(intelligence_id="second"),
+    "reasons_given": _reasons_given,
+    "times_consistent": _times_consistent,
+    "uncertainty_honest": _uncertainty_honest,
+    "confidence_honest": _confidence_honest,
+    "log_unbroken": _log_unbroken,
+    "log_ordered": _log(tuple(decided(moment_s, "go") for moment_s in (10.0, 20.0, 30.0)), AHEAD),
+    "ids_unique": _ids_unique,
+}
