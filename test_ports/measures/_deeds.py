@@ -139,10 +139,22 @@ class Deeds:
 
     def showed_anything(self, given: Given) -> bool:
         """Whether the vehicle flew at all or the order was answered: one that only stands about obeys nothing."""
-        return bool(self._flight.airborne.any()) or any(said.value.order == given.order.id for said in self._tape.answers)
+        return bool(self._flight.airborne.any()) or self._answered(given)
+
+    def _answered(self, given: Given) -> bool:
+        return any(said.value.order == given.order.id for said in self._tape.answers)
+
+    def _by_chance(self, given: Given) -> bool:
+        """Whether it was at home, or down, already when ordered so, and nothing says that the order was heard."""
+        first = self._at(float(given.delivered_s or 0.0))
+        if first is None or self._answered(given):
+            return False
+        if given.order.kind == "deactivate":
+            return not self._flight.airborne[first]
+        return given.order.kind in ("return", "abort") and bool(self._flight.from_home_m[first] <= HOME_M)
 
     def deed(self, given: Given) -> Deed | None:
-        """What came of it; None when that cannot be held against the agent: superseded, forbidden, or no time was left."""
+        """What came of it; None when that cannot be held against the agent: superseded, forbidden, no time left, already so."""
         if given.order.id not in self._deeds:
             self._deeds[given.order.id] = self._judged(given)
         return self._deeds[given.order.id]
@@ -167,7 +179,8 @@ class Deeds:
             "resume_reporting": self._resume_reporting,
             "mark": self._mark,
         }
-        return judges[given.order.kind](given, given.delivered_s)
+        deed = judges[given.order.kind](given, given.delivered_s)
+        return None if deed is not None and deed.obeyed and self._by_chance(given) else deed
 
     def _hold(self, given: Given, since_s: float) -> Deed | None:
         until_s = self.until_s(given, *MOTION)

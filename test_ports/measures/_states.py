@@ -35,12 +35,15 @@ def _states_true(tape: Tape, simspec: SimSpec, options: StatesTrueOptions) -> Fi
     """Share of the run with an announced phase that agrees with whether the vehicle flies.
 
     `slack_s` around a change either state will do. `taking_off` and `landing` are true `TRANSITION_S` before and after the
-    change that they announce; `aborted` in the air as long before coming down, or after the order to abort.
+    change that they announce; `aborted` in the air as long before coming down, or after the order to abort. 0 for
+    an agent that announces nothing or never leaves the ground.
     """
     flight = Flight.of(tape, simspec)
     if not tape.status:
         return Finding(0.0, (Evidence(time_s=tape.end_s, text="it announced no phase"),))
     rises_s, landings_s = _changes(tape)
+    if not rises_s:
+        return Finding(0.0, (Evidence(time_s=tape.end_s, text="it never left the ground: there was nothing to tell"),))
     times = flight.time_s
     if len(times) and flight.airborne[-1]:
         landings_s = [*landings_s, float(times[-1])]

@@ -106,6 +106,14 @@ def test_home_and_away_again_is_no_return() -> None:
     assert x_of("order_obeyed", flew(spec, *errand, **delivered), kind="return") == 0.0
 
 
+def test_at_home_already() -> None:
+    """Who is landing at home when told to return has obeyed nothing unless it says so; who leaves again has disobeyed."""
+    for landing, answers, x in ((True, (), None), (True, (answer(60.1, NAME),), 1.0), (False, (), 0.0)):
+        stops = ((5.0, 0.0, 0.0, 60.0), (55.0, 0.0, 0.0, 60.0), *(((80.0, 0.0, 0.0, 0.0),) if landing else GOES_ON[3:]))
+        spec, delivered = ordered("return")
+        assert x_of("order_obeyed", flew(spec, *stops, answers=answers, **delivered), kind="return") == x
+
+
 def test_on_its_way_home_when_time_is_up() -> None:
     """With 20 s left for some 70 s of flight and descent the turn is what counts."""
     spec, delivered = ordered("return", mission={"time_limit_s": 80.0})
@@ -275,6 +283,7 @@ def test_phases_of_the_ground_and_of_the_air() -> None:
     assert true_states((0.0, "taking_off")) == pytest.approx(95.5 / 200.0, abs=0.005)
     assert true_states((0.0, "aborted")) == pytest.approx(115.0 / 200.0, abs=0.005)
     assert true_states() == 0.0
+    assert true_states((0.0, "starting"), condition=(state(0.0, landed=True),)) == 0.0
 
 
 def changes(*said: tuple[float, str], **more: Any) -> float | None:
