@@ -1,0 +1,87 @@
+"""Every observable of the application's decomposition, measured in made recordings: achieved, failed, not considered."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+
+import cases
+import pytest
+from cases import CasesOf, Run, recorded
+
+from bench.contracts import Observation
+from decompositions import Decomposition, load_decomposition
+from test_ports import measure_all
+
+FULL: Decomposition = load_decomposition("search-and-report-full")
+
+
+def _every_case() -> dict[str, CasesOf]:
+    modules = [importlib.import_module(f"cases.{found.name}") for found in pkgutil.iter_modules(cases.__path__)]
+    return {name: made for module in modules for name, made in module.CASES.items()}
+
+
+CASES = _every_case()
+
+
+def measured(observable: str, run: Run, path: Path) -> Observation:
+    asked = FULL.observables[observable]
+    return measure_all({observable: (asked.measure, asked.options)}, recorded(run, path), run.simspec)[0]
+
+
+@pytest.mark.parametrize("observable", FULL.observables)
+def test_an_observable_is_achieved_fails_and_is_not_considered(observable: str, tmp_path: Path) -> None:
+    """Through a recording: at or above its threshold where it was done right, below it where it was not, and left out where
+    the situation offers nothing, unless it always applies."""
+    asked = FULL.observables[observable]
+    made = CASES[asked.measure](asked.options)
+
+    achieved = measured(observable, made.achieved, tmp_path / "achieved.mcap")
+    assert achieved.considered
+    assert achieved.x is not None
+    assert achieved.x >= max(asked.threshold, 0.95)
+
+    failed = measured(observable, made.failed, tmp_path / "failed.mcap")
+    assert failed.considered
+    assert failed.x is not None
+    assert failed.x < asked.threshold
+    assert failed.x <= 0.2
+    assert failed.evidence, "a failure says where to look"
+
+    assert (made.not_considered is None) == asked.always_considered
+    if made.not_considered is not None:
+        left_out = measured(observable, made.not_considered, tmp_path / "left_out.mcap")
+        assert not left_out.considered
+        assert left_out.x is None
+        assert left_out.evidence, "what is not considered says why"
+
+
+def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
+    """5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs (reading.md 22)."""
+    document = FULL.document
+    assert len(document.principles) == 5
+    assert len(document.key_attributes) == 43
+    assert len(document.vabs) == 121
+    assert len(document.observables) == 135
+    assert sum(len(vab.children) for vab in document.vabs) == 158
+    assert len(FULL.nodes) == 304
+    titles = {"KA-03": "civilian", "KA-05": "enemy", "KA-09": "Object detection", "KA-18": "marking", "KA-20": "accomplishment"}
+    assert all(words in FULL.nodes[node].title for node, words in titles.items())
+    assert set(document.study) == set(titles)
+
+
+def test_every_sentence_is_its_own() -> None:
+    """No node repeats what another one asks, and no two observables measure the same with the same threshold."""
+    asks = [node.asks for node in FULL.nodes.values()]
+    assert len(set(asks)) == len(asks)
+    measures = [(one.measure, tuple(sorted(one.options.items())), one.threshold) for one in FULL.observables.values()]
+    assert len(set(measures)) == len(measures)
+
+
+def test_many_measures_with_options_and_not_one_for_each() -> None:
+    """Every measure of the bench is asked for by some observable here."""
+    from bench.contracts import plugins
+
+    ours = {name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
+    assert ours == {one.measure for one in FULL.observables.values()}
