@@ -1,4 +1,4 @@
-"""Real clients from the package index, in real time."""
+"""The examples, in real time. Whole flights of real clients: tests/clients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from vehicle_models import run_standalone
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.mark.clients
 @pytest.mark.parametrize(("script", "package"), [("mavsdk_patrol.py", "mavsdk"), ("pymavlink_hop.py", "pymavlink")])
 def test_the_examples_fly(script: str, package: str) -> None:
     """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere, lands and sees it disarmed."""
@@ -27,7 +26,7 @@ def test_the_examples_fly(script: str, package: str) -> None:
         port = probe.getsockname()[1]
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
-    flying = threading.Thread(target=run_standalone, args=("px4", [link]), kwargs={"speed": 2.0, "stop": stop})
+    flying = threading.Thread(target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop})
     flying.start()
     try:
         environment = {**os.environ, "REBAR_MAVLINK": f"udpin:127.0.0.1:{port}"}
