@@ -29,7 +29,6 @@ def register(app: typer.Typer) -> None:
     for name, text in (
         ("prose", "Turn a description into a base SimSpec."),
         ("view", "Look into a campaign while it runs."),
-        ("graph", "Draw a decomposition."),
     ):
         app.command(name=name, help=f"{text} (not there yet)")(_not_yet(name))
 

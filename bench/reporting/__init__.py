@@ -11,6 +11,8 @@ from ._data import load_report_data as load_report_data
 from ._figures import configuration_figure as configuration_figure
 from ._figures import map_figure as map_figure
 from ._figures import pairs_figure as pairs_figure
+from ._graph import graph_page as graph_page
+from ._graph import graph_svg as graph_svg
 from ._map import RunMap as RunMap
 from ._map import choose_runs as choose_runs
 from ._map import draw_map as draw_map

@@ -22,6 +22,7 @@ from bench.simspec import FACTORS, SimSpec, factor_values
 from decompositions import Decomposition, load_decomposition
 
 ALL = "all"
+PASS_RATES = ("50", "90")
 LEVELS = ("principle", "ka", "vab", "observable")
 NOT_IN_LABELS = re.compile(r"[^a-z0-9_-]+")  # as realizations write agents' names
 REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)$")
@@ -61,10 +62,20 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
+class Competent:
+    """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it ends."""
+
+    value: float
+    low: float
+    at_least: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Tally:
     """One node of one agent over one configuration (or all): the means and the counts beside them.
 
     `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its threshold.
+    `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and where nothing was considered.
     """
 
     agent: str
@@ -83,6 +94,10 @@ class Tally:
     difficulty_low: float | None
     difficulty_high: float | None
     method: str = ""
+    design_points: int = 0
+    score_low: float | None = None
+    score_high: float | None = None
+    competence: Mapping[str, Competent] = field(default_factory=dict)
 
 
 Tallies = dict[tuple[str, str, str], Tally]
@@ -347,4 +362,12 @@ def _tally(row: Mapping[str, Any]) -> Tally:
         difficulty_low=row["difficulty_low"],
         difficulty_high=row["difficulty_high"],
         method=row["method"],
+        design_points=row["design_points"],
+        score_low=row["score_low"],
+        score_high=row["score_high"],
+        competence={
+            rate: Competent(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
+            for rate in PASS_RATES
+            if (value := row[f"competence_{rate}"]) is not None
+        },
     )

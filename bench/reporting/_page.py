@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +23,7 @@ from ._data import ALL, ReportData, Run, Tally, load_report_data
 from ._facts import describe, factor_levels, factor_rows, provenance_of
 from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, looks, map_figure, pairs_figure
 from ._map import RunMap, choose_runs, draw_map
+from ._offline import data_text, environment, policy, script_text, template_text
 from ._pairs import Pairing, pair_agents
 from ._statistics import compare_agents, factors_figure, factors_that_matter
 
@@ -52,14 +49,14 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     figures = _Figures()
     comparisons = _comparisons(data, figures)
     matter = factors_that_matter(data)
-    plotly, script = (_script_text(text) for text in (get_plotlyjs(), _template_text("report.js")))
+    plotly, script = (script_text(text) for text in (get_plotlyjs(), template_text("report.js")))
     shown = looks(data.agents)
     names, counts = _outcome_counts(data, shown)
     context: dict[str, Any] = {
         "data": data,
         "looks": shown,
-        "css": Markup(_template_text("report.css")),
-        "policy": _policy(plotly, script),
+        "css": Markup(template_text("report.css")),
+        "policy": policy(plotly, script),
         "flown": words.what_was_flown(data),
         "differences": [line for one in comparisons for line in words.differences(data, one.pairings)],
         "not_claimed": words.not_claimed(data),
@@ -115,9 +112,7 @@ class _Figures:
         self.drawn: list[tuple[str, Markup]] = []
 
     def add(self, name: str, figure: go.Figure) -> str:
-        text = json.dumps(figure.to_plotly_json(), separators=(",", ":"), allow_nan=False)
-        # Inside a script element only `<` can end or open anything; as an escape it means the same to JSON.
-        self.drawn.append((name, Markup(text.replace("<", "\\u003c"))))
+        self.drawn.append((name, data_text(figure.to_plotly_json())))
         return name
 
 
@@ -264,29 +259,9 @@ def _flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:
         yield name, "" if value is None else str(value)
 
 
-def _policy(*scripts: str) -> str:
-    """Content security policy: nothing is fetched, and only the two scripts of the page itself run."""
-    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts)
-    return f"default-src 'none'; script-src {digests}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
-
-
-def _script_text(text: str) -> str:
-    """As the browser will see it, so that its digest is the policy's: line ends are normalised while parsing."""
-    return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def _template_text(name: str) -> str:
-    return (files("bench.reporting") / "templates" / name).read_text(encoding="utf-8")
-
-
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("bench.reporting", "templates"),
-        autoescape=True,  # whatever an agent says is text
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
-    environment.globals.update(
+    found = environment()
+    found.globals.update(
         number=words.number,
         percent=words.percent,
         score=words.score,
@@ -297,4 +272,4 @@ def _environment() -> jinja2.Environment:
         outcome_text=words.outcome_text,
         extremes=words.extremes,
     )
-    return environment
+    return found

@@ -1,0 +1,254 @@
+"""A decomposition as a drawing and as a page, coloured by what a campaign showed of one agent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any, Literal
+
+from markupsafe import Markup
+
+from bench.errors import Fault, SetupError
+from decompositions import Decomposition, KeyFactor, Level
+
+from ._data import ReportData, Tally
+from ._layout import lay_out
+from ._offline import data_text, environment, policy, script_text, template_text
+from ._told import Trials, sentences, trials_of
+from ._words import listed, plural
+
+Measured = Literal["confidence", "score", "competence"]
+MEASURED: dict[Measured, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "Competence 50"}
+LEVELS = {
+    Level.PRINCIPLE: ("Principle", "Principles"),
+    Level.KEY_ATTRIBUTE: ("Key attribute", "Key attributes"),
+    Level.VAB: ("Behaviour", "Behaviours"),
+    Level.OBSERVABLE: ("Observable", "Observables"),
+}
+UNSCORED, UNCONSIDERED, ABSENT = "unscored", "unconsidered", "absent"
+STATES = {UNSCORED: "not scored: nothing achieved", UNCONSIDERED: "never considered", ABSENT: "not in this campaign"}
+STEPS = 10
+
+ROW_PX, BOX_PX, COLUMN_PX, WIDTH_PX, TOP_PX, EDGE_PX = 36, 30, 372, 306, 108, 24
+TITLE_MOST = 46  # characters of 11 px that fit into a box
+NUMBER_MOST = 7  # of them, the place of the number
+
+
+@dataclass(frozen=True, slots=True)
+class Coloured:
+    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands for."""
+
+    step: str
+    text: str
+
+
+def graph_svg(asked: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measured = "confidence") -> str:
+    """The whole decomposition as an SVG file; the same input gives the same bytes.
+
+    Raises SetupError for an agent that the campaign does not have.
+    """
+    flown = _agent(data, agent)
+    laid = lay_out(asked)
+    place = {name: (EDGE_PX + laid.column[name] * COLUMN_PX, round(TOP_PX + laid.row[name] * ROW_PX, 1)) for name in asked.nodes}
+    coloured = {name: colour(_tally(data, flown, name), by) for name in asked.nodes} if data is not None else {}
+    context = {
+        "asked": asked,
+        "width": 2 * EDGE_PX + (len(laid.columns) - 1) * COLUMN_PX + WIDTH_PX,
+        "height": round(TOP_PX + laid.rows * ROW_PX + EDGE_PX),
+        "heads": [
+            (EDGE_PX + at * COLUMN_PX, f"{LEVELS[level][1]} ({len(asked.at_level(level))})")
+            for at, level in enumerate(laid.columns)
+        ],
+        "edges": [
+            (edge, _curve(place[edge.parent], place[edge.child])) for edge in sorted(laid.edges, key=lambda one: not one.first)
+        ],
+        "nodes": [
+            {
+                "node": node,
+                "x": place[name][0],
+                "y": place[name][1],
+                "short": _short(node.title, TITLE_MOST - (NUMBER_MOST if data is not None else 0)),
+                "studied": name in asked.document.study,
+                "also": _also(len(asked.parents[name])),
+                "coloured": coloured.get(name),
+            }
+            for name, node in asked.nodes.items()
+        ],
+        "box_width": WIDTH_PX,
+        "box_height": BOX_PX,
+        "legend": f"{MEASURED[by]} of {flown}" if data is not None else "",
+        "campaign": data.name if data is not None else "",
+        "states": STATES,
+        "steps": range(STEPS),
+        "raised": by == "score" and any(one.text.endswith("†") for one in coloured.values()),
+        "many": sum(not edge.first for edge in laid.edges),
+        "css": Markup(template_text("graph_svg.css")),
+    }
+    return environment().get_template("graph.svg.j2").render(context) + "\n"
+
+
+def graph_page(
+    asked: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measured = "confidence"
+) -> str:
+    """The decomposition as one HTML file that fetches nothing; the same input gives the same bytes.
+
+    Every agent of the campaign can be chosen in it; `agent` is shown first. Raises SetupError for one that there is not.
+    """
+    script = script_text(template_text("graph.js"))
+    document = {
+        "nodes": [_described(asked, name) for name in asked.nodes],
+        "levels": [LEVELS[level][1] for level in lay_out(asked).columns],
+        "states": STATES,
+        "measured": [[key, name] for key, name in MEASURED.items()] if data is not None else [],
+        "by": by,
+        "agents": list(data.agents) if data is not None else [],
+        "agent": _agent(data, agent),
+        "shown": _shown(asked, data) if data is not None else {},
+    }
+    context = {
+        "asked": asked,
+        "counts": ", ".join(
+            plural(len(asked.at_level(level)), LEVELS[level][0].lower(), LEVELS[level][1].lower())
+            for level in Level
+            if asked.at_level(level)
+        ),
+        "data": data,
+        "notes": _notes(asked, data) if data is not None else [],
+        "states": STATES,
+        "steps": range(STEPS),
+        "css": Markup(template_text("graph.css")),
+        "script": Markup(script),
+        "policy": policy(script),
+        "document": data_text(document),
+        "svg": Markup(graph_svg(asked, data, agent, by)),
+        "version": version("rebar-bench"),
+    }
+    return environment().get_template("graph.html.j2").render(context)
+
+
+def colour(tally: Tally | None, by: Measured) -> Coloured:
+    """A node's place on the scale; what has no number has a state, which is no low number."""
+    if tally is None:
+        return Coloured(ABSENT, "–")
+    if not tally.considered:
+        return Coloured(UNCONSIDERED, "–")
+    if by == "confidence":
+        assert tally.confidence is not None  # whatever is considered has one
+        return Coloured(_step(100.0 * tally.confidence), f"{100.0 * tally.confidence:.0f} %")
+    if by == "competence":
+        found = tally.competence.get("50")
+        return (
+            Coloured(ABSENT, "–")
+            if found is None
+            else Coloured(_step(found.value), f"{'≥ ' if found.at_least else ''}{found.value:.0f}")
+        )
+    if tally.score is None:
+        return Coloured(UNSCORED, "none")
+    return Coloured(_step(tally.score), f"{tally.score:.0f}{' †' if tally.raised else ''}")
+
+
+def _step(value: float) -> str:
+    return str(min(STEPS - 1, max(0, int(value * STEPS / 100.0))))
+
+
+def _agent(data: ReportData | None, agent: str | None) -> str:
+    if data is None:
+        return ""
+    if agent is not None and agent not in data.agents:
+        raise SetupError(Fault("--agent", f"{agent!r} did not fly in {data.name}", f"agents: {', '.join(data.agents) or 'none'}"))
+    if not data.agents:
+        raise SetupError(Fault("--campaign", f"{data.name} has no agents", "draw the decomposition without it"))
+    return agent or data.agents[0]
+
+
+def _tally(data: ReportData | None, agent: str, node: str) -> Tally | None:
+    return data.tally(agent, node) if data is not None else None
+
+
+def _notes(asked: Decomposition, data: ReportData) -> Iterator[str]:
+    yield from data.notes
+    if data.decomposition_sha256 not in (None, asked.digest):
+        yield f"{data.name} was scored with another decomposition than this one: numbers are matched by the ids of nodes alone."
+    if absent := sum(name not in data.nodes for name in asked.nodes):
+        yield f"{plural(absent, 'node is', 'nodes are')} not in this campaign."
+
+
+def _curve(parent: tuple[float, float], child: tuple[float, float]) -> str:
+    """From the right edge of the parent to the left edge of the child."""
+    start, end = parent[0] + WIDTH_PX, child[0]
+    middle = (start + end) / 2
+    from_y, to_y = (round(y + BOX_PX / 2, 1) for y in (parent[1], child[1]))
+    return f"M{start:g} {from_y:g}C{middle:g} {from_y:g} {middle:g} {to_y:g} {end:g} {to_y:g}"
+
+
+def _short(title: str, most: int) -> str:
+    return title if len(title) <= most else f"{title[: most - 1].rstrip()}…"
+
+
+def _also(parents: int) -> str:
+    return f"{parents} parents" if parents > 1 else ""
+
+
+def _described(asked: Decomposition, name: str) -> dict[str, Any]:
+    """One node with all that its document says of it, for the page's script."""
+    node = asked.nodes[name]
+    return {
+        "id": name,
+        "level": LEVELS[node.level][0],
+        "title": node.title,
+        "asks": node.asks,
+        "children": list(node.children),
+        "studied": name in asked.document.study,
+        "facts": list(_facts(asked, name)),
+        "tables": [_table(row) for row in asked.key_factors(name)] if node.level is Level.OBSERVABLE else [],
+    }
+
+
+def _facts(asked: Decomposition, name: str) -> Iterator[tuple[str, str]]:
+    if asked.level_of(name) is not Level.OBSERVABLE:
+        under = asked.observables_under(name)
+        factors = dict.fromkeys(row.factor for leaf in under for row in asked.key_factors(leaf))
+        yield "Observables under it", str(len(under))
+        yield "Key factors", listed(list(factors)) or "none"
+        return
+    leaf = asked.observables[name]
+    yield "Measure", leaf.measure
+    if leaf.options:
+        yield "Options", ", ".join(f"{key} = {_plain(value)}" for key, value in leaf.options.items())
+    yield "Threshold", f"{leaf.threshold:g}. {leaf.threshold_reason}"
+    yield "Partial credit", "yes" if leaf.partial_credit else "no"
+    if asked.near_miss(name):
+        yield "Near miss", f"{asked.near_miss(name):g} below the threshold still scores"
+    yield "Considered", leaf.considered + (" It applies in every run." if leaf.always_considered else "")
+
+
+def _plain(value: bool | float | str) -> str:
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _table(row: KeyFactor) -> dict[str, Any]:
+    unit = "" if row.unit == "1" else f", {row.unit}"
+    return {
+        "name": f"{row.factor}{unit}",
+        "how": "Steps from column to column" if row.mapping == "step" else "Linear between columns",
+        "ratings": [f"{rating:g}" for rating in row.ratings],
+        "values": [f"{value:g}" for value in row.values],
+        "reason": row.reason,
+    }
+
+
+def _shown(asked: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
+    """By agent and node: colours by what is measured, and the sentences; only of what the campaign has."""
+    trials = trials_of(data.scores)
+    return {
+        agent: {
+            name: {
+                **{key: [found.step, found.text] for key in MEASURED for found in [colour(tally, key)]},
+                "told": sentences(tally, trials.get((agent, name), Trials())),
+            }
+            for name in asked.nodes
+            if (tally := data.tally(agent, name)) is not None
+        }
+        for agent in data.agents
+    }

@@ -1,0 +1,127 @@
+"""One node of one agent in plain sentences: its score and what raised it, competence, confidence, what the count can claim."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import polars as pl
+
+from bench.contracts import Outcome
+from bench.scoring import Curve, CurveState, claim, difficulty_response
+
+from ._data import Tally
+from ._words import number, percent, plural
+
+SHARES = {"50": "half", "90": "nine tenths"}
+NO_CURVE = {
+    CurveState.TOO_FEW: "No curve is drawn: fewer than ten runs considered the node.",
+    CurveState.ONE_DIFFICULTY: "No curve is drawn: all runs have one difficulty, so nothing shows how passing depends on it.",
+}
+DOUBTS = {
+    CurveState.ALL_PASSED: "All runs passed: the curve falls only as far as so few runs cannot exclude.",
+    CurveState.NONE_PASSED: "No run passed: the curve stands above 0 only as far as so few runs cannot exclude.",
+    CurveState.SEPARATED: "Passes and failures lie on either side of one difficulty: how steep the curve is there, nothing shows.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """The runs of one agent that considered one node and count: what each was rated, and whether everything was achieved."""
+
+    difficulty: tuple[float, ...] = ()
+    passed: tuple[bool, ...] = ()
+    design_points: tuple[str, ...] = ()
+
+    @property
+    def passes(self) -> int:
+        """How many passed."""
+        return sum(self.passed)
+
+    def curve(self) -> Curve:
+        """The logistic difficulty-response curve of these runs."""
+        return difficulty_response(self.difficulty, self.passed, self.design_points)
+
+
+AllTrials = Mapping[tuple[str, str], Trials]
+"""By agent and node; no entry where the node was never considered."""
+
+
+def trials_of(scores: pl.DataFrame) -> AllTrials:
+    """Every node's trials, by the rule of competence: considered, and ended by something that the agent answers for."""
+    counted = scores.filter(pl.col("considered") > 0, ~pl.col("outcome").is_in([str(o) for o in Outcome if not o.counts]))
+    grouped = counted.group_by("agent", "node", maintain_order=True).agg(
+        pl.col("difficulty"), (pl.col("achieved") == pl.col("considered")).alias("passed"), pl.col("design_point")
+    )
+    return {(agent, node): Trials(tuple(hard), tuple(ok), tuple(points)) for agent, node, hard, ok, points in grouped.iter_rows()}
+
+
+def sentences(tally: Tally | None, trials: Trials) -> list[str]:
+    """What can be said of one node of one agent over all runs."""
+    if tally is None:
+        return ["Nothing is on record of it."]
+    if not tally.considered:
+        return [
+            f"Never considered: none of {plural(tally.runs, 'run')} offered anything that exercises it, so nothing is said of it."
+        ]
+    return [
+        *_score(tally),
+        *(_competence(tally, rate) for rate in tally.competence),
+        _confidence(tally),
+        _claim(tally, trials),
+    ]
+
+
+def _score(tally: Tally) -> Iterator[str]:
+    considered = plural(tally.considered, "considered run")
+    if tally.score is None:
+        yield f"Not scored: nothing under it was achieved in any of {considered}. That is no score of 0."
+        return
+    ends = ""
+    if tally.score_low is not None and tally.score_high is not None:
+        ends = f" (95 % interval {number(tally.score_low)} to {number(tally.score_high)})"
+    yield f"ARL score {number(tally.score)}{ends}, the mean of the {tally.scored} of {considered} that have a score."
+    if tally.raised:
+        yield (
+            f"Failures raised this score: what failed has none and leaves the mean. Had every failed observable passed exactly at "
+            f"its threshold, it would be {number(tally.passed_score)}."
+        )
+
+
+def _competence(tally: Tally, rate: str) -> str:
+    found = tally.competence[rate]
+    if found.value <= 0.0:
+        return f"Competence {rate}: 0. At no difficulty flown did at least {SHARES[rate]} of the runs pass."
+    reach = f"at least {SHARES[rate]} of the runs pass up to difficulty {number(found.value)}"
+    end = ", the highest flown, so where it ends is not known" if found.at_least else ""
+    low = f"with 95 % confidence {number(found.low)} or more" if found.low > 0 else "too few runs for a lower bound above 0"
+    return f"Competence {rate}: {'at least ' if found.at_least else ''}{number(found.value)}; {reach}{end}; {low}."
+
+
+def _confidence(tally: Tally) -> str:
+    ends = ""
+    if tally.confidence_low is not None and tally.confidence_high is not None:
+        ends = f", 95 % interval {100 * tally.confidence_low:.0f} to {100 * tally.confidence_high:.0f} %"
+    return f"Confidence {percent(tally.confidence)}{ends}."
+
+
+def _claim(tally: Tally, trials: Trials) -> str:
+    said = claim(trials.passes, len(trials.passed))
+    shared = tally.design_points < len(trials.passed)
+    return said + (
+        f" That takes the runs as independent; they come from {plural(tally.design_points, 'design point')}." if shared else ""
+    )
+
+
+def curve_remark(curve: Curve) -> str:
+    """Why there is no curve, or what to keep in mind looking at the one that is drawn."""
+    if not curve.drawn:
+        return NO_CURVE[curve.state]
+    if curve.state in DOUBTS:
+        return DOUBTS[curve.state]
+    if curve.half_at is not None:
+        return f"The curve passes an even chance at difficulty {number(curve.half_at)}; that is no competence, for it rises when easy runs fail."
+    if curve.probability[-1] > curve.probability[0]:
+        return "The curve rises: harder runs passed more often, so something other than the rated difficulty decides."
+    side = "above" if curve.probability[-1] > 0.5 else "below"
+    return f"The curve stays {side} an even chance at every difficulty flown."

@@ -1,0 +1,219 @@
+"""The graph shows every node and edge, tells what has no number from what is low, and takes all text as text."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from made_campaign import AGENTS, Made, make_campaign
+
+from bench.errors import SetupError
+from bench.reporting import graph_page, graph_svg, load_report_data
+from bench.reporting._data import ReportData
+from bench.reporting._layout import lay_out
+from decompositions import Decomposition, load_decomposition, shipped_decompositions
+
+SVG = "{http://www.w3.org/2000/svg}"
+NASTY = "</script><script>alert(1)</script><img src=x onerror=alert(2)> & \"' <!--"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="module")
+def full() -> Decomposition:
+    """The largest decomposition that comes with the bench."""
+    return max((load_decomposition(name) for name in shipped_decompositions()), key=lambda one: len(one.nodes))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
+    """Six scenes in which nobody achieves anything under KA-09."""
+    return load_report_data(make_campaign(tmp_path_factory.mktemp("graph") / "made", Made(never_scored="KA-09")))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Decomposition:
+    """The made campaign's decomposition."""
+    folder = make_campaign(tmp_path_factory.mktemp("graph") / "document", Made(scenes=0))
+    return load_decomposition(folder / "decomposition.json")
+
+
+def edges(asked: Decomposition) -> set[tuple[str, str]]:
+    return {(node.id, child) for node in asked.nodes.values() for child in node.children}
+
+
+def document(page: str) -> dict[str, Any]:
+    """What the page hands to its script."""
+    found = re.search(r'<script type="application/json" id="document">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])  # type: ignore[no-any-return]
+
+
+def test_the_drawing_has_every_node_and_every_edge(full: Decomposition) -> None:
+    """A box for each node with its id and its words, a line for each edge, nothing outside the sheet."""
+    root = ET.fromstring(graph_svg(full))
+    boxes = {one.attrib["id"]: one for one in root.iter(f"{SVG}g") if "node" in one.attrib.get("class", "").split()}
+    assert set(boxes) == set(full.nodes)
+    for name, box in boxes.items():
+        assert full.nodes[name].title in box.find(f"{SVG}title").text  # type: ignore[union-attr,operator]
+        x, y = map(float, re.findall(r"[\d.]+", box.attrib["transform"]))
+        assert x + 306 <= float(root.attrib["width"])
+        assert y + 30 <= float(root.attrib["height"])
+    lines = [one.find(f"{SVG}title").text for one in root.iter(f"{SVG}path") if "edge" in one.attrib.get("class", "").split()]  # type: ignore[union-attr]
+    assert sorted(lines) == sorted(f"{parent} – {child}" for parent, child in edges(full))  # type: ignore[type-var]
+
+
+def test_boxes_do_not_touch_and_first_edges_do_not_cross(full: Decomposition) -> None:
+    """Within a column a row apart; of two edges between the same columns, the higher parent has the higher child."""
+    laid = lay_out(full)
+    for column in range(len(laid.columns)):
+        rows = sorted(laid.row[name] for name in full.nodes if laid.column[name] == column)
+        assert all(after - before >= 1.0 for before, after in pairwise(rows))
+        ends = sorted((laid.row[e.parent], laid.row[e.child]) for e in laid.edges if e.first and laid.column[e.parent] == column)
+        assert [child for _, child in ends] == sorted(child for _, child in ends)
+    assert sum(edge.first for edge in laid.edges) == sum(bool(parents) for parents in full.parents.values())
+
+
+def test_the_page_has_every_node_edge_and_word(full: Decomposition) -> None:
+    """Its script is handed the whole graph; without a script the drawing is there."""
+    page = graph_page(full)
+    nodes = {node["id"]: node for node in document(page)["nodes"]}
+    assert {(one, child) for one, node in nodes.items() for child in node["children"]} == edges(full)
+    for name, leaf in full.observables.items():
+        facts = dict(nodes[name]["facts"])
+        assert (facts["Measure"], nodes[name]["asks"]) == (leaf.measure, leaf.asks)
+        assert facts["Threshold"] == f"{leaf.threshold:g}. {leaf.threshold_reason}"
+        assert facts["Considered"].startswith(leaf.considered)
+        assert [row["reason"] for row in nodes[name]["tables"]] == [row.reason for row in full.key_factors(name)]
+    assert graph_svg(full) in page
+
+
+def test_same_document_same_bytes_and_not_many(full: Decomposition, made: Decomposition, data: ReportData) -> None:
+    """Drawn twice, from a document read twice; a page of the whole application stays below 1 MB."""
+    again = load_decomposition(full.name)
+    assert graph_svg(again) == graph_svg(full)
+    assert graph_page(again) == graph_page(full)
+    assert graph_page(made, data) == graph_page(made, data)
+    assert len(graph_page(full).encode()) < 1_000_000
+    assert len(graph_svg(full).encode()) < 400_000
+
+
+def test_what_has_no_number_is_not_low(made: Decomposition, data: ReportData) -> None:
+    """KA-09 was considered and has no score; by confidence it is a real 0; a node that no campaign knows is neither."""
+    shown = document(graph_page(made, data))["shown"][AGENTS[0]]["KA-09"]
+    assert shown["score"] == ["unscored", "none"]
+    assert shown["confidence"] == ["0", "0 %"]
+    assert shown["competence"] == ["0", "0"]
+    assert shown["told"][0].startswith("Not scored: nothing under it was achieved in any of 6 considered runs.")
+    root = ET.fromstring(graph_svg(made, data, AGENTS[0], "score"))
+    dressed = {one.attrib["id"]: one.attrib["class"] for one in root.iter(f"{SVG}g") if "id" in one.attrib}
+    assert dressed["KA-09"] == "node unscored"
+    assert dressed["KA-03"].startswith("node s")
+    other = load_decomposition("search-and-report")
+    page = graph_page(other, data)
+    assert "scored with another decomposition than this one" in page
+    assert "VAB-007" not in document(page)["shown"][AGENTS[0]]
+
+
+def test_never_considered_is_a_state_of_its_own(made: Decomposition, data: ReportData) -> None:
+    """Neither 0 % nor not scored."""
+
+    key = (AGENTS[0], "all", "KA-20")
+    nothing = replace(data.tallies[key], considered=0, scored=0, score=None, confidence=None, competence={})
+    shown = document(graph_page(made, replace(data, tallies={**data.tallies, key: nothing})))["shown"][AGENTS[0]]["KA-20"]
+    assert {shown[by][0] for by in ("score", "confidence", "competence")} == {"unconsidered"}
+    assert shown["told"][0].startswith("Never considered:")
+
+
+def test_numbers_are_those_of_the_summary(made: Decomposition, data: ReportData) -> None:
+    """Colour and number of each node agree with the tallies, for every agent."""
+    shown = document(graph_page(made, data, AGENTS[1]))
+    assert shown["agent"] == AGENTS[1]
+    for agent in AGENTS:
+        for name in made.nodes:
+            tally = data.tally(agent, name)
+            assert tally is not None
+            assert tally.confidence is not None
+            step, text = shown["shown"][agent][name]["confidence"]
+            assert text == f"{100 * tally.confidence:.0f} %"
+            assert int(step) == min(9, int(10 * tally.confidence))
+
+
+def test_titles_are_text(made: Decomposition, data: ReportData, tmp_path: Path) -> None:
+    """Markup in titles, questions and reasons opens no element in the drawing, the page, or its data."""
+    raw = json.loads(made.document.model_dump_json())
+    for part in ("principles", "key_attributes", "vabs", "observables"):
+        raw[part][0]["title"] = NASTY[:110]
+        raw[part][0]["asks"] = NASTY
+    raw["observables"][0]["threshold_reason"] = NASTY
+    (tmp_path / "nasty.yaml").write_text(yaml.safe_dump(raw))
+    asked = load_decomposition(tmp_path / "nasty.yaml")
+    page = graph_page(asked, data)
+    assert page.count("<script") == page.count("</script") == 2
+    assert "<img" not in page
+    assert document(page)["nodes"][0]["asks"] == NASTY
+    root = ET.fromstring(graph_svg(asked, data))
+    assert {one.tag.removeprefix(SVG) for one in root.iter()} <= {
+        "svg",
+        "title",
+        "style",
+        "defs",
+        "pattern",
+        "path",
+        "rect",
+        "text",
+        "g",
+    }
+
+
+def test_the_page_fetches_nothing(made: Decomposition) -> None:
+    """The policy forbids it and allows the page's own script alone, by its digest."""
+    page = graph_page(made)
+    script = page.rsplit("<script>", 1)[1].split("</script>", 1)[0]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert "default-src &#39;none&#39;; script-src &#39;sha256-" in page
+    assert digest.replace("+", "&#43;") in page or digest in page
+    assert not re.search(r"""\b(src|href|action)\s*=\s*["']?\s*[a-z]+:""", page)
+    assert ".innerHTML" not in script
+
+
+def test_an_unknown_agent_is_refused(made: Decomposition, data: ReportData) -> None:
+    """With those that there are."""
+    with pytest.raises(SetupError, match=f"agents: {', '.join(AGENTS)}"):
+        graph_svg(made, data, "nobody")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_browser_draws_it(full: Decomposition, tmp_path: Path) -> None:
+    """The script runs under its own policy: the named node is open, chosen and described, folded ones are hidden."""
+    (tmp_path / "graph.html").write_text(graph_page(full))
+    leaf = next(name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables)
+    dom = subprocess.run(
+        [
+            *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+            *("--disable-background-networking", "--disable-component-update", f"--user-data-dir={tmp_path / 'profile'}"),
+            *("--dump-dom", f"file://{tmp_path / 'graph.html'}#{leaf}"),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    ).stdout
+    items = re.findall(r'<div class="node[^>]*>', dom)
+    assert len(items) == len(full.nodes)
+    chosen = [item for item in items if 'aria-selected="true"' in item]
+    assert len(chosen) == 1
+    assert f'id="node-{leaf}"' in chosen[0]
+    assert 0 < sum("hidden" in item for item in items) < len(items)
+    assert full.observables[leaf].measure in dom.split('id="details"', 1)[1].split("</aside>", 1)[0]
+    assert 'class="also"' in dom
