@@ -55,12 +55,8 @@ class Battery:
     def used_wh(self) -> float:
         return (self._capacity_j - self._left_j) / 3600.0
 
-    @property
-    def voltage_v(self) -> float:
-        """At the terminals, under the present load."""
-        rest = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * self.fraction)
-        return rest - _RESISTANCE_OHM * self.power_w / rest
-
-    @property
-    def current_a(self) -> float:
-        return self.power_w / self.voltage_v
+    def terminals(self) -> tuple[float, float]:
+        """Volts and amperes under the present load."""
+        rest_v = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * self.fraction)
+        volts = rest_v - _RESISTANCE_OHM * self.power_w / rest_v
+        return volts, self.power_w / volts

@@ -103,13 +103,16 @@ class JsbsimPlant:
             put(value / _FT)
 
     def set_gust_ned_mps(self, gust: Vector) -> None:
-        for put, value in zip(self._gust, gust, strict=True):
-            put(value / _FT)
+        put_north, put_east, put_down = self._gust
+        north, east, down = gust
+        put_north(north / _FT)
+        put_east(east / _FT)
+        put_down(down / _FT)
 
     def specific_force_mps2(self) -> Vector:
         """What an accelerometer at the centre of gravity feels, body FRD; (0, 0, -9.81) at rest."""
-        x, y, z = (get() * _FT for get in self._force)
-        return x, y, z
+        x, y, z = self._force
+        return x() * _FT, y() * _FT, z() * _FT
 
     def advance(self) -> None:
         """Fly one step. Raises VehicleFault when the state is no longer finite."""

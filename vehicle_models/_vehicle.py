@@ -92,6 +92,7 @@ class X500Airframe:
         self._home_east_m, self._home_north_m = home_enu_m
         self._step_s = step_s
         self._yaw_rad = plant.motion.yaw_rad
+        self._target: Target | None = None  # as last taken
         self.error_enu_m: Vector = (0.0, 0.0, 0.0)
 
     def arm(self) -> None:
@@ -110,20 +111,25 @@ class X500Airframe:
 
     def fly(self, target: Target) -> None:
         """Aim the true position beside the target by the error of the estimate, so that the estimate meets the target."""
+        if target is not self._target and target != self._target:
+            self._take(target)
         write = self._plant.write
         error_e, error_n, error_u = self.error_enu_m
-        if target.north_east_m is None:
-            write("position-mode", 0.0)
-        else:
+        if target.north_east_m is not None:
             shift_n, shift_e = self._plant.shift_ne_m
-            write("position-mode", 1.0)
             write("target-n-m", target.north_east_m[0] + self._home_north_m - error_n + shift_n)
             write("target-e-m", target.north_east_m[1] + self._home_east_m - error_e + shift_e)
-        if target.down_m is None:
-            write("height-mode", 0.0)
-        else:
-            write("height-mode", 1.0)
+        if target.down_m is not None:
             write("target-u-m", -target.down_m - error_u)
+        self._turn(target)
+        write("flying", 1.0)
+
+    def _take(self, target: Target) -> None:
+        """Everything about a target that stays the same while it is flown."""
+        self._target = target
+        write = self._plant.write
+        write("position-mode", 0.0 if target.north_east_m is None else 1.0)
+        write("height-mode", 0.0 if target.down_m is None else 1.0)
         north, east, down = target.velocity_ned_mps
         write("target-vn-mps", north)
         write("target-ve-mps", east)
@@ -136,8 +142,6 @@ class X500Airframe:
         write("speed-max-mps", min(target.speed_max_mps, _FASTEST_MPS))
         write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MPS))
         write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MPS))
-        self._turn(target)
-        write("flying", 1.0)
 
     def _tilt(self, attitude: Attitude | None) -> None:
         write = self._plant.write
@@ -410,7 +414,7 @@ class Aircraft(ABC):
         flight.on_ground = motion.up_m < _TOUCH_M
         battery = self._battery
         flight.charge_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
-        flight.battery_v, flight.battery_a = battery.voltage_v, battery.current_a
+        flight.battery_v, flight.battery_a = battery.terminals()
 
     def _state(self, error: Vector, wrong_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:
         motion: Motion = self._plant.motion

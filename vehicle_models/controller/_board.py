@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from ._flight import Airframe, Flight
 from ._radio import Channel, Radio
@@ -88,6 +88,11 @@ class Service(Protocol):
 
     def commands(self) -> Mapping[int, CommandHandler]:
         """Commands that it carries out, by number."""
+
+
+@runtime_checkable
+class Ticking(Protocol):
+    """A service that has something to do without being spoken to."""
 
     def tick(self) -> None:
         """Once a step, after the messages of the step."""

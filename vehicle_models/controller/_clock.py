@@ -21,9 +21,6 @@ class Clock:
     def commands(self) -> Mapping[int, CommandHandler]:
         return {}
 
-    def tick(self) -> None:
-        pass
-
     def _timesync(self, m: Any, sender: Sender) -> None:
         if m.tc1 == 0:
             sender.channel.tell(

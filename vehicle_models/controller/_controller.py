@@ -9,7 +9,7 @@ from typing import Any
 from bench.contracts import MavlinkTap
 
 from ._arming import Arming
-from ._board import Board, Handler, Sender, Service
+from ._board import Board, Handler, Sender, Service, Ticking
 from ._camera import CameraComponent
 from ._chase import FollowMe
 from ._clock import Clock
@@ -94,9 +94,7 @@ class Controller:
         self._streams.add_answers(identity.answers())
         events = Events(board, personality.event_names)
         telemetry.event_sequence = lambda: events.sequence
-        files = FileTransfer(
-            board, Files(personality.files(parameters), personality.files_writable), personality.file_sessions
-        )
+        files = FileTransfer(board, Files(personality.files(parameters), personality.files_writable), personality.file_sessions)
         commands = Commands(board)
         navigator = Navigator(board, modes, self._guidance)
         telemetry.orbit = navigator.orbit_status
@@ -139,6 +137,7 @@ class Controller:
         self._camera: CameraComponent | None = None
         if payload:
             self._carry(payload)
+        self._ticks = [service.tick for service in self._services if isinstance(service, Ticking)]
         self._handlers: dict[int, list[Handler]] = {}
         for service in self._services:
             commands.add(service.commands())
@@ -185,8 +184,8 @@ class Controller:
         for channel in self.channels:
             if channel.link.inbox:
                 self._hear(channel)
-        for service in self._services:
-            service.tick()
+        for tick in self._ticks:
+            tick()
         if self._camera:
             self._camera.tick()
         while self._boot and self._boot[0][0] <= self._flight.time_s:

@@ -56,9 +56,6 @@ class Events:
     def commands(self) -> Mapping[int, CommandHandler]:
         return {}
 
-    def tick(self) -> None:
-        pass
-
     def _said(self, severity: int, text: str) -> None:
         found = next((one for one in self._names if text.startswith(one.text)), None)
         if found is None:

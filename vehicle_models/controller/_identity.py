@@ -45,9 +45,6 @@ class Identity:
             found["CURRENT_EVENT_SEQUENCE"] = lambda command: None  # streamed, and refused when asked for
         return found
 
-    def tick(self) -> None:
-        pass
-
     def _old(self, command: Command) -> Result | None:
         command.sender.channel.tell("AUTOPILOT_VERSION", **self._version())
         return Result.ACCEPTED

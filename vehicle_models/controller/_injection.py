@@ -25,9 +25,6 @@ class Injection:
     def commands(self) -> Mapping[int, CommandHandler]:
         return {INJECT_FAILURE: self._inject} if self._board.personality.failure_parameter else {}
 
-    def tick(self) -> None:
-        pass
-
     def _inject(self, command: Command) -> Result | None:
         allowed = self._board.personality.failure_parameter
         if allowed is None or not self._board.parameters[allowed]:

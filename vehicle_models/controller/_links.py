@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import socket
 import sys
 import termios
@@ -197,6 +198,8 @@ class UdpLink(_Counted):
         self.endpoint = f"{'udpin' if out else 'udpout'}:{spec.host}:{port}"
         self._reader = FrameReader()
         self._buffer = memoryview(bytearray(65536))
+        self._ears = select.poll()
+        self._ears.register(self._socket, select.POLLIN)
 
     @property
     def dropped(self) -> int:
@@ -204,10 +207,13 @@ class UdpLink(_Counted):
         return self._lost + self._lost_in_closed + sum(_lost_in(one) for one in sockets)
 
     def poll(self) -> None:
+        ready = {number for number, _ in self._ears.poll(0)}
+        if not ready:
+            return
         for peer, ear in list(self._speakers.items()):
-            if ear and self.inbox.room(peer):
+            if ear and ear.fileno() in ready and self.inbox.room(peer):
                 self._read(ear)
-        newcomers = self._read(self._socket)
+        newcomers = self._read(self._socket) if self._socket.fileno() in ready else []
         if newcomers:
             for peer in newcomers[:_EARS_PER_POLL]:
                 self._give_ear(peer)
@@ -268,12 +274,14 @@ class UdpLink(_Counted):
             ear.close()
         else:
             self._speakers[peer] = ear
+            self._ears.register(ear, select.POLLIN)
         finally:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)  # or others could take the port too
 
     def _close(self, ear: socket.socket | None) -> None:
         if ear:
             self._lost_in_closed += _lost_in(ear)
+            self._ears.unregister(ear)
             ear.close()
 
     def _listeners(self) -> Iterable[Address]:
@@ -492,6 +500,9 @@ def _bound(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:
 
 def _datagrams(frames: list[bytes]) -> Iterator[bytes]:
     """Frames joined to datagrams of at most 1200 bytes: a system call costs more than the message in it."""
+    if 0 < sum(map(len, frames)) <= _DATAGRAM:
+        yield b"".join(frames)
+        return
     joined: list[bytes] = []
     size = 0
     for frame in frames:

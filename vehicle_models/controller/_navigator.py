@@ -77,9 +77,6 @@ class Navigator:
             **{number: handler for number, (exists, handler) in optional.items() if exists},
         }
 
-    def tick(self) -> None:
-        pass
-
     def _takeoff(self, command: Command) -> Result | None:
         board, flight = self._board, self._board.flight
         refusal = board.personality.refuse_takeoff(flight, command)

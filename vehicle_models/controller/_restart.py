@@ -36,9 +36,6 @@ class Restart:
     def commands(self) -> Mapping[int, CommandHandler]:
         return {REBOOT: self._restart}
 
-    def tick(self) -> None:
-        pass
-
     def _restart(self, command: Command) -> Result | None:
         personality = self._board.personality
         answer = personality.answer(self._board.flight, command)

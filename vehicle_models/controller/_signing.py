@@ -33,16 +33,14 @@ class Signing:
         self.required = required
         self.rejected: Counter[str] = Counter()
         self._key = key
+        self.on = bool(key)
         self._ticks = _ticks(now_us)
         self._partners: dict[tuple[int, int, int], int] = {}
-
-    @property
-    def on(self) -> bool:
-        return bool(self._key)
 
     def set_key(self, key: bytes, ticks: int) -> None:
         """A new key, as SETUP_SIGNING brings it; nothing but zeros ends signing."""
         self._key = key if any(key) else b""
+        self.on = bool(self._key)
         self._ticks = max(self._ticks, min(ticks, 2**48 - 2**32))
         self._partners.clear()
 
@@ -115,9 +113,6 @@ class KeyKeeper:
 
     def commands(self) -> Mapping[int, CommandHandler]:
         return {}
-
-    def tick(self) -> None:
-        pass
 
     def _setup(self, message: Any, sender: Sender) -> None:
         self._signing.required = True

@@ -21,6 +21,7 @@ _HEARTBEAT = KINDS["HEARTBEAT"].id
 @dataclass(slots=True)
 class _Stream:
     number: int
+    values: Callable[[], Values | None]
     interval_ns: int
     due_ns: int
 
@@ -64,13 +65,9 @@ class Streams:
             if hz and self._board.personality.stream_sets[channel.link.spec.streams]:
                 self._put(channel, number, round(1e9 / hz))
 
-    def tick(self) -> None:
-        pass
-
     def say_due(self) -> None:
         """Queue everything that is due, channel by channel, in one fixed order of messages."""
         now = self._board.flight.time_ns
-        say = self._telemetry.say
         for channel in self._board.radio.channels:
             if not channel.connected:
                 continue
@@ -79,11 +76,11 @@ class Streams:
                     stream.due_ns += stream.interval_ns
                     if stream.due_ns <= now:  # asked for more than the controller's rate, or nobody was there
                         stream.due_ns = now + 1
-                    values = say[stream.number]()
+                    values = stream.values()
                     if values is not None:
                         channel.say(stream.number, values)
         for channel, number in self._after:
-            values = say[number]()
+            values = self._telemetry.say[number]()
             if values is not None:
                 channel.say(number, values)
         self._after.clear()
@@ -134,7 +131,8 @@ class Streams:
         if interval_ns is not None:
             most_hz = self._board.personality.slowest_hz.get(_NAMES[number])
             interval_ns = max(interval_ns, round(1e9 / most_hz)) if most_hz else interval_ns
-            streams.append(_Stream(number, interval_ns, self._board.flight.time_ns + min(interval_ns, 1_000_000_000)))
+            due_ns = self._board.flight.time_ns + min(interval_ns, 1_000_000_000)
+            streams.append(_Stream(number, self._telemetry.say[number], interval_ns, due_ns))
         streams.sort(key=lambda one: self._order[one.number])
         self._streams[channel.name] = streams
 

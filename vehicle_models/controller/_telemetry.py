@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from bench.contracts import Vector
+
 from ._board import Board
 from ._flight import Flight
 from ._frames import KINDS
@@ -14,7 +16,7 @@ from ._telemetry_more import MoreTelemetry
 Values = tuple[Any, ...]
 _NAN = math.nan
 _NAN4 = (_NAN,) * 4
-_NO_COVARIANCE = (_NAN,) + (0.0,) * 20
+_COVARIANCES = (_NAN, *(0.0,) * 20) * 2  # of pose and velocity: none is known
 _SEA_LEVEL_HPA = 1013.25
 _GPS, _XY_CONTROL = 0x20, 0x4000  # MAV_SYS_STATUS_SENSOR
 _BY_GPS = 8 | 16 | 256 | 512  # ESTIMATOR_STATUS_FLAGS: horizontal position, and its prediction
@@ -40,15 +42,24 @@ def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, f
     )
 
 
-def turned_to_body(flight: Flight, ned: tuple[float, float, float]) -> tuple[float, float, float]:
-    """A north-east-down vector in the body's frame."""
-    w, x, y, z = quaternion(flight)
-    n, e, d = ned
-    return (
-        (1 - 2 * (y * y + z * z)) * n + 2 * (x * y + w * z) * e + 2 * (x * z - w * y) * d,
-        2 * (x * y - w * z) * n + (1 - 2 * (x * x + z * z)) * e + 2 * (y * z + w * x) * d,
-        2 * (x * z + w * y) * n + 2 * (y * z - w * x) * e + (1 - 2 * (x * x + y * y)) * d,
-    )
+class Body:
+    """How the body lies against north-east-down at one moment, `time_ns`; `quaternion` is w, x, y, z."""
+
+    __slots__ = ("_rows", "quaternion", "time_ns")
+
+    def __init__(self, flight: Flight) -> None:
+        self.time_ns = flight.time_ns
+        self.quaternion = w, x, y, z = quaternion(flight)
+        self._rows = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+            (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+            (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+        )
+
+    def turned(self, north: float, east: float, down: float) -> Vector:
+        """A north-east-down vector in the body's frame."""
+        (a, b, c), (d, e, f), (g, h, i) = self._rows
+        return (a * north + b * east + c * down, d * north + e * east + f * down, g * north + h * east + i * down)
 
 
 class Telemetry:
@@ -58,6 +69,7 @@ class Telemetry:
         self._board = board
         self._flight = board.flight
         self._ping = 0
+        self._body_now = Body(board.flight)
         by_name: dict[str, Callable[[], Values | None]] = {  # in the order in which a step says them
             "HEARTBEAT": self._heartbeat,
             "ATTITUDE": self._attitude,
@@ -108,6 +120,12 @@ class Telemetry:
         self.fence_status: Callable[[], Values | None] = lambda: None
         self.charge_state: Callable[[], int] = lambda: 1
 
+    def _body(self) -> Body:
+        """That of the present moment, worked out once for all messages of a step."""
+        if self._body_now.time_ns != self._flight.time_ns:
+            self._body_now = Body(self._flight)
+        return self._body_now
+
     def _heartbeat(self) -> Values:
         flight, personality = self._flight, self._board.personality
         base, status = personality.heartbeat(flight, self.has_setpoints())
@@ -119,7 +137,7 @@ class Telemetry:
 
     def _attitude_quaternion(self) -> Values:
         f = self._flight
-        return (f.time_ms, *quaternion(f), f.p_radps, f.q_radps, f.r_radps, 0.0, 0.0, 0.0, 0.0)
+        return (f.time_ms, *self._body().quaternion, f.p_radps, f.q_radps, f.r_radps, 0.0, 0.0, 0.0, 0.0)
 
     def _local_position(self) -> Values | None:
         f = self._flight
@@ -147,16 +165,16 @@ class Telemetry:
         f = self._flight
         if f.home is None:
             return None
-        speed = turned_to_body(f, (f.vn_mps, f.ve_mps, f.vd_mps))
+        body = self._body()
+        speed = body.turned(f.vn_mps, f.ve_mps, f.vd_mps)
         rates = (f.p_radps, f.q_radps, f.r_radps)
-        covariances = (*_NO_COVARIANCE, *_NO_COVARIANCE)
         # frame 1 LOCAL_NED, child 12 BODY_FRD, estimator 8 AUTOPILOT
-        return (f.time_us, f.north_m, f.east_m, f.down_m, *quaternion(f), *speed, *rates, *covariances, 1, 12, 0, 8, 100)
+        return (f.time_us, f.north_m, f.east_m, f.down_m, *body.quaternion, *speed, *rates, *_COVARIANCES, 1, 12, 0, 8, 100)
 
     def _highres_imu(self) -> Values:
         f = self._flight
         force = self._board.airframe.specific_force_mps2()
-        field = turned_to_body(f, _FIELD_NED)
+        field = self._body().turned(*_FIELD_NED)
         pressure = _pressure_hpa(f.altitude_m)
         return (f.time_us, *force, f.p_radps, f.q_radps, f.r_radps, *field, pressure, 0.0, f.altitude_m, 15.0, 0x1FFF, 0)
 
@@ -164,7 +182,7 @@ class Telemetry:
         f = self._flight
         force = (_int16(one / 9.80665 * 1000.0) for one in self._board.airframe.specific_force_mps2())
         rates = (_int16(one * 1000.0) for one in (f.p_radps, f.q_radps, f.r_radps))
-        field = (_int16(one * 1000.0) for one in turned_to_body(f, _FIELD_NED))
+        field = (_int16(one * 1000.0) for one in self._body().turned(*_FIELD_NED))
         return (f.time_us, *force, *rates, *field, 0, 3500)
 
     def _servos(self) -> Values:

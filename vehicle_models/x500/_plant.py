@@ -72,7 +72,7 @@ class X500Plant(JsbsimPlant):
         """Set one of the properties that x500.xml lists under "target"; only changes cost anything."""
         if self._written.get(name) != value:
             self._written[name] = value
-            super().write(name, value)
+            self._put[name](value)
 
     def thrust_n(self) -> list[float]:
         """Thrust of each rotor, in PX4's order."""
