@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
-from bench.contracts import CLOCK, TF_STATIC, IntelligenceDocument, MissionOrder, VehicleTopics, parse_document
+from bench.contracts import (
+    CLOCK,
+    TF_STATIC,
+    IntelligenceDocument,
+    MissionOrder,
+    OperatorLinkDocument,
+    OrderDocument,
+    VehicleTopics,
+    parse_document,
+)
 from bench.streams import CameraInfo, Clock, Detection2DArray, Sample, String, TFMessage
 
 from ._log import Log, Publish
@@ -12,6 +21,7 @@ from ._perception import Perception
 from ._pose import PoseHistory
 from ._settings import PolicyName, Settings
 from ._vehicle import Sender, Vehicle
+from ._watch import Watch
 
 LINK = "onboard"
 
@@ -33,6 +43,8 @@ def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
     listened = [
         Wanted(topics.mission, String, latched=True, depth=1),
         Wanted(topics.intelligence, String, latched=True, depth=32),
+        Wanted(topics.orders, String, latched=True, depth=32),
+        Wanted(topics.operator_link, String, latched=True, depth=1),
         Wanted(topics.detections, Detection2DArray),
         Wanted(topics.camera_info(camera), CameraInfo),
         Wanted(TF_STATIC, TFMessage, latched=True, depth=1),
@@ -49,15 +61,19 @@ class Agent:
         self._vehicle = Vehicle(link, poses)
         self._eyes = Perception(poses, settings.mount)
         self._log = Log(publish, name)
-        self._mission = Mission(self._vehicle, self._eyes, self._log, policy, settings)
+        self._watch = Watch(self._vehicle, self._eyes, self._log)
+        self._mission = Mission(self._vehicle, self._eyes, self._log, self._watch, policy, settings)
         self._flight = self._mission.fly()
 
     def act(self, moment: Moment) -> None:
         """Hear, see, decide, speak: always in this order."""
         self._log.at(moment.time.s)
         self._vehicle.hear(moment.time.s, moment.frames[LINK])
-        for sample in moment.samples:
+        # The operator's link first: whether what follows can be heard depends on it.
+        for sample in sorted(moment.samples, key=lambda sample: sample.topic != self._topics.operator_link):
             self._take(sample)
+        self._watch.look()
+        self._mission.speak()
         next(self._flight)
         self._vehicle.speak()
         self._log.speak(self._eyes.tracks)
@@ -66,7 +82,8 @@ class Agent:
         topic = sample.topic
         if topic == self._topics.detections:
             message = sample.message()
-            if isinstance(message, Detection2DArray) and self._eyes.see(message):
+            self._eyes.hear(self._log.now_s)
+            if isinstance(message, Detection2DArray) and self._eyes.see(message, self._watch.doubt_m()):
                 self._mission.look()
         elif topic == self._topics.mission:
             order = parse_document(MissionOrder, _text(sample))
@@ -76,6 +93,14 @@ class Agent:
             intelligence = parse_document(IntelligenceDocument, _text(sample))
             if intelligence is not None:
                 self._mission.tell(intelligence)
+        elif topic == self._topics.orders:
+            ordered = parse_document(OrderDocument, _text(sample))
+            if ordered is not None:
+                self._mission.obey(ordered)
+        elif topic == self._topics.operator_link:
+            link = parse_document(OperatorLinkDocument, _text(sample))
+            if link is not None:
+                self._watch.operator_link(link.up)
         elif topic == TF_STATIC:
             message = sample.message()
             if isinstance(message, TFMessage):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.contracts import AgentStatus, AgentTrack, AgentTracks, Decision, TargetReport, VehicleTopics
+from bench.contracts import AgentStatus, AgentTrack, AgentTracks, Decision, OrderAnswer, TargetReport, VehicleTopics
 
 from ._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 
 Publish = Callable[[str, str], None]  # topic, JSON document
 PERIOD_S = 1.0
+QUIET_S = 45.0  # in the air, after which the log says what still goes on
+UNMOVING = ("starting", "complete", "aborted")
 MOST_TRACKS = 300  # some 40 kB; the bench takes 64
 STALE_S = 60.0  # someone who may walk and was not seen for longer is no longer published
 
@@ -25,28 +27,60 @@ class Log:
         self._text = ""
         self._status_s = -PERIOD_S
         self._tracks_s = -PERIOD_S
+        self._decided_s = 0.0
+        self._silent = False
 
     def at(self, now_s: float) -> None:
         self.now_s = now_s
 
-    def decide(self, action: str, subject: str, reason: str) -> None:
+    def decide(
+        self, action: str, subject: str, reason: str, *, evidence: tuple[float, ...] = (), confidence: float | None = None
+    ) -> None:
         """One line of the decision log."""
-        decision = Decision(time_s=self.now_s, action=action, subject=subject, reason=reason)
+        if self._silent:
+            return
+        self._decided_s = self.now_s
+        decision = Decision(
+            time_s=self.now_s,
+            action=action,
+            subject=subject[:64],
+            reason=reason[:2000],
+            evidence=evidence,
+            confidence=confidence,
+        )
         self._publish(self._topics.decisions, decision.model_dump_json())
+
+    def answer(self, order: str, reason: str, *, accepted: bool) -> None:
+        """What becomes of an order, at once, and the same as a decision."""
+        said = OrderAnswer(time_s=self.now_s, order=order, accepted=accepted, reason=reason[:2000])
+        self._publish(self._topics.answers, said.model_dump_json())
+        self.decide("obey" if accepted else "refuse", order, reason)
+
+    def silence(self) -> None:
+        """From here on nothing but the status: decisions, reports and tracks end."""
+        self._silent = True
+
+    @property
+    def text(self) -> str:
+        """What the phase is about, in words."""
+        return self._text
 
     def enter(self, phase: str, text: str = "") -> None:
         """A new phase of the mission, said at once."""
-        self.phase, self._text = phase, text
+        self.phase, self._text = phase, text[:2000]
         self._say_status()
 
     def report(self, report: TargetReport) -> None:
-        self._publish(self._topics.reports, report.model_dump_json())
+        if not self._silent:
+            self._publish(self._topics.reports, report.model_dump_json())
 
     def speak(self, tracks: Tracks) -> None:
-        """Say what is due: status and tracks, once a second each."""
+        """Say what is due: status and tracks, once a second each; in the air a word on what goes on."""
         if self.now_s - self._status_s >= PERIOD_S - 1e-6:
             self._say_status()
-        if self.now_s - self._tracks_s >= PERIOD_S - 1e-6:
+        if self.phase not in UNMOVING and self.now_s - self._decided_s >= QUIET_S:
+            self.decide("continue", "", f"{self.phase}: {self._text or 'nothing has changed'}")
+        if self.now_s - self._tracks_s >= PERIOD_S - 1e-6 and not self._silent:
             self._tracks_s = self.now_s
             self._publish(self._topics.tracks, tracks_document(tracks, self.now_s).model_dump_json())
 

@@ -4,64 +4,53 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
-from pymavlink.dialects.v20 import common as mavlink
-
-from bench.contracts import IntelligenceDocument, MissionOrder, TargetReport
+from bench.contracts import IntelligenceDocument, MissionOrder, OrderDocument
 
 from ._log import Log
+from ._orders import Ordered, Orders, Situation
 from ._perception import Perception
-from ._planner import Planner, Task
+from ._pilot import Pilot, TurnBack, never
+from ._planner import Task
 from ._policy import Judgement, Policy, missing_for, policy_named
-from ._pose import Pose
-from ._search import Place, Walk, bearing_rad, lawnmower, length_m, ring
+from ._reports import Reports
+from ._search import Place, bearing_rad, lawnmower, length_m, ring
 from ._settings import PolicyName, Settings
 from ._steps import Steps
 from ._tracks import Track
-from ._vehicle import LAND, OFFBOARD, RTL, Setpoint, Vehicle
+from ._vehicle import Vehicle
+from ._watch import Watch
 
-FIRST_HEIGHT_M = 6.0  # reached by the takeoff command; the rest is climbed on the way
-READY_BY_S = 60.0  # an autopilot that cannot be armed by then stays on the ground
 ORDER_BY_S = 20.0
-LEAD_S = 0.6  # how far ahead on its path it aims
-LOOK_M = 12.0  # and how much farther it looks
-WINDOW_M = 25.0
-ARRIVED_M = 3.0
 TAKEOFF_S = 10.0  # from arming to being on the way
 SEARCH_S = 15.0  # the least time for which a sub-area is worth flying to
 CANDIDATE_SHARE = 0.25  # of the votes: an object that may be the target is worth a closer look
 STILL_CLEAR_S = 4.0
+DEADLINE_S = 15.0  # before a report is due what is known will have to do
+DEADLINE_FRAMES = 3
+LAST_WORD_S = 3.0  # before the time limit whoever waits on the ground for leave to report gives up
 
 
 class MissionOrderMissing(Exception):
     """No mission order came; the agent cannot know what to do."""
 
 
-class TurnBack(Exception):
-    """Raised inside a behaviour when the mission must end now; says why."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Flight:
-    """How high and how fast this mission is flown."""
-
-    height_m: float
-    speed_mps: float
-
-
 class Mission:
     """Decides and flies. `fly` is the behaviour; `tell` and `order` bring in what the bench says meanwhile."""
 
-    def __init__(self, vehicle: Vehicle, eyes: Perception, log: Log, policy: PolicyName, settings: Settings) -> None:
+    def __init__(
+        self, vehicle: Vehicle, eyes: Perception, log: Log, watch: Watch, policy: PolicyName, settings: Settings
+    ) -> None:
         self.over = False
         self._vehicle = vehicle
         self._eyes = eyes
         self._log = log
+        self._watch = watch
         self._policy_name: PolicyName = policy
         self._settings = settings
         self._order: MissionOrder | None = None
-        self._early: list[IntelligenceDocument] = []
+        self._orders = Orders()
+        self._early: list[IntelligenceDocument | OrderDocument] = []
         self._judged: dict[str, str] = {}
 
     # What the bench says.
@@ -71,39 +60,137 @@ class Mission:
         if self._order is not None:
             return
         self._order = order
-        settings = self._settings
-        height_m = min(order.altitude_m, order.max_altitude_m)
-        self._flight = _Flight(height_m, order.speed_mps)
-        self._planner = Planner(order, order.speed_mps, height_m, min(settings.safe_height_m, height_m), settings.reserve_s)
+        settings, careful = self._settings, self._policy_name != "naive"
+        self._pilot = Pilot(order, self._vehicle, self._eyes, self._log, self._watch, self._orders, settings, careful=careful)
+        self._planner = self._pilot.planner
         self._policy: Policy = policy_named(self._policy_name, order, settings)
+        self._reports = Reports(self._log, order, self._orders)
         self._vehicle.locate(order.origin)
         for document in self._early:
-            self.tell(document)
+            if isinstance(document, OrderDocument):
+                self.obey(document)
+            else:
+                self.tell(document)
 
     def tell(self, intelligence: IntelligenceDocument) -> None:
         """One intelligence report."""
         if self._order is None:
             self._early.append(intelligence)
-        elif self._planner.add(intelligence):
+        elif self._planner.add(intelligence, self._log.now_s):
             what = f"{intelligence.class_label} within {intelligence.uncertainty_m:g} m, priority {intelligence.priority}"
             self._log.decide("accept", intelligence.id, what)
+
+    def obey(self, order: OrderDocument) -> None:
+        """One order of the operator: answered at once, and from then on it holds."""
+        if self._order is None:
+            self._early.append(order)
+            return
+        refused = self._orders.refusal(order, self._situation(order))
+        if refused:
+            self._log.answer(order.id, refused, accepted=False)
+            if order.kind == "mark" and order.intelligence_id:
+                self._log.decide("withhold_mark", order.intelligence_id, refused)
+            return
+        task = self._planner.tasks.get(order.intelligence_id or "")
+        target = self._target(task) if task is not None and order.kind == "mark" else None
+        judgement = self._judge(target) if target is not None else None
+        self._log.answer(order.id, judgement.reason if judgement else _PLANS[order.kind], accepted=True)
+        self._orders.take(order)
+        if task is not None and target is not None and judgement is not None:
+            self._report(task, target, judgement, why=f"ordered by {order.id}")
+        elif task is not None and order.kind == "retask":
+            self._planner.put_first(task)
+
+    def _situation(self, order: OrderDocument) -> Situation:
+        vehicle = self._vehicle
+        flying = vehicle.armed and not vehicle.landed and vehicle.pose is not None
+        return Situation(
+            over=self.over,
+            landing=self._pilot.landing,
+            failsafe=vehicle.texts[-1] if vehicle.failsafe and vehicle.texts else "a failsafe" if vehicle.failsafe else "",
+            homeward=self._pilot.homeward() if flying else "",
+            about=self._against(order) if order.kind in ("retask", "mark") else "",
+        )
+
+    def _against(self, order: OrderDocument) -> str:
+        """What speaks against going to this sub-area, or marking this target, now."""
+        task = self._planner.tasks.get(order.intelligence_id or "")
+        if task is None:
+            return f"no intelligence {order.intelligence_id} is known"
+        if order.kind == "mark":
+            return self._against_marking(task)
+        if task.state in ("reported", "found"):
+            return f"the target of {task.id} has been found already"
+        place = self._pilot.place if self._vehicle.pose is not None else self._pilot.home
+        if not self._planner.fits(place, self._vehicle.now_s, task, SEARCH_S):
+            return f"not enough time to go to {task.id}, search, and come home"
+        return ""
+
+    def _against_marking(self, task: Task) -> str:
+        if closed := self._reports.closed(self._log.now_s):
+            return closed
+        target = self._target(task)
+        if target is None:
+            return f"no target of {task.id} has been identified yet"
+        judgement = self._judge(target)
+        return "" if judgement.mark else judgement.reason
 
     # The mission.
 
     def fly(self) -> Steps[None]:
         """The whole mission; afterwards it only waits. Raises MissionOrderMissing."""
-        outcome = "complete"
-        try:
-            yield from self._prepare()
-            yield from self._take_off()
-            yield from self._work_through()
-            yield from self._go_home("every task is dealt with")
-        except TurnBack as cause:
-            outcome = yield from self._come_down(str(cause))
+        outcome, plan = "", self._whole()
+        while not outcome:
+            try:
+                outcome = yield from plan
+            except Ordered as ordered:
+                plan = self._end(ordered.order)
+            except TurnBack as cause:
+                plan = self._pilot.come_down(str(cause))
+        yield from self._say_what_may_still_be_said()
         self._vehicle.setpoint = None
         self.over = True
         self._log.enter(outcome, self._summary())
         while True:
+            yield
+
+    def _whole(self) -> Steps[str]:
+        yield from self._prepare()
+        yield from self._pilot.take_off(self._must_wait_on_the_ground)
+        while True:
+            yield from self._work_through()
+            if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
+                return "complete"
+
+    def _end(self, order: OrderDocument) -> Steps[str]:
+        """What the operator orders instead of the mission: home, or down at once."""
+        if order.kind == "deactivate":
+            self._log.enter("landing", f"ordered to deactivate by {order.id}")
+            self._log.silence()
+            yield from self._pilot.land_here(f"ordered to deactivate by {order.id}")
+            return "aborted"
+        if self._vehicle.armed and not self._pilot.landing:
+            yield from self._pilot.go_home(f"ordered to {order.kind} by {order.id}")
+        else:
+            yield from self._pilot.wait_until_down()
+        return "aborted" if order.kind == "abort" else "complete"
+
+    def _more_to_do(self) -> bool:
+        """Whether something has come up that is worth turning round for."""
+        if self._orders.ended_by is not None:
+            return False
+        place, now_s = self._place, self._vehicle.now_s
+        return any(self._planner.fits(place, now_s, task, SEARCH_S) for task in self._planner.waiting(place))
+
+    def _say_what_may_still_be_said(self) -> Steps[None]:
+        """On the ground, wait for leave to report what was found and could not be said."""
+        if self._order is None or not self._vehicle.poses.latest():
+            return
+        while self._to_be_said() and self._reports.opens(self._vehicle.now_s, self._order.time_limit_s):
+            if self._vehicle.now_s >= self._order.time_limit_s - LAST_WORD_S:
+                return
+            if self._log.phase not in ("landing", "starting"):
+                self._log.enter("landing", "down; waiting until it may report what it found")
             yield
 
     def _prepare(self) -> Steps[None]:
@@ -116,28 +203,33 @@ class Mission:
             yield
         self._log.enter("starting", "waiting for intelligence")
         while not self._worth_flying():
-            if vehicle.now_s + TAKEOFF_S + SEARCH_S + self._planner.home_s(self._home) > self._order.time_limit_s:
+            self._orders.heed()
+            if self._too_late():
                 raise TurnBack("no intelligence came that could be acted on in time")
             yield
+
+    def _too_late(self) -> bool:
+        """Whether no time is left to take off, look at anything, and come home."""
+        assert self._order is not None
+        needed_s = TAKEOFF_S + SEARCH_S + self._planner.home_s(self._home)
+        return self._vehicle.now_s + needed_s > self._order.time_limit_s
+
+    def _must_wait_on_the_ground(self) -> bool:
+        """Ordered to hold, or without the operator whom the rules want to be there: it does not take off. Raises TurnBack."""
+        assert self._order is not None
+        if self._too_late():
+            raise TurnBack("there was no time left to take off")
+        if self._orders.held_by:
+            if self._log.phase != "holding":
+                self._log.enter("holding", f"on the ground, by {self._orders.held_by}")
+            return True
+        if self._log.phase == "holding":
+            self._log.enter("starting", "going on")
+        return not self._watch.link_up and self._order.link_lost != "continue"
 
     def _worth_flying(self) -> bool:
         start_s = self._vehicle.now_s + TAKEOFF_S
         return any(self._planner.fits(self._home, start_s, task, SEARCH_S) for task in self._planner.tasks.values())
-
-    def _take_off(self) -> Steps[None]:
-        vehicle = self._vehicle
-        yield from vehicle.set_parameter("MPC_XY_VEL_MAX", self._flight.speed_mps)
-        self._log.enter("taking_off", "waiting until the autopilot is ready")
-        if not (yield from vehicle.arm(READY_BY_S)):
-            raise TurnBack(f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}")
-        self._log.enter("taking_off", f"climbing to {FIRST_HEIGHT_M:g} m")
-        first_m = min(FIRST_HEIGHT_M, self._flight.height_m)
-        if not (yield from vehicle.take_off(first_m, vehicle.now_s + 60.0)):
-            raise TurnBack(f"the takeoff failed: {'; '.join(vehicle.texts) or 'the autopilot gives no reason'}")
-        pose = self._pose
-        if not (yield from vehicle.go_offboard(Setpoint(pose.east_m, pose.north_m, self._flight.height_m, pose.yaw_rad))):
-            raise TurnBack("the autopilot does not give control to the setpoint stream")
-        yield from vehicle.silence_the_rest()
 
     def _work_through(self) -> Steps[None]:
         while True:
@@ -166,14 +258,14 @@ class Mission:
         self._log.enter("transit", f"to {task.id}")
         while task.active:
             path = self._search_path(task)
-            if not (yield from self._follow([self._place, path[0]], task, self._flight.speed_mps)):
+            if not (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps)):
                 return
             task.passes += 1
             self._log.decide(
                 "search", task.id, f"lawnmower over {about.uncertainty_m:g} m, pass {task.passes}, {length_m(path):.0f} m"
             )
             self._log.enter("searching", f"{task.id}, pass {task.passes}")
-            if not (yield from self._follow(path, task, self._flight.speed_mps)):
+            if not (yield from self._follow(path, task, self._pilot.speed_mps, looking=True)):
                 return
             if task.active:
                 yield from self._identify(task)
@@ -187,7 +279,7 @@ class Mission:
         return self._legs(task.place, task.intelligence.uncertainty_m, heading_rad + task.passes % 2 * math.pi / 2.0)
 
     def _legs(self, center: Place, radius_m: float, heading_rad: float) -> list[Place]:
-        camera, height_m = self._eyes.camera, self._flight.height_m
+        camera, height_m = self._eyes.camera, self._pilot.height_m
         near_m, middle_m, _ = camera.ahead_m(height_m) if camera else (0.0, 0.0, 0.0)
         spacing_m = (camera.swath_m(height_m) if camera else height_m) * (1.0 - self._settings.overlap)
         return lawnmower(center, radius_m, max(spacing_m, 5.0), heading_rad, near_m, middle_m)
@@ -196,7 +288,7 @@ class Mission:
         if task.passes >= 2 or self._planner.waiting(self._place):
             return False
         path = self._search_path(task)
-        return self._planner.fits(self._place, self._vehicle.now_s, task, length_m(path) / self._flight.speed_mps)
+        return self._planner.fits(self._place, self._vehicle.now_s, task, length_m(path) / self._pilot.speed_mps)
 
     def _identify(self, task: Task) -> Steps[None]:
         """Look at every candidate from all sides until one is identified."""
@@ -221,25 +313,28 @@ class Mission:
         def settled() -> bool:
             return not task.active
 
-        if (yield from self._follow([self._place, path[0]], task, self._flight.speed_mps, facing=target, until=settled)):
-            yield from self._follow(path, task, self._settings.inspect_speed_mps, facing=target, until=settled)
+        if (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target, until=settled)):
+            yield from self._follow(path, task, self._settings.inspect_speed_mps, facing=target, until=settled, looking=True)
 
     def _look_round(self, target: Track, task: Task) -> Steps[None]:
         """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays unseen."""
         if self._judge(target).look:
             path = self._legs((target.east_m, target.north_m), self._policy.surroundings_m, bearing_rad(self._place, task.place))
             self._log.decide("look_round", task.id, f"sweep of {self._policy.surroundings_m:g} m, {length_m(path):.0f} m")
-            yield from self._follow([self._place, *path], task, self._flight.speed_mps, until=lambda: not task.active)
+            done = lambda: not task.active  # noqa: E731
+            yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done, looking=True)
         if task.active:
             self._say(task, target, self._judge(target))
 
     def _ring_radius_m(self) -> float:
         """Where the middle of the image lies on a target in the centre."""
-        camera, height_m = self._eyes.camera, self._flight.height_m
+        camera, height_m = self._eyes.camera, self._pilot.height_m
         middle_m = camera.ahead_m(height_m)[1] if camera else height_m
         return min(max(middle_m, 0.3 * height_m), 2.0 * height_m)
 
     def _choose_withheld(self) -> Task | None:
+        if self._reports.closed(self._vehicle.now_s):
+            return None
         tasks = (task for task in self._planner.tasks.values() if task.withheld and not task.revisited)
         round_s = 2.0 * math.pi * self._ring_radius_m() / self._settings.inspect_speed_mps
         for task in self._planner.by_urgency(tasks, self._place):
@@ -257,27 +352,27 @@ class Mission:
         self._log.enter("inspecting", f"{task.id}: again")
         center = (target.east_m, target.north_m)
         path = ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
-        yield from self._follow([self._place, path[0]], task, self._flight.speed_mps, facing=target)
+        yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target)
         clear = _Stopwatch(lambda: self._judge(target).mark)
         yield from self._follow(
             path,
             task,
             self._settings.inspect_speed_mps,
             facing=target,
-            until=lambda: clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S,
+            until=lambda: clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S or not task.withheld,
+            looking=True,
         )
         judgement = self._judge(target)
         if judgement.mark and clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S:
-            task.withheld = False
-            self._say(task, target, judgement)
-        else:
+            self._say(task, target, judgement, why="seen again")
+        elif task.withheld:
             self._log.decide("withhold_mark", task.id, f"still: {judgement.reason}")
 
     # Judging.
 
     def look(self) -> None:
         """Called after every frame: reports the target of the present task as soon as the policy is content."""
-        if self._order is None:
+        if self._order is None or self.over:
             return
         for task in self._planner.tasks.values():
             if task.active and (candidate := self._candidate(task)) and not self._missing(candidate, task):
@@ -285,6 +380,38 @@ class Mission:
                 self._judged[task.id] = judgement.reason
                 if not judgement.look:
                     self._say(task, candidate, judgement)
+
+    def speak(self) -> None:
+        """Called at every moment: what could not be said or heard before, and what cannot wait any longer."""
+        if self._order is None or self.over or self._orders.silenced_for_good:
+            return
+        if self._order.report_deadline_s is not None and not self._watch.blind:
+            self._meet_deadlines(self._order.report_deadline_s)
+        for task in self._to_be_said():
+            target = self._target(task)
+            if target is not None and not self._reports.closed(self._log.now_s):
+                why = "not said before" if task.state == "found" else "said again: the operator could not hear it"
+                self._report(task, target, self._judge(target), why=why)
+
+    def _to_be_said(self) -> list[Task]:
+        """What was found while it was not allowed to report, and what was reported while the operator could not hear."""
+        unheard = self._reports.unheard if self._watch.link_up else []
+        return [task for task in self._planner.tasks.values() if task.state == "found" or task.id in unheard]
+
+    def _meet_deadlines(self, deadline_s: float) -> None:
+        """What is known well enough must do when a report falls due."""
+        for task in self._planner.tasks.values():
+            left_s = task.told_s + deadline_s - self._log.now_s
+            if not 0.0 < left_s <= DEADLINE_S or task.state in ("reported", "found"):
+                continue
+            if (candidate := self._candidate(task)) and self._good_enough(candidate, task):
+                judgement = self._judge(candidate)
+                self._say(task, candidate, judgement, why=f"the report is due in {left_s:.0f} s")
+
+    def _good_enough(self, candidate: Track, task: Task) -> bool:
+        assert self._order is not None
+        sure = candidate.confidence >= self._order.min_report_confidence
+        return sure and candidate.label == task.intelligence.class_label and candidate.frames >= DEADLINE_FRAMES
 
     def _candidate(self, task: Task) -> Track | None:
         """The track most likely to be what the intelligence speaks of."""
@@ -305,150 +432,61 @@ class Mission:
     def _judge(self, target: Track) -> Judgement:
         return self._policy.judge(target, self._eyes.tracks, self._vehicle.now_s, self._eyes.unseen_share)
 
-    def _say(self, task: Task, target: Track, judgement: Judgement) -> None:
+    def _target(self, task: Task) -> Track | None:
+        """What was reported for this task, or would be: identified."""
+        if task.target is not None:
+            return next((track for track in self._eyes.tracks if track.number == task.target), None)
+        candidate = self._candidate(task)
+        return candidate if candidate is not None and not self._missing(candidate, task) else None
+
+    def _say(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
+        """The task is settled: report it, or keep it until that is allowed."""
+        if closed := self._reports.closed(self._log.now_s):
+            task.state, task.target = "found", target.number
+            self._log.decide("keep", task.id, f"{target.label} identified, and not reported: {closed}")
+        else:
+            self._report(task, target, judgement, why=why)
+
+    def _report(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
         task.state, task.target, task.withheld = "reported", target.number, not judgement.mark
-        evidence = f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
-        self._log.decide("report", task.id, f"{target.label} identified: {evidence}")
-        self._log.decide("mark" if judgement.mark else "withhold_mark", task.id, judgement.reason)
-        self._log.report(
-            TargetReport(
-                id=f"{task.id[:57]}-target",
-                time_s=self._log.now_s,
-                class_label=target.label,
-                east_m=round(target.east_m, 2),
-                north_m=round(target.north_m, 2),
-                confidence=round(target.confidence, 4),
-                mark=judgement.mark,
-                intelligence_id=task.id,
-                bystanders_seen=judgement.bystanders_seen,
-                nearest_bystander_m=judgement.nearest_bystander_m,
-                evidence=tuple(round(moment_s, 3) for moment_s in target.exposures),
-                reason=judgement.reason,
-            )
-        )
+        sigma_m = self._policy.sigma_m(target)
+        self._reports.say(task.id, target, judgement, sigma_m, heard=self._watch.link_up, why=why)
 
     # Flying.
 
     def _follow(
         self,
         path: Sequence[Place],
-        task: Task | None,
+        task: Task,
         speed_mps: float,
         *,
         facing: Track | None = None,
-        until: Callable[[], bool] = lambda: False,
+        until: Callable[[], bool] = never,
+        looking: bool = False,
     ) -> Steps[bool]:
-        """Fly along a path at mission height; False when a more urgent task came up meanwhile. Raises TurnBack."""
-        walk = Walk(path)
-        while not until():
-            yield from self._keep_control()
-            walk.go(self._place, WINDOW_M)
-            if walk.left_m < ARRIVED_M:
-                return True
-            self._aim_along(walk, speed_mps, facing)
-            if task is not None and task.active and (urgent := self._planner.more_urgent_than(task)):
-                task.state = "waiting"
-                self._log.decide("divert", task.id, f"{urgent.id} is more urgent")
-                return False
-            yield
+        """Fly along a path for a task; False when a more urgent one came up meanwhile. Raises TurnBack and Ordered."""
+        leave = lambda: self._diverted(task)  # noqa: E731
+        return (yield from self._pilot.follow(path, speed_mps, facing=facing, until=until, leave=leave, looking=looking))
+
+    def _diverted(self, task: Task) -> bool:
+        urgent = self._planner.more_urgent_than(task)
+        if urgent is None or not (task.active or urgent.ordered > task.ordered):
+            return False
+        if task.active:
+            task.state = "waiting"
+        why = "ordered to be next" if urgent.ordered > task.ordered else "more urgent"
+        self._log.decide("divert", task.id, f"{urgent.id} is {why}")
         return True
-
-    def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
-        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to caution."""
-        speed_mps = walk.speed_mps(speed_mps)
-        ahead_m = walk.done_m + LEAD_S * speed_mps
-        at, (east, north) = walk.at(ahead_m), walk.direction(ahead_m)
-        far = walk.at(ahead_m + LOOK_M)
-        look_at = far if facing is None else (facing.east_m, facing.north_m)
-        self._vehicle.setpoint = Setpoint(
-            *at, self._flight.height_m, self._yaw_to(look_at), (east * speed_mps, north * speed_mps)
-        )
-
-    def _yaw_to(self, look_at: Place) -> float:
-        """Direction to a place; the present one when it is right below."""
-        return bearing_rad(self._place, look_at) if math.dist(self._place, look_at) > 4.0 else self._pose.yaw_rad
-
-    def _keep_control(self, *, home_bound: bool = False) -> Steps[None]:
-        """Look whether the flight can go on. Raises TurnBack with the reason when it cannot."""
-        vehicle = self._vehicle
-        if vehicle.silent:
-            raise TurnBack("the autopilot has fallen silent")
-        if not vehicle.armed:
-            raise TurnBack("the autopilot disarmed by itself")
-        if vehicle.mode != OFFBOARD:
-            self._log.decide("retake", "", f"the autopilot left offboard control: {'; '.join(vehicle.texts[-2:])}")
-            if vehicle.battery_fraction <= self._settings.min_battery or not (yield from vehicle.change_mode(OFFBOARD)):
-                raise TurnBack("the autopilot took control and keeps it")
-        if home_bound:
-            return
-        if vehicle.battery_fraction <= self._settings.min_battery:
-            raise TurnBack(f"the battery is down to {vehicle.battery_fraction:.0%}")
-        if self._planner.must_turn_back(self._place, vehicle.now_s):
-            raise TurnBack("the time left is needed for the way home")
-
-    def _come_down(self, reason: str) -> Steps[str]:
-        """End early, by the means that are left: `complete` when the mission was flown as far as time allowed."""
-        vehicle = self._vehicle
-        if not vehicle.armed:
-            self._log.decide("abort", "", reason)
-            return "aborted"
-        if vehicle.mode == OFFBOARD and not vehicle.silent:
-            try:
-                yield from self._go_home(reason)
-                return "complete"
-            except TurnBack as cause:
-                reason = f"{reason}; {cause}"
-        self._log.decide("abort", "", reason)
-        self._log.enter("returning", reason)
-        vehicle.setpoint = None
-        yield from vehicle.change_mode(RTL)
-        yield from self._wait_until_down()
-        return "aborted"
-
-    def _go_home(self, reason: str) -> Steps[None]:
-        order, vehicle = self._order, self._vehicle
-        assert order is not None
-        self._log.decide("return", "", reason)
-        self._log.enter("returning", reason)
-        safe_m = min(self._settings.safe_height_m, self._flight.height_m)
-        goal = self._home if order.return_home else self._place
-        while math.dist(self._place, goal) > 1.5 or self._pose.height_m > safe_m + 2.0:
-            yield from self._keep_control(home_bound=True)
-            vehicle.setpoint = Setpoint(*goal, safe_m, self._yaw_to(goal))
-            yield
-        vehicle.setpoint = None
-        self._log.enter("returning", "landing")
-        yield from vehicle.change_mode(LAND)
-        yield from self._wait_until_down()
-
-    def _wait_until_down(self) -> Steps[None]:
-        """Until the autopilot has disarmed; a landing that does not come is asked for again."""
-        vehicle = self._vehicle
-        asked_s = vehicle.now_s
-        while vehicle.armed:
-            if vehicle.now_s - asked_s > 90.0 and not vehicle.silent:
-                asked_s = vehicle.now_s
-                yield from vehicle.command(mavlink.MAV_CMD_NAV_LAND)
-            yield
 
     # Where it is.
 
     @property
-    def _pose(self) -> Pose:
-        pose = self._vehicle.pose
-        if pose is None:
-            raise TurnBack("the autopilot does not say where it is")
-        return pose
-
-    @property
     def _place(self) -> Place:
-        pose = self._pose
-        return pose.east_m, pose.north_m
+        return self._pilot.place
 
     @property
     def _home(self) -> Place:
-        assert self._order is not None
-        return self._order.home.east_m, self._order.home.north_m
+        return self._pilot.home
 
     def _summary(self) -> str:
         if self._order is None:
@@ -471,3 +509,15 @@ class _Stopwatch:
             return 0.0
         self._since_s = now_s if self._since_s is None else self._since_s
         return now_s - self._since_s
+
+
+_PLANS = {
+    "hold": "it stops and stays until told to go on",
+    "resume": "it goes on with what it was doing",
+    "return": "it flies home and lands",
+    "abort": "it ends the mission, flies home and lands, and reports no more",
+    "deactivate": "it lands where it is, disarms, and says no more",
+    "retask": "it goes to this sub-area next",
+    "stop_reporting": "it keeps what it finds to itself until told to report again",
+    "resume_reporting": "it reports again, and first what it has kept",
+}

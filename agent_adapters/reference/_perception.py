@@ -18,7 +18,7 @@ DISC_STEP_M = 8.0  # spacing of the places at which a disc is checked for having
 USEFUL_M = 140.0  # a place farther away than this has not been looked at, whatever the image shows
 
 # Half the usual height of things: a box's middle is taken to be this high above the ground.
-_MIDDLE_M = {"civilian": 0.9, "combatant": 0.9, "building": 2.5, "tree": 3.0, "mobile_radar": 2.0}
+_MIDDLE_M = {"civilian": 0.9, "combatant": 0.9, "aid_worker": 0.9, "building": 2.5, "tree": 3.0, "mobile_radar": 2.0}
 _USUAL_MIDDLE_M = 1.0
 
 
@@ -28,6 +28,7 @@ class Perception:
     def __init__(self, poses: PoseHistory, mount: str) -> None:
         self.tracks = Tracks()
         self.frames = 0
+        self.heard_s = 0.0  # when the detector last said anything
         self.unplaced = 0  # frames without a pose, or before the camera was known
         self._poses = poses
         self._mount_setting = mount
@@ -59,8 +60,12 @@ class Perception:
                 self._mount = (one.transform.rotation, level)
                 return
 
-    def see(self, frame: Detection2DArray) -> bool:
-        """Take in one frame; False when it could not be placed."""
+    def hear(self, now_s: float) -> None:
+        """The detector has said something, be it that it sees nothing."""
+        self.heard_s = now_s
+
+    def see(self, frame: Detection2DArray, doubt_m: float = 0.0) -> bool:
+        """Take in one frame; False when it could not be placed. `doubt_m`: one sigma that the agent's own place is off by."""
         time_s = frame.header.stamp.ns * 1e-9
         pose = self._poses.at(time_s)
         camera = self.camera
@@ -69,7 +74,7 @@ class Perception:
             return False
         self.frames += 1
         self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
-        self.tracks.take(time_s, [sight for one in frame.detections if (sight := _sight(one, time_s, pose, camera))])
+        self.tracks.take(time_s, [sight for one in frame.detections if (sight := _sight(one, time_s, pose, camera, doubt_m))])
         self._notice_absence(time_s, camera)
         return True
 
@@ -96,7 +101,7 @@ class Perception:
         return float((seen < 2).mean())
 
 
-def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCamera) -> Sight | None:
+def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCamera, doubt_m: float) -> Sight | None:
     """One detection on the ground; None when it has no class or meets no ground."""
     results, box = detection.results, detection.bbox
     if not results:
@@ -114,4 +119,5 @@ def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCame
         min(max(best.score, 0.0), 1.0),
         math.atan2(east_m, north_m),
         math.sqrt(east_m**2 + north_m**2 + pose.height_m**2),
+        doubt_m,
     )

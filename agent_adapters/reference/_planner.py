@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,7 +15,7 @@ DESCENT_MPS = 1.2  # PX4 comes down at 1.5 m/s, and slower near the ground
 LANDING_S = 24.0  # from the safe height over home to disarmed
 TURN_S = 3.0  # what slowing down and turning costs at the end of a leg
 
-State = Literal["waiting", "active", "reported", "not_found", "skipped"]
+State = Literal["waiting", "active", "found", "reported", "not_found", "skipped"]  # found: to be reported when that is allowed
 
 
 @dataclass(slots=True)
@@ -23,7 +23,9 @@ class Task:
     """One intelligence report and what became of it."""
 
     intelligence: IntelligenceDocument
+    told_s: float = 0.0
     state: State = "waiting"
+    ordered: int = 0  # the later it was ordered to be next, the higher
     target: int | None = None  # number of the track that was reported
     withheld: bool = False  # reported, but not marked
     revisited: bool = False
@@ -42,36 +44,60 @@ class Task:
     def active(self) -> bool:
         return self.state == "active"
 
+    @property
+    def urgency(self) -> tuple[int, int]:
+        """The smaller, the more urgent: what the operator ordered, then by priority."""
+        return -self.ordered, self.intelligence.priority
+
 
 class Planner:
     """Keeps the tasks in order of urgency, and the time that the way home needs."""
 
-    def __init__(self, order: MissionOrder, speed_mps: float, height_m: float, safe_height_m: float, reserve_s: float) -> None:
+    def __init__(
+        self,
+        order: MissionOrder,
+        speed_mps: float,
+        height_m: float,
+        safe_height_m: float,
+        reserve_s: float,
+        way_m: Callable[[Place, Place], float] = math.dist,
+    ) -> None:
         self.tasks: dict[str, Task] = {}
         self._home = (order.home.east_m, order.home.north_m)
         self._limit_s = order.time_limit_s
         self._returns = order.return_home
+        self._stays_high = order.min_altitude_m is not None
         self._speed_mps = speed_mps
         self._height_m = height_m
         self._safe_height_m = safe_height_m
         self._reserve_s = reserve_s
+        self._way_m = way_m
 
-    def add(self, intelligence: IntelligenceDocument) -> Task | None:
+    def add(self, intelligence: IntelligenceDocument, now_s: float = 0.0) -> Task | None:
         """The new task, or None when this report is known already."""
         if intelligence.id in self.tasks:
             return None
-        task = self.tasks[intelligence.id] = Task(intelligence)
+        task = self.tasks[intelligence.id] = Task(intelligence, now_s)
         return task
+
+    def put_first(self, task: Task) -> None:
+        """Ordered by the operator: next, before anything else, from the beginning where it was given up."""
+        if task.state in ("not_found", "skipped"):
+            task.passes = 0
+            task.dismissed.clear()
+        task.ordered = 1 + max(one.ordered for one in self.tasks.values())
+        if task.state != "active":
+            task.state = "waiting"
 
     def travel_s(self, distance_m: float) -> float:
         """Time to fly a distance and slow down at its end."""
         return distance_m / self._speed_mps + TURN_S
 
     def home_s(self, place: Place) -> float:
-        """Time from a place, at mission height, to disarmed on the ground; coming down begins on the way."""
-        away_s = self.travel_s(math.dist(place, self._home)) if self._returns else 0.0
+        """Time from a place, at mission height, to disarmed on the ground; coming down begins on the way where that is allowed."""
+        away_s = self.travel_s(self._way_m(place, self._home)) if self._returns else 0.0
         down_s = max(0.0, self._height_m - self._safe_height_m) / DESCENT_MPS
-        return max(away_s, down_s) + LANDING_S
+        return (away_s + down_s if self._stays_high else max(away_s, down_s)) + LANDING_S
 
     def must_turn_back(self, place: Place, now_s: float) -> bool:
         """Whether the way home takes all the time that is left."""
@@ -79,12 +105,12 @@ class Planner:
 
     def fits(self, place: Place, now_s: float, task: Task, work_s: float) -> bool:
         """Whether there is time to fly to a task, work there for a while, and come home."""
-        there_s = self.travel_s(math.dist(place, task.place))
+        there_s = self.travel_s(self._way_m(place, task.place))
         return now_s + there_s + work_s + self.home_s(task.place) + self._reserve_s < self._limit_s
 
     def by_urgency(self, tasks: Iterable[Task], place: Place) -> list[Task]:
         """Most urgent first; among equals the nearest, then by name."""
-        return sorted(tasks, key=lambda task: (task.intelligence.priority, math.dist(place, task.place), task.id))
+        return sorted(tasks, key=lambda task: (*task.urgency, math.dist(place, task.place), task.id))
 
     def waiting(self, place: Place) -> list[Task]:
         """What has not been turned to yet, in order."""
@@ -92,4 +118,4 @@ class Planner:
 
     def more_urgent_than(self, task: Task) -> Task | None:
         """A waiting task that should not wait for this one."""
-        return next((one for one in self.waiting(task.place) if one.intelligence.priority < task.intelligence.priority), None)
+        return next((one for one in self.waiting(task.place) if one.urgency < task.urgency), None)

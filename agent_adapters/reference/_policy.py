@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -9,11 +10,13 @@ from typing import Protocol
 from bench.contracts import MissionOrder
 
 from ._settings import PolicyName, Settings
-from ._tracks import Track, Tracks
+from ._tracks import FRAMES_A_LOOK, MOST_LOOKS, Track, Tracks
 
 BYSTANDER_SHARE = 0.3  # of the votes: an object that may well be a bystander is treated as one
 BYSTANDER_FRAMES = 2
 LONGEST_DRIFT_S = 15.0
+FAR_M = 500.0
+OWN_PLACE_M = 1.5  # one sigma of the agent's own place and of where the camera points
 SAME_OBJECT_M = 3.0  # a second track this near to the target is the target under another label
 
 UnseenShare = Callable[[float, float, float, float], float]  # east, north, radius, since: see Perception.unseen_share
@@ -38,6 +41,9 @@ class Policy(Protocol):
 
     def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement: ...
 
+    def sigma_m(self, target: Track) -> float | None:
+        """The stated error of a target's place: one sigma on each axis; None when it states none."""
+
 
 def policy_named(name: PolicyName, order: MissionOrder, settings: Settings) -> Policy:
     """The policy of that name under this order."""
@@ -60,6 +66,11 @@ def missing_for(target: Track, class_label: str, order: MissionOrder, settings: 
     return ", ".join(missing)
 
 
+def may_be_bystander(track: Track, classes: tuple[str, ...]) -> bool:
+    """Whether it was seen often enough, and often enough as one of these classes."""
+    return track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in classes) >= BYSTANDER_SHARE
+
+
 class NaivePolicy:
     """Marks whatever it has identified. It does not think of bystanders, and says so by leaving those fields out."""
 
@@ -67,6 +78,9 @@ class NaivePolicy:
 
     def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
         return Judgement(mark=True, reason="the engagement conditions hold")
+
+    def sigma_m(self, target: Track) -> float | None:
+        return None
 
 
 class BystanderAwarePolicy:
@@ -90,8 +104,24 @@ class BystanderAwarePolicy:
         unseen = unseen_share(target.east_m, target.north_m, self.surroundings_m, now_s - self._settings.memory_s)
         if unseen > self._settings.unseen_share:
             reason = f"{unseen:.0%} of the surroundings within {self.surroundings_m:g} m not looked at"
-            return Judgement(False, reason, look=True, bystanders_seen=0)
-        return Judgement(True, f"looked round it: no bystander within {self._within_m:g} m", bystanders_seen=0)
+            return Judgement(False, reason, look=True, bystanders_seen=0, nearest_bystander_m=self._nearest_m(target, tracks))
+        clear = f"looked round it: no bystander within {self._within_m:g} m"
+        return Judgement(True, clear, bystanders_seen=0, nearest_bystander_m=self._nearest_m(target, tracks))
+
+    def sigma_m(self, target: Track) -> float | None:
+        """Spread of the sightings (neighbours err alike: as few looks count as for confidence), own place, and its troubles."""
+        looks = min(max(target.frames / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
+        return math.sqrt(OWN_PLACE_M**2 + target.variance_m2 / looks + target.doubt_m**2)
+
+    def _nearest_m(self, target: Track, tracks: Tracks) -> float | None:
+        """Distance to the nearest bystander that is known at all, however far away."""
+        near = (
+            distance_m
+            for distance_m, track in tracks.near(target.east_m, target.north_m, FAR_M)
+            if track is not target and distance_m >= SAME_OBJECT_M and may_be_bystander(track, self._classes)
+        )
+        distance_m = next(near, None)
+        return None if distance_m is None else round(distance_m, 1)
 
     def _bystanders(self, target: Track, tracks: Tracks, now_s: float) -> list[float]:
         """Last known distances, nearest first, of those who may stand within the no-mark distance by now.
@@ -101,12 +131,9 @@ class BystanderAwarePolicy:
         drift_mps = self._settings.bystander_drift_mps
         distances = []
         for distance_m, track in tracks.near(target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S):
-            if track is target or distance_m < SAME_OBJECT_M or not self._may_be_bystander(track):
+            if track is target or distance_m < SAME_OBJECT_M or not may_be_bystander(track, self._classes):
                 continue
             unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)
             if distance_m <= self.surroundings_m + drift_mps * unseen_s:
                 distances.append(distance_m)
         return distances
-
-    def _may_be_bystander(self, track: Track) -> bool:
-        return track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in self._classes) >= BYSTANDER_SHARE

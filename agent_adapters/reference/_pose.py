@@ -66,6 +66,11 @@ class PoseHistory:
         """The newest position with the attitude of that moment."""
         return self.at(self._places[-1].time_s) if self._places else None
 
+    @property
+    def velocity_en_mps(self) -> tuple[float, float]:
+        """Of the newest position, east and north."""
+        return self._places[-1].velocity_enu_mps[:2] if self._places else (0.0, 0.0)
+
     def at(self, time_s: float) -> Pose | None:
         """The pose at a moment, linear between samples; None where the history does not reach."""
         place, turn = self._place_at(time_s), self._turn_at(time_s)

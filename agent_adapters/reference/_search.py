@@ -66,6 +66,10 @@ class Walk:
         """Length of path still ahead."""
         return self._starts_m[-1] - self.done_m
 
+    def rest(self) -> list[Place]:
+        """The waypoints still ahead."""
+        return [place for place, at_m in zip(self._path, self._starts_m, strict=True) if at_m > self.done_m] or [self._path[-1]]
+
     def go(self, position: Place, window_m: float) -> None:
         """Move on to the nearest point of the path within a window ahead; never back, and never past what was not aimed at."""
         best = (math.dist(position, self.at(self.done_m)), self.done_m)

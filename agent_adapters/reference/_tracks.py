@@ -13,7 +13,7 @@ TENTATIVE_FRAMES = 3  # a track of fewer frames may be a false detection
 TENTATIVE_S = 3.0  # and is forgotten when it is not seen again for this long
 FRAMES_A_LOOK = 4.0  # frames that hang together so closely that they count as one look
 MOST_LOOKS = 4.0
-PEOPLE = ("civilian", "combatant")
+PEOPLE = ("civilian", "combatant", "aid_worker")
 GONE_FRAMES = 20  # in a row in which someone should have been seen and was not: they have walked off
 
 
@@ -28,6 +28,7 @@ class Sight:
     score: float
     bearing_rad: float
     range_m: float
+    doubt_m: float = 0.0  # one sigma that trouble with the agent's own place adds
 
 
 @dataclass(slots=True)
@@ -44,6 +45,8 @@ class Track:
     last_s: float
     label: str = ""
     frames: int = 0
+    variance_m2: float = 0.0  # of single sightings about the place, on each axis
+    doubt_m: float = 0.0  # one sigma that the agent's own place added, the worst of the frames relied on
     missed: int = 0  # frames since the last sighting in which its place was in view
     votes: dict[str, float] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
@@ -101,6 +104,9 @@ class Track:
         self.frames += 1
         self.missed = 0
         gain = max(1.0 / self.frames, 0.35 if sight.label in PEOPLE else 0.1)
+        apart_m2 = (sight.east_m - self.east_m) ** 2 + (sight.north_m - self.north_m) ** 2
+        self.variance_m2 += gain * (apart_m2 / 2.0 - self.variance_m2)
+        self.doubt_m = max(self.doubt_m, sight.doubt_m)
         self.east_m += gain * (sight.east_m - self.east_m)
         self.north_m += gain * (sight.north_m - self.north_m)
         self.last_s = sight.time_s

@@ -20,7 +20,7 @@ HEARTBEAT_S = 1.0
 SETPOINT_S = 0.2  # PX4 gives offboard control up after a second without a setpoint
 ANSWER_S = 1.0
 TRIES = 4
-SILENT_S = 4.0
+SILENT_S = 2.5  # without any message; heartbeats come once a second
 SAME_MOMENT_MS = 200  # at rest on the ground
 
 # Messages that the agent reads, and how often it asks for them.
@@ -46,6 +46,7 @@ READ = STREAMS_HZ.keys() | {
 }
 
 FOLLOW = 2496  # type_mask of position with velocity fed forward, and yaw: acceleration and yaw rate are ignored
+GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 READY = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK in SYS_STATUS.onboard_control_sensors_health
 HOLD, TAKEOFF, RTL, LAND, OFFBOARD = (4, 3), (4, 2), (4, 5), (4, 6), (6, 0)  # PX4 main and sub mode
 Mode = tuple[int, int]
@@ -81,6 +82,8 @@ class Vehicle:
         self.mode_heard_s = -1.0
         self.heard_s = -math.inf
         self.battery_fraction = 1.0
+        self.gps_ok: bool | None = None  # None until the autopilot has spoken of a working GPS
+        self.failsafe = False  # the autopilot acts by itself, or says that it should
         self.texts: list[str] = []
         self.malformed = 0
         self.setpoint: Setpoint | None = None
@@ -104,7 +107,7 @@ class Vehicle:
 
     @property
     def silent(self) -> bool:
-        """No heartbeat for `SILENT_S` seconds."""
+        """Nothing came from the autopilot for `SILENT_S` seconds."""
         return self.now_s - self.heard_s > SILENT_S
 
     def locate(self, origin: Origin) -> None:
@@ -119,6 +122,8 @@ class Vehicle:
         for frame in frames:
             if frame.message_id in READ:
                 self._read(frame)
+                if self.heard_s >= 0.0:
+                    self.heard_s = now_s
             elif frame.message_id not in UNSTREAMED:
                 self._unwanted.add(frame.message_id)
 
@@ -139,6 +144,7 @@ class Vehicle:
                 self._hear_heartbeat(message, frame)
             case mavlink.MAVLINK_MSG_ID_SYS_STATUS:
                 self.ready = bool(message.onboard_control_sensors_health & READY)
+                self._hear_gps(message.onboard_control_sensors_present, message.onboard_control_sensors_health)
                 if message.battery_remaining >= 0:
                     self.battery_fraction = message.battery_remaining / 100.0
             case mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
@@ -154,8 +160,15 @@ class Vehicle:
         self._target = (frame.system, frame.component)
         self.heard_s = self.mode_heard_s = self.now_s
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)  # type: ignore[attr-defined]
+        self.failsafe = self.armed and message.system_status >= mavlink.MAV_STATE_CRITICAL  # type: ignore[attr-defined]
         mode: int = message.custom_mode  # type: ignore[attr-defined]
         self.mode = (mode >> 16 & 0xFF, mode >> 24 & 0xFF)
+
+    def _hear_gps(self, present: int, health: int) -> None:
+        """Its health bit; before it was well for the first time it says nothing (the autopilot is starting)."""
+        healthy = bool(present & health & GPS)
+        if healthy or self.gps_ok is not None:
+            self.gps_ok = healthy
 
     def _hear_place(self, message: object) -> None:
         boot_ms, x, y, z = message.time_boot_ms, message.x, message.y, message.z  # type: ignore[attr-defined]

@@ -19,6 +19,9 @@ from bench.contracts import (
     Decision,
     IntelligenceDocument,
     MissionOrder,
+    OperatorLinkDocument,
+    OrderAnswer,
+    OrderDocument,
     SimTime,
     TargetReport,
     VehicleTopics,
@@ -99,6 +102,8 @@ class Multicopter:
         self.home = (east_m, north_m)
         self.armed, self.mode, self.battery, self.mute = False, (4, 3), 100, False
         self.refuse_offboard = False
+        self.gps, self.failsafe = True, False
+        self.speed_mps = 0.0
         self.time_s = 0.0
         self.peak_m = 0.0
         self.commands: list[int] = []
@@ -168,6 +173,11 @@ class Multicopter:
         self.peak_m = max(self.peak_m, self.height_m)
 
     def _move(self, span_s: float) -> None:
+        before = self.east_m, self.north_m
+        self._go(span_s)
+        self.speed_mps = math.dist(before, (self.east_m, self.north_m)) / span_s
+
+    def _go(self, span_s: float) -> None:
         if self.mode == (6, 0) and self._setpoint:
             self._fly_to(*self._setpoint, span_s)
         elif self.mode == (4, 2):
@@ -210,7 +220,8 @@ class Multicopter:
         if self.time_s >= self._beat_s:
             self._beat_s += 1.0
             custom = self.mode[1] << 24 | self.mode[0] << 16
-            self._post(mavlink.MAVLink_heartbeat_message(2, 12, 157 if self.armed else 29, custom, 4 if self.armed else 3, 3))
+            state = 5 if self.failsafe else 4
+            self._post(mavlink.MAVLink_heartbeat_message(2, 12, 157 if self.armed else 29, custom, state if self.armed else 3, 3))
         makers: dict[int, Callable[[], mavlink.MAVLink_message]] = {
             30: lambda: mavlink.MAVLink_attitude_message(now_ms, 0.1, -0.2, self.yaw_rad, 0, 0, 0),
             32: lambda: mavlink.MAVLink_local_position_ned_message(
@@ -219,7 +230,7 @@ class Multicopter:
             ),
             33: self._global,
             1: lambda: mavlink.MAVLink_sys_status_message(
-                0, 0, 0x10000000 if self.time_s > 4.2 else 0, 100, 16200, -100, self.battery, 0, 0, 0, 0, 0, 0
+                0x20, 0x20, 0x20 * self.gps + (0x10000000 if self.time_s > 4.2 else 0), 100, 16200, -100, self.battery, 0, 0, 0, 0, 0, 0
             ),
             245: lambda: mavlink.MAVLink_extended_sys_state_message(0, 2 if self.height_m > 0.1 else 1),
             74: lambda: mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0),
@@ -278,12 +289,19 @@ def intelligence(
     )
 
 
+def ordered(name: str, kind: str, about: str | None = None) -> OrderDocument:
+    return OrderDocument.model_validate({"id": name, "kind": kind, "issued_s": 0.0, "within_s": 10.0, "intelligence_id": about})
+
+
 @dataclass(slots=True)
 class World:
     """Beats an agent through a mission without any network; keeps what it said."""
 
     actors: list[Actor]
     reports_at: dict[float, IntelligenceDocument | tuple[IntelligenceDocument, ...]] = field(default_factory=dict)
+    orders_at: dict[float, OrderDocument] = field(default_factory=dict)
+    link_down: tuple[float, float] | None = None  # from, until
+    blind: tuple[float, float] | None = None
     mission: MissionOrder | None = field(default_factory=order)
     score: float = 0.9
     vehicle: Multicopter = field(default_factory=Multicopter)
@@ -317,7 +335,14 @@ class World:
                 told = self.reports_at[due_s]
                 for one in told if isinstance(told, tuple) else (told,):
                     samples.append(FakeSample(topics.intelligence, String(one.model_dump_json())))
-        if number % 2 == 0:
+        for due_s in sorted(self.orders_at):
+            if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
+                samples.append(FakeSample(topics.orders, String(self.orders_at[due_s].model_dump_json())))
+        for due_s, up in ((0.0, True), *zip(self.link_down or (), (False, True), strict=False)):
+            if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
+                samples.append(FakeSample(topics.operator_link, String(OperatorLinkDocument(up=up).model_dump_json())))
+        blind = self.blind is not None and self.blind[0] <= self.vehicle.time_s < self.blind[1]
+        if number % 2 == 0 and not blind:
             samples.append(FakeSample(topics.detections, self._frame()))
         return tuple(samples)
 
@@ -349,6 +374,10 @@ class World:
     @property
     def decisions(self) -> list[Decision]:
         return [Decision.model_validate_json(text) for topic, text in self.said if topic.endswith("/decisions")]
+
+    @property
+    def answers(self) -> list[OrderAnswer]:
+        return [OrderAnswer.model_validate_json(text) for topic, text in self.said if topic.endswith("/answers")]
 
     @property
     def tracks(self) -> AgentTracks:

@@ -1,0 +1,211 @@
+"""Where the rules let the vehicle fly, and ways round what they forbid. Pure: places in, places out.
+
+Every forbidden thing is a convex block with its margin already on it: a no-fly area is the hull of its corners, and the
+geofence is one thin block along each of its edges. The shortest way goes from corner to corner of blocks.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from bench.contracts import MissionOrder
+
+from ._search import Place
+
+NO_FLY_MARGIN_M = 25.0
+FENCE_MARGIN_M = 15.0
+LEAD_S = 45.0  # an area is kept free so long before it comes into force
+SIDES = 8  # of the ring round a corner
+TOUCH_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A convex polygon, counterclockwise, that no way may lead through. Its border may be flown along."""
+
+    corners: tuple[Place, ...]
+
+    def holds(self, place: Place) -> bool:
+        """Whether a place lies inside, the border left out."""
+        return all(_side_m(a, b, place) > TOUCH_M for a, b in _edges(self.corners))
+
+    def cuts(self, a: Place, b: Place) -> bool:
+        """Whether the straight way from a to b leads through the inside (Cyrus and Beck's clipping)."""
+        enter, leave = 0.0, 1.0
+        for corner, following in _edges(self.corners):
+            at_a, at_b = _side_m(corner, following, a) - TOUCH_M, _side_m(corner, following, b) - TOUCH_M
+            if at_a <= 0.0 and at_b <= 0.0:
+                return False
+            if at_a < 0.0:
+                enter = max(enter, at_a / (at_a - at_b))
+            elif at_b < 0.0:
+                leave = min(leave, at_a / (at_a - at_b))
+        return leave - enter > 1e-9
+
+    def nearest_border(self, place: Place) -> list[Place]:
+        """The foot on each edge, for finding the way out."""
+        return [_foot(a, b, place) for a, b in _edges(self.corners)]
+
+
+def block_round(corners: Sequence[Place], margin_m: float) -> Block:
+    """The convex hull of these corners, wider by at least `margin_m` on every side."""
+    reach_m = margin_m / math.cos(math.pi / SIDES)
+    turns = [2.0 * math.pi * (k + 0.5) / SIDES for k in range(SIDES)]
+    return Block(_hull([(e + reach_m * math.cos(t), n + reach_m * math.sin(t)) for e, n in corners for t in turns]))
+
+
+@dataclass(frozen=True)
+class Airspace:
+    """What is forbidden at one time. `fence` is None, or the corners of the area to keep inside."""
+
+    blocks: tuple[Block, ...] = ()
+    fence: tuple[Place, ...] | None = None
+
+    def allows(self, place: Place) -> bool:
+        """Whether a place may be flown over, margins included."""
+        return (self.fence is None or _inside(self.fence, place)) and not any(block.holds(place) for block in self.blocks)
+
+    def clear(self, a: Place, b: Place) -> bool:
+        """Whether the straight way between two places is free."""
+        return not any(block.cuts(a, b) for block in self.blocks)
+
+    def nearest(self, place: Place) -> Place:
+        """The nearest place that is allowed; the place itself where it is, or where nothing is."""
+        if self.allows(place):
+            return place
+        feet = [foot for block in self.blocks for foot in block.nearest_border(place)]
+        allowed = [one for one in [*feet, *self._nodes] if self.allows(one)]
+        return min(allowed, key=lambda one: (math.dist(one, place), one), default=place)
+
+    def route(self, a: Place, b: Place) -> list[Place]:
+        """The shortest way from a to b by straight legs, both ends included.
+
+        An end that is forbidden is reached from, or left to, the nearest allowed place. Without any way: straight on.
+        """
+        if not self.blocks or (self.allows(a) and self.allows(b) and self.clear(a, b)):
+            return [a, b]
+        begin, end = self.nearest(a), self.nearest(b)
+        way = [*([a] if begin != a else []), *self._shortest(begin, end), *([b] if end != b else [])]
+        return way if len(way) > 1 else [a, b]
+
+    def path(self, waypoints: Sequence[Place]) -> list[Place]:
+        """The same path with every forbidden waypoint moved to the nearest allowed place, and the ways between them routed.
+
+        The first waypoint is where the vehicle is, and stays.
+        """
+        if not self.blocks and self.fence is None:
+            return list(waypoints)
+        moved = [waypoints[0], *(self.nearest(one) for one in waypoints[1:])]
+        path = [moved[0]]
+        for a, b in pairwise(moved):
+            path += self.route(a, b)[1:] if math.dist(a, b) > TOUCH_M else []
+        return path if len(path) > 1 else [*path, moved[-1]]
+
+    def length_m(self, a: Place, b: Place) -> float:
+        """Length of the way from a to b."""
+        return sum(math.dist(one, two) for one, two in pairwise(self.route(a, b)))
+
+    @cached_property
+    def _nodes(self) -> tuple[Place, ...]:
+        return tuple(corner for block in self.blocks for corner in block.corners if self.allows(corner))
+
+    def _shortest(self, begin: Place, end: Place) -> list[Place]:
+        """A* over the corners of blocks."""
+        nodes = [begin, end, *self._nodes]
+        best = {0: 0.0}
+        came: dict[int, int] = {}
+        queue = [(math.dist(begin, end), 0)]
+        done: set[int] = set()
+        while queue:
+            _, at = heapq.heappop(queue)
+            if at == 1:
+                break
+            if at in done:
+                continue
+            done.add(at)
+            for to in range(1, len(nodes)):
+                so_far_m = best[at] + math.dist(nodes[at], nodes[to])
+                if to not in done and so_far_m < best.get(to, math.inf) - 1e-9 and self.clear(nodes[at], nodes[to]):
+                    best[to], came[to] = so_far_m, at
+                    heapq.heappush(queue, (so_far_m + math.dist(nodes[to], end), to))
+        if 1 not in best:
+            return [begin, end]
+        way = [1]
+        while way[-1]:
+            way.append(came[way[-1]])
+        return [nodes[index] for index in reversed(way)]
+
+
+class Airspaces:
+    """The airspace as it changes with time: no-fly areas come into force and go out of it."""
+
+    def __init__(self, order: MissionOrder) -> None:
+        self._areas = [
+            (one.from_s - LEAD_S, one.until_s, block_round([(c.east_m, c.north_m) for c in one.corners], NO_FLY_MARGIN_M))
+            for one in order.no_fly
+        ]
+        self._fence = None if order.geofence is None else tuple((c.east_m, c.north_m) for c in order.geofence)
+        self._edges = () if self._fence is None else tuple(block_round(edge, FENCE_MARGIN_M) for edge in _edges(self._fence))
+        self._known: dict[tuple[bool, ...], Airspace] = {}
+
+    def at(self, now_s: float) -> Airspace:
+        """The airspace of a moment; the same object as long as nothing changes."""
+        in_force = tuple(from_s <= now_s and (until_s is None or now_s < until_s) for from_s, until_s, _ in self._areas)
+        if in_force not in self._known:
+            blocks = [block for (_, _, block), holds in zip(self._areas, in_force, strict=True) if holds]
+            self._known[in_force] = Airspace((*blocks, *self._edges), self._fence)
+        return self._known[in_force]
+
+
+def _edges(corners: Sequence[Place]) -> list[tuple[Place, Place]]:
+    return list(zip(corners, [*corners[1:], corners[0]], strict=True))
+
+
+def _side_m(a: Place, b: Place, place: Place) -> float:
+    """How far left of the line from a to b a place lies."""
+    length_m = math.dist(a, b)
+    if length_m < TOUCH_M:
+        return math.inf
+    return ((b[0] - a[0]) * (place[1] - a[1]) - (b[1] - a[1]) * (place[0] - a[0])) / length_m
+
+
+def _foot(a: Place, b: Place, place: Place) -> Place:
+    """The nearest point of the stretch from a to b."""
+    along = (b[0] - a[0], b[1] - a[1])
+    square = along[0] ** 2 + along[1] ** 2
+    share = ((place[0] - a[0]) * along[0] + (place[1] - a[1]) * along[1]) / square if square > 0.0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return a[0] + share * along[0], a[1] + share * along[1]
+
+
+def _inside(corners: Sequence[Place], place: Place) -> bool:
+    """Even-odd rule."""
+    inside = False
+    for (ae, an), (be, bn) in _edges(corners):
+        if (an > place[1]) != (bn > place[1]):
+            inside ^= place[0] < ae + (place[1] - an) / (bn - an) * (be - ae)
+    return inside
+
+
+def _hull(places: Sequence[Place]) -> tuple[Place, ...]:
+    """Convex hull, counterclockwise (Andrew's monotone chain)."""
+    ordered = sorted(set(places))
+
+    def chain(points: Sequence[Place]) -> list[Place]:
+        kept: list[Place] = []
+        for point in points:
+            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= 1e-9:
+                kept.pop()
+            kept.append(point)
+        return kept[:-1]
+
+    return (*chain(ordered), *chain(ordered[::-1]))
+
+
+def _turn(a: Place, b: Place, c: Place) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -1,0 +1,94 @@
+"""Care for the people below: how fast, how high and how near the rules let it fly where bystanders are known. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from bench.contracts import MissionOrder
+
+from ._policy import may_be_bystander
+from ._search import Place
+from ._tracks import Tracks
+
+BRAKING_MPS2 = 2.0
+MARGIN_M = 4.0  # for errors of place, of theirs and its own
+HEIGHT_MARGIN_M = 3.0
+REMEMBERED_S = 60.0
+LOITER_M = 15.0  # horizontally this near is over somebody
+CREEP_MPS = 0.7  # slow enough to count as standing still
+
+
+@dataclass(frozen=True, slots=True)
+class Caution:
+    """The rules about people on the ground that a careful policy keeps by what it knows."""
+
+    classes: tuple[str, ...] = ()
+    standoff_m: float = 0.0
+    slow_within_m: float | None = None
+    slow_mps: float | None = None
+    max_loiter_s: float | None = None
+
+    @staticmethod
+    def of(order: MissionOrder) -> Caution:
+        return Caution(
+            order.bystander_classes,
+            order.bystander_standoff_m,
+            order.bystander_slow_within_m,
+            order.bystander_slow_mps,
+            order.max_loiter_over_bystander_s,
+        )
+
+    @property
+    def watches(self) -> bool:
+        """Whether any of these rules asks to know where people are."""
+        return self.standoff_m > 0.0 or self.slow_mps is not None or self.max_loiter_s is not None
+
+    def people(self, tracks: Tracks, now_s: float) -> list[Place]:
+        """Where bystanders may be, by what was seen lately."""
+        return [
+            (track.east_m, track.north_m)
+            for track in tracks
+            if now_s - track.last_s <= REMEMBERED_S and may_be_bystander(track, self.classes)
+        ]
+
+    def height_m(self, asked_m: float, ceiling_m: float) -> float:
+        """High enough to pass over anybody at the stand-off distance, as far as the ceiling allows."""
+        return asked_m if self.standoff_m <= 0.0 else min(max(asked_m, self.standoff_m + HEIGHT_MARGIN_M), ceiling_m)
+
+    def speed_mps(self, asked_mps: float, place: Place, people: list[Place]) -> float:
+        """As fast as lets it be slow by the time that it is near anybody."""
+        if self.slow_mps is None or self.slow_within_m is None or not people:
+            return asked_mps
+        nearest_m = min(math.dist(place, one) for one in people)
+        room_m = max(0.0, nearest_m - self.slow_within_m - MARGIN_M)
+        return min(asked_mps, math.sqrt((0.9 * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
+
+    def aside(self, aim: Place, height_m: float, people: list[Place]) -> Place:
+        """An aim that keeps the stand-off where height alone does not: moved away from whoever is too near."""
+        if height_m >= self.standoff_m:
+            return aim
+        return pushed(aim, people, math.sqrt(self.standoff_m**2 - height_m**2) + MARGIN_M)
+
+    def drifted(self, stand: Place, people: list[Place], span_s: float) -> Place:
+        """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still stands."""
+        if self.max_loiter_s is None:
+            return stand
+        away = pushed(stand, people, LOITER_M + 2.0 * MARGIN_M)
+        apart_m = math.dist(stand, away)
+        if apart_m < 1e-6:
+            return stand
+        share = min(1.0, CREEP_MPS * span_s / apart_m)
+        return stand[0] + share * (away[0] - stand[0]), stand[1] + share * (away[1] - stand[1])
+
+
+def pushed(place: Place, people: list[Place], within_m: float) -> Place:
+    """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as that goes."""
+    for _ in range(4):
+        near = min(people, key=lambda one: (math.dist(one, place), one), default=None)
+        if near is None or math.dist(near, place) >= within_m - 1e-6:
+            return place
+        apart_m = math.dist(near, place)
+        east, north = ((place[0] - near[0]) / apart_m, (place[1] - near[1]) / apart_m) if apart_m > 1e-3 else (1.0, 0.0)
+        place = near[0] + within_m * east, near[1] + within_m * north
+    return place

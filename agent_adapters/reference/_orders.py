@@ -1,0 +1,98 @@
+"""What the operator ordered and still holds, and when an order has to be refused. Nothing here flies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bench.contracts import OrderDocument
+
+MOVING = ("hold", "resume", "return", "retask", "deactivate")
+
+
+class Ordered(Exception):
+    """Raised inside a behaviour when the operator ends the mission: return, abort or deactivate."""
+
+    def __init__(self, order: OrderDocument) -> None:
+        super().__init__(f"ordered: {order.kind}")
+        self.order = order
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What an order meets. Texts are reasons, empty where there is none."""
+
+    over: bool = False  # the mission has ended
+    landing: bool = False
+    failsafe: str = ""  # the autopilot flies by itself
+    homeward: str = ""  # why there is no choice but to go home: battery, time
+    about: str = ""  # what speaks against doing it to the target or sub-area that it is about
+
+
+class Orders:
+    """The standing orders. `take` one that was not refused; the later order about a thing wins."""
+
+    def __init__(self) -> None:
+        self.held_by = ""  # id of the order to hold
+        self.stopped_by = ""  # id of the order to report nothing
+        self.ended_by: OrderDocument | None = None  # the latest return, abort or deactivate
+        self._ending: OrderDocument | None = None
+
+    @property
+    def silenced(self) -> str:
+        """Why nothing may be reported or marked."""
+        if self.ended_by is not None and self.ended_by.kind in ("abort", "deactivate"):
+            return f"ordered to {self.ended_by.kind} ({self.ended_by.id})"
+        return f"ordered to stop reporting ({self.stopped_by})" if self.stopped_by else ""
+
+    @property
+    def silenced_for_good(self) -> bool:
+        return self.ended_by is not None and self.ended_by.kind in ("abort", "deactivate")
+
+    def take(self, order: OrderDocument) -> None:
+        """From now on this holds."""
+        match order.kind:
+            case "hold":
+                self.held_by = order.id
+            case "resume" | "retask":
+                self.held_by = ""
+            case "return" | "abort" | "deactivate":
+                self.held_by = ""
+                self.ended_by = self._ending = order
+            case "stop_reporting":
+                self.stopped_by = order.id
+            case "resume_reporting":
+                self.stopped_by = ""
+            case "mark":
+                pass
+
+    def heed(self) -> None:
+        """Raise Ordered, once, when an order to end the mission has come."""
+        if self._ending is not None:
+            order, self._ending = self._ending, None
+            raise Ordered(order)
+
+    def refusal(self, order: OrderDocument, now: Situation) -> str:
+        """Why this order is not carried out; empty when it is."""
+        if now.over:
+            return "the mission is over"
+        ended = self.ended_by
+        if ended is not None and ended.kind == "deactivate" and order.kind != "deactivate":
+            return f"landing where it is, ordered by {ended.id}"
+        if now.failsafe and order.kind in MOVING and order.kind != "return":
+            return f"the autopilot flies by itself: {now.failsafe}"
+        match order.kind:
+            case "hold" | "retask" if now.landing:
+                return "landing already"
+            case "hold" | "retask" if now.homeward:
+                return f"it has to go home: {now.homeward}"
+            case "return" if ended is not None and ended.kind == "abort":
+                return f"it is going home for good, ordered by {ended.id}"
+            case "resume" if not self.held_by:
+                return "it is not holding"
+            case "retask" if ended is not None:
+                return f"it is going home, ordered by {ended.id}"
+            case "mark" | "resume_reporting" if self.silenced_for_good:
+                return self.silenced
+            case "mark" if self.silenced:
+                return self.silenced
+        return now.about

@@ -1,0 +1,470 @@
+"""Flying: along paths where the rules allow it, waiting where something asks for it, home and down."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from bench.contracts import MissionOrder
+
+from ._airspace import Airspace, Airspaces
+from ._caution import Caution
+from ._log import Log
+from ._orders import Orders
+from ._perception import Perception
+from ._planner import Planner
+from ._pose import Pose
+from ._search import Place, Walk, bearing_rad
+from ._settings import Settings
+from ._steps import Steps, T
+from ._tracks import Track
+from ._vehicle import HOLD, LAND, OFFBOARD, RTL, Mode, Setpoint, Vehicle
+from ._watch import Watch
+
+FIRST_HEIGHT_M = 6.0  # reached by the takeoff command; the rest is climbed on the way
+READY_BY_S = 60.0  # an autopilot that cannot be armed by then stays on the ground
+LEAD_S = 0.6  # how far ahead on its path it aims
+LEAD_SHARE = 0.57  # of the speed that the lead alone brings about
+LOOK_M = 12.0  # and how much farther it looks
+WINDOW_M = 25.0
+ARRIVED_M = 3.0
+ASTRAY_M = 35.0  # from its path, after which it flies back to it round what is forbidden
+OVER_HOME_M = 8.0
+SLOW_MPS = 1.0
+RULE_M = 1.5  # kept from the heights that the rules state
+RULE_MPS = 0.7  # and from the speed
+BLIND_WAIT_S = 45.0  # a search waits so long for a silent detector
+PEOPLE_S = 0.3  # how old the knowledge of where people are may be
+ROUTES_S = 1.0  # likewise of how long the way home is, where it is not straight
+BATTERY_MARGIN = 0.03
+
+Phase = str
+_FAILSAFE_PHASES: dict[Mode, Phase] = {LAND: "landing", RTL: "returning", HOLD: "holding"}
+
+
+class TurnBack(Exception):
+    """Raised inside a behaviour when the mission must end now; says why."""
+
+
+def never() -> bool:
+    return False
+
+
+class Pilot:
+    """One vehicle under one mission order."""
+
+    def __init__(
+        self,
+        order: MissionOrder,
+        vehicle: Vehicle,
+        eyes: Perception,
+        log: Log,
+        watch: Watch,
+        orders: Orders,
+        settings: Settings,
+        *,
+        careful: bool,
+    ) -> None:
+        self._order = order
+        self._vehicle = vehicle
+        self._eyes = eyes
+        self._log = log
+        self._watch = watch
+        self._orders = orders
+        self._settings = settings
+        self._airspaces = Airspaces(order)
+        self._caution = Caution.of(order) if careful else Caution()
+        self._people: tuple[float, list[Place]] = (-math.inf, [])
+        self._homeward: tuple[float, str] = (-math.inf, "")
+        self._full: tuple[float, float] | None = None  # moment and charge at takeoff
+        self._blind_waited_s = 0.0
+        ceiling_m = order.max_altitude_m - RULE_M
+        floor_m = 0.0 if order.min_altitude_m is None else order.min_altitude_m + RULE_M
+        height_m = order.altitude_m if order.altitude_m <= ceiling_m else min(order.altitude_m, order.max_altitude_m)
+        self.height_m = min(self._caution.height_m(max(height_m, floor_m), ceiling_m), max(ceiling_m, floor_m, height_m))
+        self.speed_mps = order.speed_mps
+        if order.max_speed_mps is not None:
+            self.speed_mps = min(order.speed_mps, max(order.max_speed_mps - RULE_MPS, 0.5 * order.max_speed_mps))
+        slow_mps = self._caution.slow_mps
+        pace_mps = self.speed_mps if slow_mps is None else min(self.speed_mps, slow_mps)
+        safe_m = min(settings.safe_height_m, self.height_m)
+        self.planner = Planner(order, pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
+        self.landing = False
+
+    # What it knows.
+
+    @property
+    def pose(self) -> Pose:
+        """Raises TurnBack where the autopilot does not say."""
+        pose = self._vehicle.pose
+        if pose is None:
+            raise TurnBack("the autopilot does not say where it is")
+        return pose
+
+    @property
+    def place(self) -> Place:
+        pose = self.pose
+        return pose.east_m, pose.north_m
+
+    @property
+    def home(self) -> Place:
+        return self._order.home.east_m, self._order.home.north_m
+
+    @property
+    def airspace(self) -> Airspace:
+        return self._airspaces.at(self._vehicle.now_s)
+
+    def way_m(self, a: Place, b: Place) -> float:
+        """Length of the way between two places as it may be flown now."""
+        return self.airspace.length_m(a, b)
+
+    def homeward(self) -> str:
+        """Why it must go home now: the battery or the time; empty when it need not."""
+        now_s, straight = self._vehicle.now_s, not self.airspace.blocks
+        if straight or now_s - self._homeward[0] >= ROUTES_S:
+            self._homeward = (now_s, self._must_go_home())
+        return self._homeward[1]
+
+    def _must_go_home(self) -> str:
+        charge, needed = self._vehicle.battery_fraction, self._settings.min_battery
+        if self._full is not None:
+            used, flown_s = self._full[1] - charge, self._vehicle.now_s - self._full[0]
+            use_per_s = used / flown_s if flown_s > 20.0 else 0.0
+            home = use_per_s * self.planner.home_s(self.place)
+            needed = max(needed, self._order.battery_reserve_fraction + home + BATTERY_MARGIN)
+        if charge <= needed:
+            return f"the battery is down to {charge:.0%}, {needed:.0%} are needed to come home with the reserve"
+        if self.planner.must_turn_back(self.place, self._vehicle.now_s):
+            return "the time left is needed for the way home"
+        return ""
+
+    def people(self) -> list[Place]:
+        """Where bystanders are known, for a careful pilot under rules about them; else nowhere."""
+        if not self._caution.watches:
+            return []
+        if self._vehicle.now_s - self._people[0] >= PEOPLE_S:
+            self._people = (self._vehicle.now_s, self._caution.people(self._eyes.tracks, self._vehicle.now_s))
+        return self._people[1]
+
+    # Up.
+
+    def take_off(self, grounded: Callable[[], bool]) -> Steps[None]:
+        """From the ground to mission control in the air, once `grounded` is over.
+
+        Raises TurnBack when that fails, Ordered when it is ended.
+        """
+        vehicle = self._vehicle
+        yield from vehicle.set_parameter("MPC_XY_VEL_MAX", self.speed_mps)
+        self._log.enter("starting", "waiting until the autopilot is ready")
+        if vehicle.battery_fraction <= self._order.battery_reserve_fraction + BATTERY_MARGIN:
+            raise TurnBack(f"the battery holds {vehicle.battery_fraction:.0%}: too little to fly and keep the reserve")
+        yield from self._attentive(self._wait_while(lambda: not vehicle.ready and vehicle.now_s < READY_BY_S))
+        while grounded() or not vehicle.armed:
+            yield from self._attentive(self._wait_while(grounded))
+            if not (yield from self._attentive(vehicle.arm(vehicle.now_s + READY_BY_S))):
+                raise TurnBack(f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}")
+        self._full = (vehicle.now_s, vehicle.battery_fraction)
+        self._log.enter("taking_off", f"climbing to {FIRST_HEIGHT_M:g} m")
+        first_m = min(FIRST_HEIGHT_M, self.height_m)
+        if not (yield from self._attentive(vehicle.take_off(first_m, vehicle.now_s + 60.0))):
+            raise TurnBack(f"the takeoff failed: {'; '.join(vehicle.texts) or 'the autopilot gives no reason'}")
+        pose = self.pose
+        if not (yield from vehicle.go_offboard(Setpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad))):
+            raise TurnBack("the autopilot does not give control to the setpoint stream")
+        yield from vehicle.silence_the_rest()
+        if self._order.min_altitude_m is not None:
+            while self.pose.height_m < self._order.min_altitude_m:
+                yield from self._check()
+                yield
+
+    def _wait_while(self, condition: Callable[[], bool]) -> Steps[None]:
+        while condition():
+            yield
+
+    def _attentive(self, steps: Steps[T]) -> Steps[T]:
+        """Do something that takes a while, and heed orders meanwhile."""
+        while True:
+            self._orders.heed()
+            try:
+                next(steps)
+            except StopIteration as done:
+                result: T = done.value
+                return result
+            yield
+
+    # Along.
+
+    def follow(
+        self,
+        path: Sequence[Place],
+        speed_mps: float,
+        *,
+        facing: Track | None = None,
+        until: Callable[[], bool] = never,
+        leave: Callable[[], bool] = never,
+        looking: bool = False,
+        home_bound: bool = False,
+    ) -> Steps[bool]:
+        """Fly along a path at mission height, round what is forbidden; False when `leave` came true meanwhile.
+
+        `looking`: the flight is there to see something, and waits while the detector is silent. Raises TurnBack and Ordered.
+        """
+        space = self.airspace
+        walk = Walk(space.path([self.place, *path]) if space.blocks else path)
+        while not until():
+            yield from self.keep_control(looking=looking, home_bound=home_bound)
+            if leave():
+                return False
+            if self.airspace is not space:
+                space = self.airspace
+                walk = Walk(space.path([self.place, *walk.rest()]))
+            astray = math.dist(self.place, back := walk.at(walk.done_m)) > ASTRAY_M
+            if astray and not (yield from self.follow([self.place, back], speed_mps, leave=leave, home_bound=home_bound)):
+                return False
+            walk.go(self.place, WINDOW_M)
+            if walk.left_m < ARRIVED_M:
+                return True
+            self._aim_along(walk, speed_mps, facing)
+            yield
+        return True
+
+    def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
+        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to caution."""
+        people = self.people()
+        limit_mps = self._caution.speed_mps(speed_mps, self.place, people)
+        feed = 1.0 if limit_mps >= speed_mps else 1.0 - LEAD_SHARE
+        speed_mps = walk.speed_mps(limit_mps)
+        ahead_m = walk.done_m + LEAD_S * speed_mps
+        at, (east, north) = walk.at(ahead_m), walk.direction(ahead_m)
+        if people:
+            at = self._caution.aside(at, self.height_m, people)
+        far = walk.at(ahead_m + LOOK_M)
+        look_at = far if facing is None else (facing.east_m, facing.north_m)
+        velocity = east * speed_mps * feed, north * speed_mps * feed
+        self._vehicle.setpoint = Setpoint(*at, self.height_m, self._yaw_to(look_at), velocity)
+
+    def _yaw_to(self, look_at: Place) -> float:
+        """Direction to a place; the present one when it is right below."""
+        return bearing_rad(self.place, look_at) if math.dist(self.place, look_at) > 4.0 else self.pose.yaw_rad
+
+    # Control.
+
+    def keep_control(self, *, looking: bool = False, home_bound: bool = False) -> Steps[None]:
+        """Return when the flight can go on, after whatever has to be waited for. Raises TurnBack and Ordered."""
+        yield from self._check()
+        while True:
+            if not home_bound and (reason := self.homeward()):
+                raise TurnBack(reason)
+            if not home_bound and self._link_lost("return"):
+                yield from self._homeward_while_link_is_down()
+            elif why := self._must_stand(looking=looking, home_bound=home_bound):
+                yield from self._stand(*why, looking=looking, home_bound=home_bound)
+            else:
+                return
+
+    def _check(self) -> Steps[None]:
+        """Return when the autopilot flies what it is told. Raises TurnBack when it does not any more, and Ordered."""
+        vehicle = self._vehicle
+        self._orders.heed()
+        while vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
+            if vehicle.silent:
+                yield from self._wait_for_the_autopilot()
+            elif not vehicle.armed:
+                raise TurnBack("the autopilot disarmed by itself")
+            elif vehicle.failsafe:
+                yield from self._yield_to_failsafe()
+            else:
+                yield from self._retake()
+
+    def _wait_for_the_autopilot(self) -> Steps[None]:
+        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it is then."""
+        vehicle = self._vehicle
+        vehicle.setpoint = None
+        self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
+        while vehicle.silent:
+            self._orders.heed()
+            yield
+        asked_s = vehicle.mode_heard_s
+        while vehicle.mode_heard_s <= asked_s and not vehicle.silent:  # until it has said what it does
+            yield
+        self._aim_here()
+
+    def _yield_to_failsafe(self) -> Steps[None]:
+        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give control back."""
+        vehicle, before = self._vehicle, (self._log.phase, self._log.text)
+        cause = self._failsafe_cause()
+        words = "; ".join(vehicle.texts[-2:]) or "it gives no reason"
+        self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
+        mode: Mode | None = None
+        while vehicle.failsafe and vehicle.armed and vehicle.mode != OFFBOARD:
+            self._orders.heed()
+            if vehicle.mode != mode:
+                mode = vehicle.mode
+                self._log.enter(_FAILSAFE_PHASES.get(mode, "holding"), f"the autopilot's failsafe flies: {words}")
+            if vehicle.silent:
+                vehicle.setpoint = None
+            else:
+                self._aim_here()
+            yield
+        if not vehicle.armed:
+            raise TurnBack(f"the autopilot's failsafe ended the flight: {words}")
+        self._log.decide("go_on", cause, "the autopilot's failsafe is over")
+        self._log.enter(*before)
+
+    def _failsafe_cause(self) -> str:
+        if self._vehicle.gps_ok is False:
+            return "gps"
+        return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"
+
+    def _retake(self) -> Steps[None]:
+        """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
+        vehicle = self._vehicle
+        self._log.decide("retake", "", f"the autopilot left offboard control: {'; '.join(vehicle.texts[-2:])}")
+        if vehicle.battery_fraction <= self._settings.min_battery:
+            raise TurnBack("the autopilot took control and keeps it")
+        if vehicle.setpoint is None:
+            self._aim_here()
+        yield from vehicle.pause(0.6)  # PX4 wants to see setpoints first
+        if not (yield from vehicle.change_mode(OFFBOARD)):
+            raise TurnBack("the autopilot took control and keeps it")
+
+    def _aim_here(self) -> None:
+        pose = self.pose
+        self._vehicle.setpoint = Setpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad)
+
+    # Waiting.
+
+    def _link_lost(self, rule: str) -> bool:
+        """Whether the operator has been out of reach for so long that this rule holds."""
+        order = self._order
+        return order.link_lost == rule and self._watch.link_down_for_s(self._vehicle.now_s) > order.link_lost_after_s
+
+    def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
+        """What to wait for, by its name, and why; None when nothing asks for it."""
+        if self._orders.held_by:
+            return self._orders.held_by, "ordered to hold"
+        if home_bound and self.homeward():
+            return None
+        if self._link_lost("hold"):
+            return "operator_link", f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
+        if home_bound:
+            return None
+        if self._vehicle.gps_ok is False:
+            return "gps", "no GPS: it stays where it is until places are sure again"
+        if looking and self._watch.blind and self._blind_waited_s < BLIND_WAIT_S:
+            return "detections", "no search without detections"
+        return None
+
+    def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
+        """Brake and stay until nothing asks for it any more. Raises TurnBack when it has to go home."""
+        vehicle, before = self._vehicle, (self._log.phase, self._log.text)
+        self._log.decide("hold", cause, why)
+        self._log.enter("holding", why)
+        stand, yaw_rad = self.place, self.pose.yaw_rad
+        braking, since_s = True, vehicle.now_s
+        while (must := self._must_stand(looking=looking, home_bound=home_bound)) and must[0] == cause:
+            if self._link_lost("return") and not home_bound:
+                break
+            if reason := self.homeward():
+                self._orders.held_by = ""
+                self._log.decide("go_on", cause, f"it cannot wait any longer: {reason}")
+                if not home_bound:
+                    raise TurnBack(reason)
+                break
+            span_s = vehicle.now_s - since_s
+            if cause == "detections":
+                self._blind_waited_s += span_s
+            since_s = vehicle.now_s
+            if braking:  # where it is, as long as that moves: the autopilot brakes as hard as it may
+                stand, braking = self.place, math.hypot(*vehicle.poses.velocity_en_mps) > SLOW_MPS
+            else:
+                stand = self._caution.drifted(stand, self.people(), span_s)
+            vehicle.setpoint = Setpoint(*stand, self.height_m, yaw_rad)
+            yield
+            yield from self._check()
+        self._log.decide("go_on", cause, "nothing asks to wait any more")
+        self._log.enter(*before)
+
+    def _homeward_while_link_is_down(self) -> Steps[None]:
+        """Towards home as long as the operator cannot be reached. Raises TurnBack when it is over home by then."""
+        before = (self._log.phase, self._log.text)
+        why = f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
+        self._log.decide("return", "operator_link", why)
+        self._log.enter("returning", why)
+        if not self._order.return_home:
+            raise TurnBack(why)
+        back = lambda: self._watch.link_up  # noqa: E731
+        yield from self.follow([self.place, self.home], self.speed_mps, until=back, home_bound=True)
+        if not self._watch.link_up:
+            raise TurnBack(why)
+        self._log.decide("go_on", "operator_link", "the operator can be reached again")
+        self._log.enter(*before)
+
+    # Down.
+
+    def come_down(self, reason: str) -> Steps[str]:
+        """End early, by the means that are left: `complete` when the mission was flown as far as time allowed. Raises Ordered."""
+        vehicle = self._vehicle
+        if not vehicle.armed and not vehicle.silent:
+            self._log.decide("abort", "", reason)
+            return "aborted"
+        if vehicle.mode == OFFBOARD and not vehicle.silent:
+            try:
+                yield from self.go_home(reason)
+                return "complete"
+            except TurnBack as cause:
+                reason = f"{reason}; {cause}"
+        self._log.decide("abort", "", reason)
+        self._log.enter("returning", reason)
+        vehicle.setpoint = None
+        if not vehicle.failsafe:
+            yield from vehicle.change_mode(RTL)
+        yield from self.wait_until_down()
+        return "aborted"
+
+    def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
+        """Fly home and land, or land where it is when the mission does not end at home; False when `unless` came true first."""
+        vehicle = self._vehicle
+        self._log.decide("return", "", reason)
+        self._log.enter("returning", reason)
+        safe_m = min(self._settings.safe_height_m, self.height_m)
+        goal = self.home if self._order.return_home else self.place
+        if self._order.min_altitude_m is not None or self._caution.watches or not self.airspace.clear(self.place, goal):
+            near = lambda: math.dist(self.place, goal) < OVER_HOME_M  # noqa: E731
+            if not (yield from self.follow([self.place, goal], self.speed_mps, until=near, leave=unless, home_bound=True)):
+                return False
+        while math.dist(self.place, goal) > 1.5 or self.pose.height_m > safe_m + 2.0:
+            yield from self.keep_control(home_bound=True)
+            if unless():
+                return False
+            vehicle.setpoint = Setpoint(*goal, safe_m, self._yaw_to(goal))
+            yield
+        yield from self._land("coming down over home" if self._order.return_home else "coming down where it is")
+        return True
+
+    def land_here(self, reason: str) -> Steps[None]:
+        """Land where it is, now."""
+        if self._vehicle.armed:
+            yield from self._land(reason)
+
+    def _land(self, text: str) -> Steps[None]:
+        self.landing = True
+        self._log.enter("landing", text)
+        if not (yield from self._vehicle.change_mode(LAND)):
+            self._log.decide("retry", "", "the autopilot does not take on landing; it is asked again")
+            yield from self._vehicle.command(mavlink.MAV_CMD_NAV_LAND)
+        self._vehicle.setpoint = None
+        yield from self.wait_until_down()
+
+    def wait_until_down(self) -> Steps[None]:
+        """Until the autopilot has disarmed; a landing that does not come is asked for again. Raises Ordered."""
+        vehicle = self._vehicle
+        asked_s = vehicle.now_s
+        while vehicle.armed:
+            self._orders.heed()
+            if vehicle.now_s - asked_s > 90.0 and not vehicle.silent and not vehicle.failsafe:
+                asked_s = vehicle.now_s
+                yield from vehicle.command(mavlink.MAV_CMD_NAV_LAND)
+            yield

@@ -1,0 +1,73 @@
+"""Saying what was found: when it may be said, under which id, and what must be said again."""
+
+from __future__ import annotations
+
+from bench.contracts import MissionOrder, TargetReport
+
+from ._log import Log
+from ._orders import Orders
+from ._policy import Judgement
+from ._tracks import Track
+
+
+class Reports:
+    """Every report that was made. One that the operator could not hear is remembered until it has been said again."""
+
+    def __init__(self, log: Log, order: MissionOrder, orders: Orders) -> None:
+        self.unheard: list[str] = []  # subjects, oldest first
+        self._log = log
+        self._windows = order.report_windows
+        self._orders = orders
+        self._first: dict[str, str] = {}  # id of the first report, by subject
+        self._counts: dict[str, int] = {}
+
+    def closed(self, now_s: float) -> str:
+        """Why nothing may be reported at this moment; empty when it may."""
+        if reason := self._orders.silenced:
+            return reason
+        if self._windows and not any(one.from_s <= now_s < one.until_s for one in self._windows):
+            later = [one.from_s for one in self._windows if one.from_s > now_s]
+            return f"reports are allowed again from {min(later):g} s" if later else "no report is allowed any more"
+        return ""
+
+    def opens(self, now_s: float, until_s: float) -> bool:
+        """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at any time."""
+        if self._orders.silenced_for_good:
+            return False
+        return not self._windows or any(one.until_s > now_s and one.from_s < until_s for one in self._windows)
+
+    def say(
+        self, subject: str, target: Track, judgement: Judgement, sigma_m: float | None, *, heard: bool, why: str = ""
+    ) -> TargetReport:
+        """Report a target, with the decisions behind it. What is said twice has an id of its own and names the first."""
+        number = self._counts[subject] = self._counts.get(subject, 0) + 1
+        report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")
+        evidence = tuple(round(moment_s, 3) for moment_s in target.exposures)
+        confidence = round(target.confidence, 4)
+        seen = f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
+        because = f"{target.label} identified: {seen}" + (f"; {why}" if why else "")
+        self._log.decide("report", subject, because, evidence=evidence, confidence=confidence)
+        action = "mark" if judgement.mark else "withhold_mark"
+        self._log.decide(action, subject, judgement.reason, evidence=evidence, confidence=confidence)
+        report = TargetReport(
+            id=report_id,
+            time_s=self._log.now_s,
+            class_label=target.label,
+            east_m=round(target.east_m, 2),
+            north_m=round(target.north_m, 2),
+            confidence=confidence,
+            mark=judgement.mark,
+            intelligence_id=subject,
+            bystanders_seen=judgement.bystanders_seen,
+            nearest_bystander_m=judgement.nearest_bystander_m,
+            evidence=evidence,
+            reason=judgement.reason,
+            position_sigma_m=None if sigma_m is None else round(sigma_m, 2),
+            repeats=self._first.get(subject),
+        )
+        self._first.setdefault(subject, report_id)
+        self.unheard = [one for one in self.unheard if one != subject]
+        if not heard:
+            self.unheard.append(subject)
+        self._log.report(report)
+        return report

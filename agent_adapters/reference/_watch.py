@@ -1,0 +1,90 @@
+"""What around the agent works and what has failed: operator's link, detections, GPS, battery, autopilot. Says each change once."""
+
+from __future__ import annotations
+
+import math
+
+from ._log import Log
+from ._perception import Perception
+from ._vehicle import Vehicle
+
+BLIND_S = 1.6  # without any word from the detector: several frames at the rates that cameras have
+DROP = 0.07  # of the charge, lost between two words of the autopilot
+GPS_AGAIN_S = 10.0  # after which places are trusted as before
+DEAD_RECKONING_MPS = 0.6  # how fast a place becomes wrong without GPS
+
+
+class Watch:
+    """Looks at everything once a moment. A decision with the failed thing's name as its subject says what it means."""
+
+    def __init__(self, vehicle: Vehicle, eyes: Perception, log: Log) -> None:
+        self.blind = False
+        self.link_down_s: float | None = None  # since when the operator cannot be reached
+        self._vehicle = vehicle
+        self._eyes = eyes
+        self._log = log
+        self._gps_lost_s: float | None = None
+        self._gps_back_s = -math.inf
+        self._gps_doubt_m = 0.0
+        self._silent = False
+        self._battery = vehicle.battery_fraction
+
+    @property
+    def link_up(self) -> bool:
+        return self.link_down_s is None
+
+    def operator_link(self, up: bool) -> None:
+        """The bench says whether the operator can be reached."""
+        now_s = self._log.now_s
+        if up and self.link_down_s is not None:
+            self._log.decide("notice", "operator_link", f"the operator's link is back after {now_s - self.link_down_s:.1f} s")
+            self.link_down_s = None
+        elif not up and self.link_down_s is None:
+            self._log.decide("notice", "operator_link", "the operator's link is down: reports will be said again")
+            self.link_down_s = now_s
+
+    def link_down_for_s(self, now_s: float) -> float:
+        return 0.0 if self.link_down_s is None else now_s - self.link_down_s
+
+    def look(self) -> None:
+        """Notice what has changed since the moment before."""
+        self._look_at_detections()
+        self._look_at_gps()
+        self._look_at_battery()
+        heard_ever = self._vehicle.heard_s >= 0.0
+        if heard_ever and self._vehicle.silent != self._silent:
+            self._silent = not self._silent
+            what = "the autopilot has fallen silent" if self._silent else "the autopilot is heard again"
+            self._log.decide("notice", "link", what)
+
+    def doubt_m(self) -> float:
+        """One sigma that GPS trouble adds to a place that is found now; 0 when all is well."""
+        now_s = self._log.now_s
+        if self._gps_lost_s is not None:
+            return 2.0 + DEAD_RECKONING_MPS * (now_s - self._gps_lost_s)
+        return self._gps_doubt_m if now_s - self._gps_back_s < GPS_AGAIN_S else 0.0
+
+    def _look_at_detections(self) -> None:
+        eyes, vehicle = self._eyes, self._vehicle
+        quiet_s = self._log.now_s - eyes.heard_s
+        blind = quiet_s > BLIND_S and vehicle.armed and not vehicle.landed and not vehicle.silent
+        if blind and not self.blind:
+            self._log.decide("notice", "detections", f"no detections for {quiet_s:.1f} s: nothing new can be found or ruled out")
+        elif self.blind and not blind:
+            self._log.decide("notice", "detections", "detections come again")
+        self.blind = blind
+
+    def _look_at_gps(self) -> None:
+        now_s = self._log.now_s
+        if self._vehicle.gps_ok is False and self._gps_lost_s is None:
+            self._gps_lost_s = now_s
+            self._log.decide("notice", "gps", "no GPS fix: places become uncertain, the autopilot may land")
+        elif self._vehicle.gps_ok and self._gps_lost_s is not None:
+            self._gps_doubt_m, self._gps_back_s = self.doubt_m(), now_s
+            self._log.decide("notice", "gps", f"GPS is back after {now_s - self._gps_lost_s:.1f} s")
+            self._gps_lost_s = None
+
+    def _look_at_battery(self) -> None:
+        before, self._battery = self._battery, self._vehicle.battery_fraction
+        if before - self._battery >= DROP:
+            self._log.decide("notice", "battery", f"the charge fell from {before:.0%} to {self._battery:.0%} at once")
