@@ -111,3 +111,9 @@ def test_dronekit_turns_a_gimbal(flown: Flown) -> None:
     """By DO_MOUNT_* messages, its only way."""
     payload = flown("dronekit", "payload", speed=5.0, options=["--camera"])["payload"]
     assert payload["pitch_deg"] == pytest.approx(-50.0, abs=1.0)
+
+
+def test_mavproxy_turns_a_gimbal(flown: Flown) -> None:
+    payload = flown("mavproxy", "payload", speed=4.0, options=["--camera"])["payload"]
+    assert payload["turned"] == "ACCEPTED"
+    assert payload["pitch_deg"] == pytest.approx(-40.0, abs=1.0)

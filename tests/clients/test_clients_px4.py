@@ -45,6 +45,25 @@ def test_offboard_needs_a_setpoint_and_flies_velocities_and_positions(client: st
     assert near(setpoints["landed_at"], *goal)
 
 
+def test_mavsdk_flies_every_kind_of_setpoint(flown: Flown) -> None:
+    assert flown("mavsdk", "every_setpoint", speed=4.0)["every_setpoint"]["from_start_m"] < 1.0
+
+
+def test_mavsdk_flies_by_stick_and_follows_a_leader(flown: Flown) -> None:
+    told = flown("mavsdk", "sticks", "follow", speed=3.0)
+    assert told["sticks"]["unheld"] != "SUCCESS"
+    assert near(told["sticks"]["moved"], 11, 0)
+    assert 3.0 < told["follow"]["behind_m"] < 16.0
+    assert told["sticks"]["from_start_m"] < 1.0
+    assert told["follow"]["from_start_m"] < 1.0
+
+
+def test_mavsdk_flies_a_fixed_wing(flown: Flown) -> None:
+    wing = flown("mavsdk", "wing", speed=6.0, options=["--vehicle", "wing"])["wing"]
+    assert 8.0 < wing["airspeed_mps"] < 30.0
+    assert wing["from_start_m"] < 50.0
+
+
 @MAVSDKS
 def test_a_mission_goes_up_is_flown_and_returns(client: str, flown: Flown) -> None:
     plan = flown(client, "plan", speed=5.0)["plan"]

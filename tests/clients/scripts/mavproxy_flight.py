@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import re
 import subprocess
@@ -15,7 +16,7 @@ from typing import Any
 from logbook import PATIENCE_S, apart, distance_m, place, run_chapters
 
 HOME = (47.3977, 8.5456)
-MODULES = "log,wp,rally,fence,param,arm,mode,cmdlong,misc,rc,link,ftp,gimbal"
+MODULES = "log,wp,rally,fence,param,arm,mode,cmdlong,misc,rc,link,ftp"
 
 
 class Console:
@@ -210,6 +211,22 @@ class Flight:
             "points": int(points), "rally": int(rally), "farthest_m": farthest_m, "from_start_m": from_start_m,
             "disabled": disabled,
         }  # fmt: skip
+
+    def payload(self) -> dict[str, Any]:
+        """DO_MOUNT_CONTROL, which `gimbal angle` says too; that module wants MAVProxy's maps."""
+        self.console.expect(r"Received \d+ parameters")
+        turned = self.console.ask("long DO_MOUNT_CONTROL -40 0 20 0 0 0 2", r"DO_MOUNT_CONTROL: (\w+)")
+        self.console.type("long SET_MESSAGE_INTERVAL 285 100000")
+        end = time.monotonic() + 20.0
+        told = r"GIMBAL_DEVICE_ATTITUDE_STATUS \{.*q : \[([-\d., e]+)\]"
+        pitch_deg = 0.0
+        while abs(pitch_deg + 40.0) > 1.0:
+            if time.monotonic() > end:
+                sys.exit(f"the gimbal stays at {pitch_deg}")
+            time.sleep(0.3)
+            w, x, y, z = (float(one) for one in self.console.ask("status GIMBAL_DEVICE_ATTITUDE_STATUS", told).split(","))
+            pitch_deg = math.degrees(math.asin(2.0 * (w * y - z * x)))
+        return {"turned": turned, "pitch_deg": pitch_deg}
 
     def drained(self) -> list[str]:
         """Every line that is there."""

@@ -15,17 +15,28 @@ from mavsdk import ComponentType, Configuration, Mavsdk, System
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.action.action import OrbitYawBehavior
 from mavsdk.plugins.camera import Camera
+from mavsdk.plugins.follow_me import FollowMe
+from mavsdk.plugins.follow_me.follow_me import Config, TargetLocation
 from mavsdk.plugins.geofence import Geofence
 from mavsdk.plugins.geofence.geofence import Circle, FenceType, GeofenceData, Point, Polygon
 from mavsdk.plugins.gimbal import Gimbal
 from mavsdk.plugins.gimbal.gimbal import ControlMode, GimbalMode, SendMode
 from mavsdk.plugins.info import Info
+from mavsdk.plugins.manual_control import ManualControl
 from mavsdk.plugins.mission import Mission
 from mavsdk.plugins.mission.mission import MissionItem, MissionPlan
 from mavsdk.plugins.mission_raw import MissionRaw
 from mavsdk.plugins.mission_raw.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.offboard import Offboard
-from mavsdk.plugins.offboard.offboard import PositionNedYaw, VelocityNedYaw
+from mavsdk.plugins.offboard.offboard import (
+    AccelerationNed,
+    Attitude,
+    AttitudeRate,
+    PositionGlobalYaw,
+    PositionNedYaw,
+    VelocityBodyYawspeed,
+    VelocityNedYaw,
+)
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
 
@@ -170,6 +181,88 @@ class Flight:
         self.action.land()
         self.down()
         return {"unfed": unfed, "velocity": [speed.north_m_s, speed.east_m_s], "landed_at": apart(start, self.here())}
+
+    def every_setpoint(self) -> dict[str, Any]:
+        """One kind of setpoint after the other, each until it shows."""
+        start, offboard = self.up(), self.offboard
+        hover = 0.59  # the share of all thrust that holds this airframe
+        offboard.set_velocity_body(VelocityBodyYawspeed(2.0, 0.0, 0.0, 0.0))
+        offboard.start()
+        wait_until("a body velocity", lambda: self.telemetry.velocity_ned().north_m_s > 1.5)
+        offboard.set_attitude(Attitude(0.0, -8.0, 0.0, hover))
+        wait_until("a pitch", lambda: self.telemetry.attitude_euler().pitch_deg < -6.5)
+        offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        wait_until("standing still", lambda: abs(self.telemetry.velocity_ned().north_m_s) < 0.3)
+        offboard.set_attitude_rate(AttitudeRate(0.0, 0.0, 30.0, hover))
+        wait_until("a turn", lambda: self.telemetry.attitude_angular_velocity_body().yaw_rad_s > 0.4)
+        offboard.set_acceleration_ned(AccelerationNed(0.0, 1.0, 0.0))
+        wait_until("a push", lambda: self.telemetry.velocity_ned().east_m_s > 1.0)
+        offboard.set_position_velocity_ned(PositionNedYaw(5.0, 5.0, -HEIGHT_M, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        wait_until("a position with a velocity", lambda: math.dist(apart(start, self.here()), (5.0, 5.0)) < 1.0)
+        target = place(*start, -5.0, 5.0)
+        above_home = PositionGlobalYaw.AltitudeType.REL_HOME
+        offboard.set_position_global(PositionGlobalYaw(*target, HEIGHT_M, 0.0, above_home))
+        wait_until("a global position", lambda: distance_m(self.here(), target) < 1.0)
+        offboard.stop()
+        self.action.return_to_launch()
+        self.down()
+        return {"from_start_m": distance_m(start, self.here())}
+
+    def sticks(self) -> dict[str, Any]:
+        """A joystick: without one position control is refused in the air; with it, forward goes forward."""
+        manual, start = ManualControl(self.system), self.up()
+        unheld = outcome(manual.start_position_control)
+
+        def push(forward: float) -> None:
+            manual.set_manual_control_input(forward, 0.0, 0.5, 0.0)
+
+        wait_until("sticks that are heard", lambda: push(0.0) or outcome(manual.start_position_control) == "SUCCESS")
+        wait_until("position control", lambda: push(0.0) or self.mode() == "POSCTL")
+        wait_until("ten metres", lambda: push(0.6) or apart(start, self.here())[0] > 10.0)
+        moved = apart(start, self.here())
+        self.action.return_to_launch()
+        self.down()
+        return {"unheld": unheld, "moved": moved, "from_start_m": distance_m(start, self.here())}
+
+    def follow(self) -> dict[str, Any]:
+        """A leader who walks north, followed from behind."""
+        leader, start = FollowMe(self.system), self.up()
+        leader.set_config(Config(8.0, 8.0, 0.1, Config.FollowAltitudeMode.CONSTANT, 8.0, 180.0))
+        altitude_m = self.telemetry.home().absolute_altitude_m
+        north_m = 0.0
+
+        def walk() -> None:
+            nonlocal north_m
+            north_m += 0.05
+            leader.set_target_location(TargetLocation(*place(*start, north_m, 0.0), altitude_m, 1.0, 0.0, 0.0))
+
+        leader.start()
+        wait_until("following", leader.is_active)
+        wait_until("twelve metres", lambda: walk() or apart(start, self.here())[0] > 12.0)
+        behind_m = north_m - apart(start, self.here())[0]
+        leader.stop()
+        self.action.return_to_launch()
+        self.down()
+        return {"behind_m": behind_m, "from_start_m": distance_m(start, self.here())}
+
+    def wing(self) -> dict[str, Any]:
+        """A fixed wing: takeoff, one place that it circles, the return."""
+        start = self.ready()
+        self.action.set_takeoff_altitude(40.0)
+        self.action.arm()
+        self.action.takeoff()
+        wait_until("takeoff", lambda: self.height_m() > 35.0)
+        target = place(*start, 300.0, 0.0)
+        self.action.goto_location(*target, self.telemetry.home().absolute_altitude_m + 50.0, math.nan)
+        wait_until("the circle", lambda: distance_m(self.here(), target) < 90.0)
+        airspeed_mps = self.telemetry.fixedwing_metrics().airspeed_m_s
+        self.action.return_to_launch()
+        wait_until("the circle above home", lambda: distance_m(self.here(), start) < 90.0)
+        self.param.set_param_float("RTL_LAND_DELAY", 5.0)  # -1, a fixed wing's default, circles on
+        self.action.hold()
+        self.action.return_to_launch()
+        self.down()
+        return {"airspeed_mps": airspeed_mps, "from_start_m": distance_m(start, self.here())}
 
     def plan(self) -> dict[str, Any]:
         """A mission with two speeds, paused on the way, with a return after it."""
