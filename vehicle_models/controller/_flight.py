@@ -20,6 +20,9 @@ class Landed(IntEnum):
     LANDING = 4
 
 
+_ON_GROUND = Landed.ON_GROUND  # looked up once: it is asked for many times a step
+
+
 class Behaviour(Enum):
     """What a mode makes the vehicle do, whatever an autopilot calls it."""
 
@@ -232,4 +235,4 @@ class Flight:
 
     @property
     def flying(self) -> bool:
-        return self.landed is not Landed.ON_GROUND
+        return self.landed is not _ON_GROUND
