@@ -6,9 +6,9 @@ import json
 import re
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,8 +16,10 @@ from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import AgentSpec, Seeds, SimSpec
 
-from ._design import Design, DesignPoint, Level
+from ._design import Design, DesignPoint
+from ._factors import Level
 from ._paths import PathFault, SpecPath, find_path
+from ._stratified import Difficulties
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +41,51 @@ class RealizationPlan:
         return self.simspec.agent.label
 
 
-def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec]) -> list[RealizationPlan]:
+Rating = Callable[[SimSpec], Mapping[str, float]]
+"""Difficulties of the studied nodes in a situation; handed in, for what is asked of an agent is not known here."""
+
+
+def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Rating | None = None) -> list[RealizationPlan]:
     """Every realization of a design, agents of one scene next to each other.
 
-    Raises SetupError naming factor, path and mend where a factor's path leads nowhere or a level does not fit.
+    Raises SetupError naming factor, path and mend where a factor's path leads nowhere or a level does not fit. `rate` is asked
+    where the design is drawn by difficulty (`Design.rated`).
     """
     labels = _labels(agents)
     patches = _Patches.of(base, design)
-    scenes = {point.id: patches.apply(point) for point in _drawn(design)}
+    pairs = _pairs(patches, rate)
+    scenes = {point.id: patches.apply(point) for point in {point.id: point for point, _ in pairs}.values()}
     return [
         _plan(scenes[point.id], design, point, replicate, agent, label)
-        for point, replicate in design.pairs()
+        for point, replicate in pairs
         for agent, label in zip(agents, labels, strict=True)
     ]
+
+
+def design_points(base: SimSpec, design: Design, rate: Rating | None = None) -> list[DesignPoint]:
+    """Every design point of a design over a base SimSpec, drawn by difficulty where it asks for that; raises as `realize` does."""
+    if not design.rated:
+        return design.points()
+    patches = _Patches.of(base, design)
+    return _said(lambda: design.points(patches.rated(rate)))
+
+
+def _pairs(patches: _Patches, rate: Rating | None) -> list[tuple[DesignPoint, int]]:
+    design = patches.design
+    if not design.rated:
+        return design.pairs()
+    return _said(lambda: design.pairs(patches.rated(rate)))
+
+
+T = TypeVar("T")
+
+
+def _said(draw: Callable[[], T]) -> T:
+    """What a design that is drawn only now cannot do is the author's to mend, as it is when a document is read."""
+    try:
+        return draw()
+    except ValueError as error:
+        raise SetupError(Fault("design: method", str(error))) from None
 
 
 def scene_seed(seed: int, design_point: str, replicate: int) -> int:
@@ -60,13 +94,9 @@ def scene_seed(seed: int, design_point: str, replicate: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def _drawn(design: Design) -> list[DesignPoint]:
-    return list({point.id: point for point, _ in design.pairs()}.values())
-
-
 def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str) -> RealizationPlan:
     name = f"{point.id}-r{replicate}-{label}"
-    seeds = Seeds(**scene.seeds.model_dump() | {"root": scene_seed(design.seed, point.id, replicate)})
+    seeds = Seeds(**scene.seeds.model_dump() | {"root": scene_seed(design.seed, point.scene, replicate)})
     simspec = scene.model_copy(update={"name": name, "agent": agent, "seeds": seeds, "realized": None})
     return RealizationPlan(name, point.id, replicate, point.levels, simspec)
 
@@ -120,6 +150,12 @@ class _Patches:
             return self._with(point.levels)
         except SetupError as error:
             raise SetupError(self._alone(point) or self._together(point, error)) from None
+
+    def rated(self, rate: Rating | None) -> Difficulties | None:
+        """As `rate`, for levels."""
+        if rate is None:
+            return None
+        return lambda levels: rate(self.apply(DesignPoint("candidate", levels)))
 
     def _with(self, levels: Mapping[str, Level]) -> SimSpec:
         document: Any = json.loads(self.text)

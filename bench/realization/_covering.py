@@ -1,0 +1,212 @@
+"""Covering arrays: few points in which every combination of levels of any t factors occurs, as far as it may.
+
+In parameter order: Lei, Y., Kacker, R., Kuhn, D. R., Okun, V. and Lawrence, J. (2008), "IPOG/IPOG-D: efficient test generation for
+multi-way combinatorial testing", Software Testing, Verification and Reliability 18(3), 125-148. What is forbidden, and which
+conditional factors are active, decides what can occur at all: Yu, L., Lei, Y., Nourozborazjany, M., Kacker, R. and Kuhn, D. R.
+(2013), "An efficient algorithm for constraint handling in combinatorial test generation", ICST 2013.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from bench.documents import Document
+
+from ._factors import Level, Levels, Rule, Space
+
+FREE = -1
+"""A place of a row that nothing has asked for yet."""
+MOST_COMBINATIONS = 500_000
+MOST_LOOKED_AT = 200_000
+"""Assignments that are tried before what is forbidden is said to be too tangled."""
+
+
+class CoveringArray(Document):
+    """Every combination of levels of any `strength` factors at least once, in few points; forbidden ones in none."""
+
+    grows: ClassVar[bool] = False
+    kind: Literal["covering_array"] = "covering_array"
+    strength: Annotated[int, Field(ge=1, le=4, description="2 covers all pairs, 3 all triples.")] = 2
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        choices = {factor.name: space.choices(factor) for factor in space.free}
+        strength = min(self.strength, len(choices))
+        sizes = [len(one) for one in choices.values()]
+        count = sum(math.prod(some) for some in itertools.combinations(sizes, strength))
+        if count > MOST_COMBINATIONS:
+            raise ValueError(
+                f"there are {count} combinations of {strength} levels to cover, more than {MOST_COMBINATIONS}; lower strength"
+            )
+        rows = _covered(choices, strength, Possible(choices, space.rules()), np.random.default_rng(seed))
+        return [space.complete(row) for row in rows]
+
+
+class Possible:
+    """Whether a partial choice of levels, as numbers into `choices`, can be made whole without breaking a rule."""
+
+    def __init__(self, choices: Mapping[str, Sequence[Level]], rules: Sequence[Rule]) -> None:
+        self._names = list(choices)
+        self._choices = list(choices.values())
+        place = {name: at for at, name in enumerate(choices)}
+        self._rules = [(rule, tuple(sorted(place[name] for name in rule.names))) for rule in rules]
+        bound = {at for _, places in self._rules for at in places}
+        self.bound = tuple(sorted(bound))
+        self._known: dict[tuple[int, ...], bool] = {}
+        self._looked_at = 0
+
+    def __call__(self, row: Sequence[int]) -> bool:
+        """`row` has a number or FREE for each factor. Raises ValueError where it takes too long to say."""
+        key = tuple(row[at] for at in self.bound)
+        if key not in self._known:
+            self._known[key] = self.filled(row) is not None
+        return self._known[key]
+
+    def filled(self, row: Sequence[int], draws: np.random.Generator | None = None) -> list[int] | None:
+        """The row with nothing free, its levels drawn where a generator is given; None where it cannot be."""
+        found = list(row)
+        if not self._legal(found):
+            return None
+        return self._filled(found, [at for at in self.bound if row[at] == FREE], draws)
+
+    def levels(self, row: Sequence[int]) -> Levels:
+        """The levels of a row with nothing free."""
+        return {name: levels[at] for name, levels, at in zip(self._names, self._choices, row, strict=True)}
+
+    def _filled(self, row: list[int], waiting: list[int], draws: np.random.Generator | None) -> list[int] | None:
+        if not waiting:
+            free = [at for at, number in enumerate(row) if number == FREE]
+            for at in free:
+                row[at] = int(draws.integers(len(self._choices[at]))) if draws else 0
+            return row
+        self._looked_at += 1
+        if self._looked_at > MOST_LOOKED_AT:
+            raise ValueError("what is forbidden is too tangled for a covering_array; use full_factorial, sobol or halton")
+        at, *rest = waiting
+        numbers = range(len(self._choices[at]))
+        for number in draws.permutation(len(numbers)).tolist() if draws else numbers:
+            row[at] = number
+            if self._legal(row, at) and (found := self._filled(row, rest, draws)) is not None:
+                return found
+        row[at] = FREE
+        return None
+
+    def _legal(self, row: Sequence[int], changed: int | None = None) -> bool:
+        for rule, places in self._rules:
+            if (changed is None or changed in places) and all(row[at] != FREE for at in places):
+                levels = {self._names[at]: self._choices[at][row[at]] for at in places}
+                if rule.broken(levels):
+                    return False
+        return True
+
+
+def _covered(
+    choices: Mapping[str, Sequence[Level]], strength: int, possible: Possible, draws: np.random.Generator
+) -> list[Levels]:
+    sizes = [len(one) for one in choices.values()]
+    if not possible([FREE] * len(sizes)):
+        raise ValueError("everything is forbidden")
+    # Factors with many levels first keeps the array short.
+    order = sorted(range(len(sizes)), key=lambda at: (-sizes[at], at))
+    first = order[:strength]
+    rows = [
+        row for numbers in itertools.product(*(range(sizes[at]) for at in first)) if possible(row := _row(sizes, first, numbers))
+    ]
+    for done in range(strength, len(order)):
+        _grow(rows, _Missing(order[:done], order[done], sizes, strength, possible), possible)
+    filled = [possible.filled(row, draws) for row in rows]
+    return [possible.levels(row) for row in filled if row is not None]
+
+
+def _row(sizes: Sequence[int], places: Sequence[int], numbers: Sequence[int]) -> list[int]:
+    row = [FREE] * len(sizes)
+    for at, number in zip(places, numbers, strict=True):
+        row[at] = number
+    return row
+
+
+class _Missing:
+    """Combinations of one new factor with any t - 1 earlier ones that no row has yet.
+
+    `open` is (sets of earlier factors, their levels as one number, the new factor's level).
+    """
+
+    def __init__(self, earlier: Sequence[int], new: int, sizes: Sequence[int], strength: int, possible: Possible) -> None:
+        self.new, self._sizes = new, sizes
+        self.sets = np.array(list(itertools.combinations(earlier, strength - 1)), dtype=np.int64).reshape(-1, strength - 1)
+        self._size_of = np.array(sizes, dtype=np.int64)
+        widest = max(math.prod(sizes[at] for at in some) for some in self.sets.tolist())
+        self.open = np.zeros((len(self.sets), widest, sizes[new]), dtype=np.bool_)
+        bound = set(possible.bound)
+        for place, some in enumerate(self.sets.tolist()):
+            asks = bool(bound & {*some, new})
+            for code, numbers in enumerate(itertools.product(*(range(sizes[at]) for at in some))):
+                for level in range(sizes[new]):
+                    row = _row(sizes, [*some, new], [*numbers, level]) if asks else None
+                    self.open[place, code, level] = row is None or possible(row)
+        self._every = np.arange(len(self.sets))
+
+    def gains(self, row: Sequence[int]) -> NDArray[np.int64]:
+        """For each level of the new factor, how many missing combinations it would bring to this row."""
+        codes, known = self._codes(row)
+        return np.asarray(self.open[self._every[known], codes[known]].sum(axis=0), dtype=np.int64)
+
+    def strike(self, row: Sequence[int]) -> None:
+        """What this row has is missing no more."""
+        if row[self.new] != FREE:
+            codes, known = self._codes(row)
+            self.open[self._every[known], codes[known], row[self.new]] = False
+
+    def left(self) -> Iterator[list[int]]:
+        """What is missing still, each as a row that holds nothing else; struck ones that come up meanwhile are skipped."""
+        for place, code, level in np.argwhere(self.open).tolist():
+            if self.open[place, code, level]:
+                some = self.sets[place].tolist()
+                numbers = []
+                for at in reversed(some):
+                    code, number = divmod(code, self._sizes[at])
+                    numbers.append(number)
+                yield _row(self._sizes, [*some, self.new], [*reversed(numbers), level])
+
+    def _codes(self, row: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        numbers = np.array(row, dtype=np.int64)
+        codes, known = np.zeros(len(self.sets), dtype=np.int64), np.ones(len(self.sets), dtype=np.bool_)
+        for column in self.sets.T:
+            codes = codes * self._size_of[column] + numbers[column]
+            known &= numbers[column] != FREE
+        return codes, known
+
+
+def _grow(rows: list[list[int]], missing: _Missing, possible: Possible) -> None:
+    """Give every row the new factor's level that covers most, then add rows for what is missing still."""
+    for row in rows:
+        gains = missing.gains(row)
+        for level in np.argsort(-gains, kind="stable").tolist():
+            if not gains[level]:
+                break  # left free, for a combination that needs the place
+            row[missing.new] = level
+            if possible(row):
+                missing.strike(row)
+                break
+            row[missing.new] = FREE
+    for wanted in missing.left():
+        home = next((row for row in rows if _fits(row, wanted) and possible(_merged(row, wanted))), None)
+        if home is None:
+            rows.append(wanted)
+            home = wanted
+        home[:] = _merged(home, wanted)
+        missing.strike(home)
+
+
+def _fits(row: Sequence[int], wanted: Sequence[int]) -> bool:
+    return all(one in (FREE, other) or other == FREE for one, other in zip(row, wanted, strict=True))
+
+
+def _merged(row: Sequence[int], wanted: Sequence[int]) -> list[int]:
+    return [other if one == FREE else one for one, other in zip(row, wanted, strict=True)]

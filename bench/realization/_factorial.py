@@ -1,0 +1,53 @@
+"""Designs that go through levels: all combinations, and one factor at a time."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from bench.documents import Document
+
+from ._factors import MAX_POINTS, Levels, Space
+
+
+class FullFactorial(Document):
+    """Every combination of all levels, in the order of the factors, the last one changing fastest."""
+
+    grows: ClassVar[bool] = False
+    kind: Literal["full_factorial"] = "full_factorial"
+    take: Annotated[
+        int | None, Field(ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent.")
+    ] = None
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        del seed
+        counted = [factor.counted() for factor in space.free]
+        size = math.prod(map(len, counted))
+        if size > MAX_POINTS:
+            raise ValueError(
+                f"the full factorial has {size} points, more than {MAX_POINTS}; use a latin_hypercube or fewer levels"
+            )
+        names = [factor.name for factor in space.free]
+        return _distinct(space, [dict(zip(names, one, strict=True)) for one in itertools.product(*counted)])
+
+
+class OneByOne(Document):
+    """The first level of every factor, then each other level of each factor with the rest at their first."""
+
+    grows: ClassVar[bool] = False
+    kind: Literal["one_by_one"] = "one_by_one"
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        del seed
+        first: Levels = {factor.name: factor.counted()[0] for factor in space.free}
+        others = [{**first, factor.name: level} for factor in space.free for level in factor.counted()[1:]]
+        return _distinct(space, [first, *others])
+
+
+def _distinct(space: Space, chosen: list[Levels]) -> list[Levels]:
+    """What is allowed, each point once: combinations that differ in inactive factors alone are one."""
+    found = {tuple(map(repr, levels.values())): levels for levels in reversed(list(space.whole(chosen)))}
+    return list(reversed(found.values()))

@@ -1,0 +1,78 @@
+"""Nested designs: many points at a low fidelity, and within them few that are also flown at a high one.
+
+Qian, P. Z. G. (2009), "Nested Latin hypercube designs", Biometrika 96(4), 957-970: all points together are a Latin hypercube, and so
+are those at high fidelity among themselves.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from bench.documents import Document
+from bench.simspec import Identifier
+
+from ._factors import Levels, Space
+
+STARTS = 20
+
+
+class Nested(Document):
+    """A Latin hypercube at low fidelity, and a smaller one among its points at high fidelity too, pairs sharing their scenes."""
+
+    grows: ClassVar[bool] = False
+    kind: Literal["nested"] = "nested"
+    points: Annotated[int, Field(ge=2, le=10_000, description="Points at low fidelity; a multiple of high.")]
+    high: Annotated[int, Field(ge=1, description="How many of them are flown at high fidelity too.")]
+    fidelity: Annotated[Identifier, Field(description="The factor with two levels, the low fidelity first.")]
+
+    @model_validator(mode="after")
+    def _divides(self) -> Self:
+        if self.points % self.high or self.points == self.high:
+            raise ValueError(f"points {self.points} must be a multiple of high {self.high}, twice it or more")
+        return self
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        """The low points, the first `high` of them followed by their high twins."""
+        switch = next((factor for factor in space.free if factor.name == self.fidelity), None)
+        if switch is None or switch.when is not None:
+            raise ValueError(f"fidelity {self.fidelity!r} is no factor that is always there")
+        low, high = switch.ends()
+        others = [factor for factor in space.free if factor is not switch]
+        rows = nested_latin_hypercube(self.points, self.high, len(others), seed)
+        chosen: list[Levels] = []
+        for place, row in enumerate(rows):
+            levels = {factor.name: factor.at(float(share)) for factor, share in zip(others, row, strict=True)}
+            chosen.append(levels | {switch.name: low})
+            if place < self.high:
+                chosen.append(levels | {switch.name: high})
+        return space.every(chosen, self.kind)
+
+
+def nested_latin_hypercube(points: int, high: int, factors: int, seed: int) -> NDArray[np.float64]:
+    """Shares in [0, 1): the first `high` rows take each of so many strata once, all rows each of `points`.
+
+    Of some drawn ones the one whose closest points are farthest apart.
+    """
+    draws = np.random.default_rng(seed)
+    found = [_drawn(points, high, factors, draws) for _ in range(STARTS if 1 < points <= 500 else 1)]
+    return max(found, key=_closest)
+
+
+def _drawn(points: int, high: int, factors: int, draws: np.random.Generator) -> NDArray[np.float64]:
+    columns = []
+    for _ in range(factors):
+        finer = points // high
+        first = draws.permutation(high) * finer + draws.integers(finer, size=high)
+        rest = draws.permutation(np.setdiff1d(np.arange(points), first))
+        columns.append((np.concatenate([first, rest]) + draws.random(points)) / points)
+    return np.stack(columns, axis=1) if columns else np.zeros((points, 0))
+
+
+def _closest(rows: NDArray[np.float64]) -> float:
+    from scipy.spatial.distance import pdist
+
+    return float(pdist(rows).min()) if rows.shape[0] > 1 and rows.shape[1] else 0.0

@@ -1,0 +1,78 @@
+"""Designs that fill ranges: Latin hypercubes, and the sequences of Sobol and Halton, which may be lengthened at any time."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from bench.documents import Document
+
+from ._factors import MAX_POINTS, Levels, Space
+
+BLOCK = 256
+
+
+class LatinHypercube(Document):
+    """Points that take every factor's range in equal strata, once each; optimised for low centred discrepancy."""
+
+    grows: ClassVar[bool] = False
+    kind: Literal["latin_hypercube"] = "latin_hypercube"
+    points: Annotated[int, Field(ge=1, le=10_000)]
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        return space.every([space.at(row) for row in _latin(self.points, len(space.free), seed)], self.kind)
+
+
+class Halton(Document):
+    """The first points of a scrambled Halton sequence: space-filling, and more points later leave the earlier ones alone."""
+
+    grows: ClassVar[bool] = True
+    kind: Literal["halton"] = "halton"
+    points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        return space.first(map(space.at, halton_shares(len(space.free), seed)), self.points)
+
+
+class Sobol(Document):
+    """The first points of a scrambled Sobol sequence, best as powers of two; more points later leave the earlier ones alone."""
+
+    grows: ClassVar[bool] = True
+    kind: Literal["sobol"] = "sobol"
+    points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
+
+    def combinations(self, space: Space, seed: int) -> list[Levels]:
+        return space.first(map(space.at, _sobol_shares(len(space.free), seed)), self.points)
+
+
+def halton_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
+    """Rows of a scrambled Halton sequence without end; the same for the same seed."""
+    from scipy.stats import qmc  # half a second to import, so only who samples pays for it
+
+    engine = qmc.Halton(d=factors, scramble=True, rng=np.random.default_rng(seed))
+    while True:
+        yield from engine.random(BLOCK)
+
+
+def _sobol_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
+    from scipy.stats import qmc  # see halton_shares
+
+    engine = qmc.Sobol(d=factors, scramble=True, rng=np.random.default_rng(seed))
+    yield from engine.random_base2(8)
+    for power in itertools.count(8):
+        yield from engine.random_base2(power)
+
+
+@lru_cache(maxsize=4)
+def _latin(points: int, factors: int, seed: int) -> NDArray[np.float64]:
+    from scipy.stats import qmc  # see halton_shares
+
+    # The optimiser's time grows with the square of the points; above this it would cost more than it brings.
+    optimise: Literal["random-cd"] | None = "random-cd" if 2 <= points <= 500 and factors > 1 else None
+    return qmc.LatinHypercube(d=factors, rng=np.random.default_rng(seed), optimization=optimise).random(points)

@@ -1,0 +1,68 @@
+"""A design that spreads points evenly over difficulty configurations, whatever levels make them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from bench.documents import Document
+
+from ._factors import Level, Levels, Space
+from ._sampled import halton_shares
+
+Difficulties = Callable[[Mapping[str, Level]], Mapping[str, float]]
+"""The difficulties of the studied nodes, by their names, in the situation that levels make."""
+DECIMALS = 6
+
+
+class Stratified(Document):
+    """The same number of points, as nearly as may be, from every difficulty configuration that the factors can make.
+
+    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns. More points leave
+    the earlier ones alone.
+    """
+
+    grows: ClassVar[bool] = True
+    kind: Literal["stratified"] = "stratified"
+    points: Annotated[int, Field(ge=1, le=10_000)]
+    candidates: Annotated[
+        int,
+        Field(ge=10, le=20_000, description="Situations that are rated to draw from; not to be changed when points are added."),
+    ] = 1000
+    band: Annotated[
+        float | None,
+        Field(gt=0.0, le=100.0, description="Width of the difficulties that count as one; 20 is a tension. Exact when absent."),
+    ] = None
+
+    def chosen(self, space: Space, seed: int, difficulties: Difficulties) -> list[Levels]:
+        """The points. Raises ValueError where there are more configurations than points, or too few candidates."""
+        strata: dict[tuple[object, ...], list[Levels]] = {}
+        for levels in self._candidates(space, seed):
+            strata.setdefault(self._stratum(difficulties(levels)), []).append(levels)
+        if len(strata) > self.points:
+            raise ValueError(
+                f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
+                "or give band (20 is a tension), the width of difficulties that count as one"
+            )
+        found = list(itertools.islice(_turns(list(strata.values())), self.points))
+        if len(found) < self.points:
+            raise ValueError(f"only {len(found)} different points are among the candidates; lower points or raise candidates")
+        return found
+
+    def _candidates(self, space: Space, seed: int) -> list[Levels]:
+        drawn = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
+        return list({tuple(levels.items()): levels for levels in drawn}.values())
+
+    def _stratum(self, difficulties: Mapping[str, float]) -> tuple[object, ...]:
+        if self.band is None:
+            return tuple(round(one, DECIMALS) for one in difficulties.values())
+        # As with tensions, an edge belongs to the easier band.
+        return tuple(max(1, -int(-round(one, DECIMALS) // self.band)) for one in difficulties.values())
+
+
+def _turns(strata: list[list[Levels]]) -> Iterator[Levels]:
+    for turn in itertools.zip_longest(*strata):
+        yield from (levels for levels in turn if levels is not None)
