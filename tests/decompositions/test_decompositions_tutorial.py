@@ -101,7 +101,10 @@ def test_a_command_prints_what_the_page_shows(ran: list[subprocess.CompletedProc
 
 @pytest.mark.timeout(LONGEST_S)
 def test_the_campaign_finds_what_the_page_says(ran: list[subprocess.CompletedProcess[str]], folder: Path) -> None:
-    """Four difficulty configurations; with searchers near, the naive agent fails the care for people and the other passes."""
+    """Four difficulty configurations; with searchers near, the naive agent fails the care for people and the other passes.
+
+    Both score 60 in it, with a confidence of two thirds and of one.
+    """
     scores = pl.read_parquet(folder / "out" / "rescue" / "scores.parquet")
     assert scores["configuration"].n_unique() == 4
     care = scores.filter(node="KA-3")
@@ -111,6 +114,9 @@ def test_the_campaign_finds_what_the_page_says(ran: list[subprocess.CompletedPro
     assert passed == {"reference-naive": False, "reference-bystander-aware": True}
     far = care.filter(pl.col("considered") < 3)
     assert far["confidence"].to_list() == [1.0] * 4
+    assert care["score"].to_list() == pytest.approx([60.0] * 8)
+    means = {agent: rows["confidence"].mean() for (agent,), rows in care.group_by("agent")}
+    assert means == pytest.approx({"reference-naive": 2 / 3, "reference-bystander-aware": 1.0})
 
 
 @pytest.mark.parametrize("block", re.findall(r"^```(?:yaml|python|toml)\n# (\S+)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE))
