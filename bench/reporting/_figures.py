@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from statistics import stdev
@@ -16,11 +16,13 @@ from statistics import stdev
 import plotly.graph_objects as go
 import polars as pl
 
+from bench.scoring import Curve, CurveState
 from bench.simspec import Role
 
-from ._data import Configuration, ReportData
+from ._data import Configuration, ReportData, Tally
 from ._map import MapActor, MapReport, RunMap, Track
 from ._pairs import Pairing
+from ._told import Trials
 
 MARKERS = ("circle", "square", "diamond", "triangle-up", "cross", "hexagon")
 HATCHES = ("", "/", "x", ".", "-", "|")
@@ -269,6 +271,115 @@ def pairs_figure(pairings: Sequence[Pairing]) -> go.Figure:
     return figure
 
 
+def curve_figure(shown: Sequence[AgentLook], trials: Mapping[str, Trials], tallies: Mapping[str, Tally]) -> go.Figure:
+    """One node's pass rate over difficulty: a disc for each difficulty flown, the logistic curve with its band where there is one.
+
+    `trials` and `tallies` are by agent. Triangles on the lines of 50 and 90 % are competence, the line to their left reaches
+    down to its lower bound.
+    """
+    figure = _figure(height=270, margin={"l": 48, "r": 14, "t": 10, "b": 42})
+    flown = [hard for one in trials.values() for hard in one.difficulty]
+    extent = [max(0.0, min(flown, default=0.0) - 8.0), max(flown, default=100.0) + 8.0]
+    for look in shown:
+        if look.name in trials:
+            _curve(figure, look, trials[look.name].curve())
+    for place, look in enumerate(shown):
+        # Discs of agents at one place would hide each other.
+        aside = (place - (len(shown) - 1) / 2) * 0.012 * (extent[1] - extent[0])
+        if look.name in trials:
+            _pass_rates(figure, look, trials[look.name], aside)
+            _competences(figure, look, tallies.get(look.name), 4.0 * (place - (len(shown) - 1) / 2))
+    figure.update_layout(
+        xaxis={
+            "title": {"text": "difficulty", "standoff": 4, "font": {"size": 12}},
+            "range": extent,
+            "gridcolor": "var(--grid)",
+            "zeroline": False,
+            "fixedrange": True,
+        },
+        yaxis={
+            "title": {"text": "runs passed, %", "standoff": 4, "font": {"size": 12}},
+            "range": [-9, 109],
+            "tickvals": [0, 50, 90, 100],
+            "gridcolor": "var(--grid)",
+            "zeroline": False,
+            "fixedrange": True,
+        },
+        showlegend=False,
+    )
+    return figure
+
+
+def _curve(figure: go.Figure, look: AgentLook, curve: Curve) -> None:
+    if not curve.drawn:
+        return
+    x, low, high = (
+        [round(float(value) * scale, 3) for value in values]
+        for values, scale in ((curve.difficulty, 1), (curve.low, 100), (curve.high, 100))
+    )
+    figure.add_scatter(
+        x=[*x, *reversed(x)],
+        y=[*high, *reversed(low)],
+        fill="toself",
+        fillcolor=look.fill,
+        mode="lines",
+        line={"width": 0},
+        opacity=0.5,
+        hoverinfo="skip",
+    )
+    figure.add_scatter(
+        x=x,
+        y=[round(100 * float(value), 3) for value in curve.probability],
+        mode="lines",
+        line={"color": look.colour, "width": 2, "dash": "solid" if curve.state is CurveState.FITTED else "dot"},
+        hovertext=f"{look.letter} {escape(look.name)}: logistic curve",
+        hoverinfo="text",
+    )
+
+
+def _pass_rates(figure: go.Figure, look: AgentLook, trials: Trials, aside: float) -> None:
+    tried = Counter(round(hard, 6) for hard in trials.difficulty)
+    passed = Counter(round(hard, 6) for hard, ok in zip(trials.difficulty, trials.passed, strict=True) if ok)
+    cells = sorted(tried)
+    figure.add_scatter(
+        x=[hard + aside for hard in cells],
+        y=[round(100 * passed[hard] / tried[hard], 3) for hard in cells],
+        mode="markers",
+        marker={
+            "symbol": look.marker,
+            "size": [min(22.0, 6.0 + 2.0 * math.sqrt(tried[hard])) for hard in cells],
+            "color": look.fill,
+            "line": {"color": look.colour, "width": 1.4},
+        },
+        hovertext=[
+            f"{look.letter} {escape(look.name)}<br>difficulty {hard:.1f}: {passed[hard]} of {tried[hard]} runs passed"
+            for hard in cells
+        ],
+        hoverinfo="text",
+    )
+
+
+def _competences(figure: go.Figure, look: AgentLook, tally: Tally | None, aside: float) -> None:
+    for rate, found in (tally.competence if tally is not None else {}).items():
+        if found.value <= 0.0:
+            continue
+        figure.add_scatter(
+            x=[found.low, found.value],
+            y=[int(rate) + aside] * 2,
+            mode="lines+markers",
+            line={"color": look.colour, "width": 1.6},
+            marker={
+                "symbol": ["line-ns", "triangle-right" if found.at_least else "line-ns"],
+                "size": [7, 10],
+                "color": look.colour,
+                "line": {"color": look.colour, "width": 1.6},
+            },
+            hovertext=f"{look.letter} {escape(look.name)}<br>competence {rate}: {'at least ' if found.at_least else ''}{found.value:.1f}, "
+            f"lower bound {found.low:.1f}",
+            hoverinfo="text",
+        )
+
+
 ROLE_MARKERS = {Role.ADVERSARY: "triangle-up", Role.BYSTANDER: "circle", Role.CLUTTER: "square"}
 ROLE_NAMES = {Role.ADVERSARY: "adversary", Role.BYSTANDER: "bystander", Role.CLUTTER: "clutter"}
 
@@ -277,6 +388,17 @@ def map_figure(chart: RunMap) -> go.Figure:
     """One run from above: east to the right, north up, metres, the same scale on both axes."""
     figure = _figure(height=620, margin={"l": 54, "r": 10, "t": 64, "b": 44})
     _outline(figure, chart.area_enu_m, "area of interest", {"color": "var(--ink-soft)", "width": 1.2, "dash": "dash"})
+    if chart.geofence_enu_m:
+        _outline(figure, chart.geofence_enu_m, "geofence", {"color": "var(--warn)", "width": 1.8})
+    for one in chart.no_fly:
+        label = f"no-fly {escape(one.id)}{'' if one.always else f', {one.span}'}"
+        _outline(
+            figure,
+            one.corners_enu_m,
+            label,
+            {"color": "var(--forbidden)", "width": 1.4, "dash": "longdashdot"},
+            fill="var(--no-fly)",
+        )
     for name, east_m, north_m, radius_m, priority in chart.circles:
         label = f"intelligence {name}, priority {priority}"
         _outline(figure, _circle(east_m, north_m, radius_m), label, {"color": "var(--intelligence)", "width": 1.6, "dash": "dot"})
@@ -423,10 +545,12 @@ def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: boo
     )
 
 
-def _outline(figure: go.Figure, track: Track, name: str, line: dict[str, object], show: bool = True) -> None:
+def _outline(
+    figure: go.Figure, track: Track, name: str, line: dict[str, object], show: bool = True, fill: str | None = None
+) -> None:
     figure.add_scatter(
         x=[point[0] for point in track], y=[point[1] for point in track], mode="lines", line=line, name=name, hoverinfo="name",
-        showlegend=show,
+        showlegend=show, fill="toself" if fill else None, fillcolor=fill,
     )  # fmt: skip
 
 

@@ -11,9 +11,10 @@ import polars as pl
 from numpy.typing import NDArray
 
 from bench.contracts import At, Decision, Outcome, Tape, TargetReport
-from bench.simspec import Role, SimSpec
+from bench.simspec import Polygon, Role, SimSpec
 
 from ._data import ReportData, Run
+from ._happenings import Happening, happenings
 
 Track = tuple[tuple[float, float], ...]
 TRAJECTORY_HZ = 2.0
@@ -55,6 +56,26 @@ class MapReport:
 
 
 @dataclass(frozen=True, slots=True)
+class MapNoFly:
+    """Ground that must not be flown over from `from_s` on, to the end where `until_s` is None."""
+
+    id: str
+    corners_enu_m: Track
+    from_s: float
+    until_s: float | None
+
+    @property
+    def always(self) -> bool:
+        """Whether it holds throughout."""
+        return self.from_s <= 0.0 and self.until_s is None
+
+    @property
+    def span(self) -> str:
+        """From when to when."""
+        return f"from {self.from_s:g} s" + ("" if self.until_s is None else f" to {self.until_s:g} s")
+
+
+@dataclass(frozen=True, slots=True)
 class RunMap:
     """One run as the map shows it; east and north metres in the world's frame, seconds of simulated time."""
 
@@ -69,16 +90,18 @@ class RunMap:
     decisions: tuple[tuple[float, str, str, str], ...]  # time_s, action, subject, reason
     malformed: tuple[tuple[str, int], ...] = ()  # topic and number of messages that could not be understood
     cut: bool = False  # the recording ends before its session did
+    geofence_enu_m: Track = ()
+    no_fly: tuple[MapNoFly, ...] = ()
+    happenings: tuple[Happening, ...] = ()
 
 
 def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
     """The run's map from its truth and from what the agent said; `simspec` is the realized one of its recording."""
-    corners = tuple((corner.east_m, corner.north_m) for corner in simspec.world.area.corners)
     reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
     placed = simspec.realized.reports if simspec.realized else ()
     return RunMap(
         run=run,
-        area_enu_m=(*corners, corners[0]),
+        area_enu_m=_ring(simspec.world.area),
         home_enu_m=(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
         no_mark_within_m=simspec.rules.no_mark_within_m,
         circles=tuple((one.id, one.east_m, one.north_m, *reported.get(one.id, (0.0, 0))) for one in placed),
@@ -88,7 +111,15 @@ def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         decisions=tuple(_decision(one) for one in tape.decisions),
         malformed=tuple((topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT),
         cut=CUT in tape.malformed,
+        geofence_enu_m=_ring(simspec.rules.geofence) if simspec.rules.geofence else (),
+        no_fly=tuple(MapNoFly(one.id, _ring(one.area), one.from_s, one.until_s) for one in simspec.rules.no_fly),
+        happenings=happenings(simspec, tape),
     )
+
+
+def _ring(area: Polygon) -> Track:
+    corners = tuple((corner.east_m, corner.north_m) for corner in area.corners)
+    return (*corners, corners[0])
 
 
 def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:

@@ -21,11 +21,12 @@ from test_ports import read_simspec, read_tape
 from . import _words as words
 from ._data import ALL, ReportData, Run, Tally, load_report_data
 from ._facts import describe, factor_levels, factor_rows, provenance_of
-from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, looks, map_figure, pairs_figure
+from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, curve_figure, looks, map_figure, pairs_figure
 from ._map import RunMap, choose_runs, draw_map
 from ._offline import data_text, environment, policy, script_text, template_text
 from ._pairs import Pairing, pair_agents
 from ._statistics import compare_agents, factors_figure, factors_that_matter
+from ._told import AllTrials, Trials, curve_remark, sentences, trials_of
 
 MANIFEST_ROWS = 5000
 DECISION_ROWS = 200
@@ -51,6 +52,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     matter = factors_that_matter(data)
     plotly, script = (script_text(text) for text in (get_plotlyjs(), template_text("report.js")))
     shown = looks(data.agents)
+    trials = trials_of(data.scores)
     names, counts = _outcome_counts(data, shown)
     context: dict[str, Any] = {
         "data": data,
@@ -65,7 +67,8 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "factors": factor_rows(data),
         "outcome_names": names,
         "outcome_counts": counts,
-        "trees": _trees(data, shown),
+        "studied": _studied(data, shown, trials, figures) if data.tallies else [],
+        "trees": _trees(data, shown, trials),
         "panels": _panels(data, shown, figures),
         "maps": [_map(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
@@ -156,15 +159,65 @@ def _outcome_counts(data: ReportData, shown: Sequence[AgentLook]) -> tuple[list[
     return names, rows
 
 
-def _trees(data: ReportData, shown: Sequence[AgentLook]) -> list[dict[str, Any]]:
+def _studied(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials, figures: _Figures) -> list[dict[str, Any]]:
+    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in sentences."""
+    found = []
+    for place, node in enumerate(data.study, start=1):
+        tallies = {look.name: tally for look in shown if (tally := data.tally(look.name, node)) is not None}
+        flown = {look.name: trials[look.name, node] for look in shown if (look.name, node) in trials}
+        agents = [
+            {
+                "look": look,
+                "lines": sentences(tallies.get(look.name), flown.get(look.name, Trials())),
+                "remark": curve_remark(flown[look.name].curve()) if look.name in flown else "",
+            }
+            for look in shown
+        ]
+        passed = [f"{name}: {one.passes} of {len(one.passed)} runs passed" for name, one in flown.items()]
+        found.append(
+            {
+                "node": node,
+                "asks": data.nodes[node].asks if node in data.nodes else "",
+                "agents": agents,
+                "id": figures.add(f"curve-{place}", curve_figure(shown, flown, tallies)) if flown else "",
+                "label": f"Pass rate of {node} over difficulty. {'; '.join(passed)}",
+            }
+        )
+    return found
+
+
+def _trees(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials) -> list[dict[str, Any]]:
+    """For each agent that flew: its branches, one for every root, each with the rows of all that stands under it."""
     if not data.tallies:
         return []
     flown = {run.agent for run in data.runs}
+    told = {
+        (look.name, name): sentences(data.tally(look.name, name), trials.get((look.name, name), Trials()))
+        for look in shown
+        for name in data.nodes
+    }
     return [
-        {"look": look, "rows": list(_tree_rows(data, look.name)), "method": _methods(data, look.name)}
+        {
+            "look": look,
+            "branches": [
+                {
+                    "node": data.nodes[root],
+                    "said": _said(data.tally(look.name, root)),
+                    "rows": list(_tree_rows(data, look.name, root, told)),
+                }
+                for root in data.roots
+            ],
+            "method": _methods(data, look.name),
+        }
         for look in shown
         if look.name in flown
     ]
+
+
+def _said(tally: Tally | None) -> str:
+    if tally is None or not tally.considered:
+        return "never considered"
+    return f"score {words.score(tally.score)}{' †' if tally.raised else ''}, confidence {words.percent(tally.confidence)}"
 
 
 def _methods(data: ReportData, agent: str) -> str:
@@ -173,7 +226,7 @@ def _methods(data: ReportData, agent: str) -> str:
     return f"Intervals of confidence: {words.listed(named)}." if named else ""
 
 
-def _tree_rows(data: ReportData, agent: str) -> Iterator[dict[str, Any]]:
+def _tree_rows(data: ReportData, agent: str, root: str, told: Mapping[tuple[str, str], list[str]]) -> Iterator[dict[str, Any]]:
     parents: dict[str, list[str]] = {}
     for node in data.nodes.values():
         for child in node.children:
@@ -188,12 +241,12 @@ def _tree_rows(data: ReportData, agent: str) -> Iterator[dict[str, Any]]:
             "studied": name in data.study,
             "also": words.listed([one for one in parents.get(name, []) if one != parent]),
             "tally": data.tally(agent, name),
+            "lines": told[agent, name],
         }
         for child in node.children:
             yield from below(child, min(depth + 1, 3), name)
 
-    for root in data.roots:
-        yield from below(root, 0, "")
+    yield from below(root, 0, "")
 
 
 def _panels(data: ReportData, shown: Sequence[AgentLook], figures: _Figures) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import polars as pl
 
@@ -58,6 +59,10 @@ def trials_of(scores: pl.DataFrame) -> AllTrials:
 
 def sentences(tally: Tally | None, trials: Trials) -> list[str]:
     """What can be said of one node of one agent over all runs."""
+    return [one.replace(" %", "\u00a0%") for one in _sentences(tally, trials)]
+
+
+def _sentences(tally: Tally | None, trials: Trials) -> list[str]:
     if tally is None:
         return ["Nothing is on record of it."]
     if not tally.considered:
@@ -94,7 +99,9 @@ def _competence(tally: Tally, rate: str) -> str:
         return f"Competence {rate}: 0. At no difficulty flown did at least {SHARES[rate]} of the runs pass."
     reach = f"at least {SHARES[rate]} of the runs pass up to difficulty {number(found.value)}"
     end = ", the highest flown, so where it ends is not known" if found.at_least else ""
-    low = f"with 95 % confidence {number(found.low)} or more" if found.low > 0 else "too few runs for a lower bound above 0"
+    low = (
+        f"with 95 % confidence {number(found.low)} or more" if found.low > 0 else "no lower bound above 0 follows from these runs"
+    )
     return f"Competence {rate}: {'at least ' if found.at_least else ''}{number(found.value)}; {reach}{end}; {low}."
 
 
@@ -106,11 +113,18 @@ def _confidence(tally: Tally) -> str:
 
 
 def _claim(tally: Tally, trials: Trials) -> str:
-    said = claim(trials.passes, len(trials.passed))
-    shared = tally.design_points < len(trials.passed)
-    return said + (
-        f" That takes the runs as independent; they come from {plural(tally.design_points, 'design point')}." if shared else ""
-    )
+    said = _claimed(trials.passes, len(trials.passed))
+    if tally.design_points < len(trials.passed):
+        said += f" That takes the runs as independent; they come from {plural(tally.design_points, 'design point')}."
+    if tally.method.startswith("anytime"):
+        said += " It takes their number as fixed beforehand; here it hung on how they went."
+    return said
+
+
+@lru_cache(maxsize=4096)
+def _claimed(passed: int, tried: int) -> str:
+    """Hundreds of nodes share few counts, and an exact bound is dear."""
+    return claim(passed, tried)
 
 
 def curve_remark(curve: Curve) -> str:
@@ -122,6 +136,6 @@ def curve_remark(curve: Curve) -> str:
     if curve.half_at is not None:
         return f"The curve passes an even chance at difficulty {number(curve.half_at)}; that is no competence, for it rises when easy runs fail."
     if curve.probability[-1] > curve.probability[0]:
-        return "The curve rises: harder runs passed more often, so something other than the rated difficulty decides."
+        return "The curve rises: harder runs passed no less often than easier ones, so rated difficulty does not tell where it fails."
     side = "above" if curve.probability[-1] > 0.5 else "below"
     return f"The curve stays {side} an even chance at every difficulty flown."

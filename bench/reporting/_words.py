@@ -39,6 +39,13 @@ GLOSSARY = (
      "this mean, it does not lower it. Read it only together with the confidence."),
     ("Confidence", "Of the observables under a node that a run considered, the share that was achieved; over runs, the plain mean "
      "over the runs that considered any. The interval is two-sided, 95 %."),
+    ("Raised by failure (†)", "What failed has no score and leaves the mean, so failing at what is easy can raise it. The mark stands "
+     "wherever the mean exceeds what it would be, had every failed observable passed exactly at its threshold."),
+    ("Competence 50, 90", "The largest difficulty flown up to which at least half, or nine tenths, of the runs pass, by a fit of the "
+     "pass rate that never rises with difficulty. A run passes a node when everything under it that was considered was achieved. "
+     "Failing can never raise it. The bound is one-sided, 95 %. “≥” or “at least”: it is the hardest that was flown."),
+    ("Difficulty-response curve", "A logistic curve of the pass rate over difficulty with a pointwise 95 % band, to be looked at and "
+     "never the number: the difficulty at which it passes 50 % rises when easy runs fail."),
     ("Difficulty", "Rated before anything runs, from the configured situation: each key factor (fog, concealment, bystander density "
      "and so on) has a table from value to rating; an observable's difficulty is the lowest of its factors' ratings, a node's the "
      "lowest of all its observables."),

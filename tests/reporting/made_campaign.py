@@ -24,6 +24,9 @@ from bench.contracts import (
     CastMember,
     Decision,
     Observation,
+    OperatorLinkDocument,
+    OrderAnswer,
+    OrderDocument,
     Outcome,
     Record,
     SessionResult,
@@ -104,7 +107,21 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
             "name": f"scene-{scene}",
             "world": {"area": {"corners": [{"east_m": e, "north_m": n} for e, n in ((-300, -125), (300, -125), (300, 125), (-300, 125))]}},
             "environment": {"fog_level": fog},
-            "vehicle": {"home": {"east_m": -250.0, "north_m": -80.0}},
+            "vehicle": {
+                "home": {"east_m": -250.0, "north_m": -80.0},
+                "failures": [{"at_s": 100.0, "kind": "gps_drift", "duration_s": 10.0, "drift_mps": 0.5, "towards_deg": 90.0},
+                             {"at_s": 250.0, "kind": "motor_off", "instance": 2}],
+            },
+            "rules": {
+                "geofence": {"corners": [{"east_m": e, "north_m": n} for e, n in ((-320, -150), (320, -150), (320, 150), (-320, 150))]},
+                "no_fly": [{"id": "school", "area": {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (40, 0), (40, 30))]},
+                            "from_s": 20.0, "until_s": 200.0}],
+            },
+            "orders": [{"id": "stop", "at_s": 30.0, "kind": "hold", "within_s": 5.0},
+                       {"id": "there", "at_s": 45.0, "kind": "mark", "intelligence": "first"},
+                       {"id": "late", "at_s": 250.0, "kind": "return"}],
+            "outages": [{"kind": "operator_link", "at_s": 40.0, "duration_s": 10.0},
+                        {"kind": "detections", "at_s": 70.0, "duration_s": 5.0}],
             "actors": [
                 {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1, "concealment": concealment},
                 {"id": "truck", "asset": "military-truck", "role": "adversary", "count": 1},
@@ -195,6 +212,17 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
         actor_position_enu_m=ways,
         reports=tuple(At(SimTime(round(one.time_s * 1e9)), one) for one in said),
         decisions=tuple(At(SimTime(round(one.time_s * 1e9)), one) for one in decided),
+        orders=(
+            At(SimTime(30 * 10**9), OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0)),
+            At(
+                SimTime(50 * 10**9), OrderDocument(id="there", kind="mark", issued_s=45.0, within_s=10.0, intelligence_id="first")
+            ),
+        ),
+        answers=(At(SimTime(52 * 10**9), OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)),),
+        operator_link=(
+            At(SimTime(int(40.2e9)), OperatorLinkDocument(up=False)),
+            At(SimTime(int(50.2e9)), OperatorLinkDocument(up=True)),
+        ),
     )
 
 
@@ -214,6 +242,9 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
         records.append(Record(at, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
     records += [_said(one.time.s, topics.reports, one.value) for one in tape.reports]
     records += [_said(one.time.s, topics.decisions, one.value) for one in tape.decisions]
+    records += [_said(one.time.s, topics.orders, one.value) for one in tape.orders]
+    records += [_said(one.time.s, topics.answers, one.value) for one in tape.answers]
+    records += [_said(one.time.s, topics.operator_link, one.value) for one in tape.operator_link]
     with open_recording(path, simspec=simspec, versions={}) as recorder:
         for record in sorted(records, key=lambda one: one.time.ns):
             recorder(record)
@@ -264,7 +295,7 @@ def _decomposition() -> dict[str, Any]:
         "format": "rebar.decomposition/1",
         "name": "made-up",
         "title": "Made up",
-        "principles": [_inner(name, name.title(), kas) for name, kas in PRINCIPLES.items()],
+        "principles": [_inner(name, f"Is {name[2:].lower()}", kas) for name, kas in PRINCIPLES.items()],
         "key_attributes": [_inner(ka, TITLES[ka], [f"VAB-{ka[3:]}"]) for ka in STUDY],
         "vabs": [_inner(f"VAB-{ka[3:]}", f"Behaviour of {ka}", OBSERVABLES[ka]) for ka in STUDY],
         "observables": leaves,

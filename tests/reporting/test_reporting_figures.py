@@ -26,6 +26,8 @@ from bench.reporting import (
     score_table,
 )
 from bench.reporting._data import ReportData, Run
+from bench.reporting._figures import curve_figure, looks
+from bench.reporting._told import Trials, curve_remark, sentences, trials_of
 from bench.scoring import summary_frame
 
 
@@ -225,3 +227,65 @@ def test_without_truth_nobody_stands_at_the_origin(data: ReportData) -> None:
     blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
     report = draw_map(run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))).reports[0]
     assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
+
+
+def test_the_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
+    """Discs at the shares passed, one for each difficulty; the curve with its band; competence from its bound to its value."""
+    trials = trials_of(data.scores)
+    flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
+    tallies = {agent: data.tallies[agent, "all", "KA-03"] for agent in AGENTS}
+    traces = curve_figure(looks(AGENTS), flown, tallies).to_plotly_json()["data"]
+    rows = data.scores.filter(pl.col("node") == "KA-03", pl.col("agent") == AGENTS[0])
+    rates = rows.group_by("difficulty").agg(pl.len(), (pl.col("confidence") >= 1.0).mean().alias("rate")).sort("difficulty")
+    discs = [trace for trace in traces if trace["mode"] == "markers"]
+    assert len(discs) == len(AGENTS)
+    assert list(discs[0]["y"]) == pytest.approx((100 * rates["rate"]).to_list(), abs=1e-3)
+    assert [f"of {count} runs" in text for count, text in zip(rates["len"], discs[0]["hovertext"], strict=True)]
+    bands = [trace for trace in traces if trace.get("fill") == "toself"]
+    assert len(bands) == sum(flown[agent].curve().drawn for agent in AGENTS) == len(AGENTS)
+    bars = [trace for trace in traces if trace["mode"] == "lines+markers"]
+    wanted = [(one.low, one.value) for agent in AGENTS for one in tallies[agent].competence.values() if one.value > 0]
+    assert [tuple(bar["x"]) for bar in bars] == wanted
+    assert wanted
+
+
+@pytest.mark.parametrize(
+    ("difficulty", "passed", "said"),
+    [
+        ([10.0] * 9, [True] * 9, "fewer than ten runs"),
+        ([10.0] * 12, [True] * 6 + [False] * 6, "all runs have one difficulty"),
+        ([10.0, 20.0] * 6, [True] * 12, "All runs passed"),
+        ([10.0, 20.0] * 6, [False] * 12, "No run passed"),
+        ([10.0, 20.0] * 6, [True, False] * 6, "on either side of one difficulty"),
+        ([10.0] * 8 + [20.0] * 8, [True] * 7 + [False] * 7 + [False, True], "an even chance at difficulty"),
+        ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 7 + [True, False], "The curve rises"),
+    ],
+)
+def test_a_curve_comes_with_its_remark(difficulty: list[float], passed: list[bool], said: str) -> None:
+    """Why there is none, or what it does not show."""
+    trials = Trials(tuple(difficulty), tuple(passed), tuple(map(str, range(len(passed)))))
+    assert said in curve_remark(trials.curve())
+
+
+def test_runs_that_share_design_points_are_said_to(data: ReportData) -> None:
+    """The claim takes runs as independent, and says where they are not."""
+    tally = data.tallies[AGENTS[0], "all", "KA-03"]
+    trials = trials_of(data.scores)[AGENTS[0], "KA-03"]
+    assert not any("as independent" in one for one in sentences(tally, trials))
+    said = sentences(replace(tally, design_points=20), trials)
+    assert any("That takes the runs as independent; they come from 20 design points." in one for one in said)
+
+
+def test_the_map_shows_where_not_to_fly(data: ReportData) -> None:
+    """Geofence and no-fly areas as closed rings, the latter with their times."""
+    run = data.runs[0]
+    simspec = data.simspecs[run.realization]
+    traces = {
+        one.get("name"): one
+        for one in map_figure(draw_map(run, simspec, made_campaign.made_tape(simspec))).to_plotly_json()["data"]
+    }
+    fence = traces["geofence"]
+    assert list(zip(fence["x"], fence["y"], strict=True)) == [(-320, -150), (320, -150), (320, 150), (-320, 150), (-320, -150)]
+    area = traces["no-fly school, from 20 s to 200 s"]
+    assert list(zip(area["x"], area["y"], strict=True)) == [(0, 0), (40, 0), (40, 30), (0, 0)]
+    assert area["fill"] == "toself"

@@ -12,14 +12,19 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import made_campaign
+import numpy as np
 import polars as pl
 import pytest
+import yaml
 from made_campaign import AGENTS, STUDY, Made, make_campaign
 
-from bench.contracts import Outcome, Record, SimTime
+from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.reporting import draw_map, load_report_data, render_report, write_report
+from bench.scoring import ScoredRun, difficulty_given, score_table
 from bench.streams import String, encode
+from decompositions import load_decomposition
+from test_ports import read_simspec, read_tape
 
 VOID = {"meta", "link", "br", "img", "hr", "input", "circle", "path", "rect"}
 
@@ -98,7 +103,7 @@ def page(made: Path) -> Page:
 def test_headline_numbers_are_those_of_the_score_table(made: Path, page: Page) -> None:
     """Score, confidence and counts of every studied node and agent equal what the Parquet file gives when averaged by hand."""
     scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("outcome") != "placement_infeasible")
-    rows = [row for row in page.tables["headline"] if len(row) == 8][1:]
+    rows = [row for row in page.tables["headline"] if len(row) == 10][1:]
     wanted = []
     for node in STUDY:
         for agent in AGENTS:
@@ -110,13 +115,13 @@ def test_headline_numbers_are_those_of_the_score_table(made: Path, page: Page) -
         assert said is not None
         assert said[1] == (f"{score:.1f}" if score is not None else "not scored")
         assert row[3] == f"{100 * confidence:.1f} %"
-        assert [int(cell) for cell in row[5:8]] == [runs, runs, scored]
+        assert [int(cell) for cell in row[7:10]] == [runs, runs, scored]
 
 
 def test_every_node_of_every_agent_has_its_row(made: Path, page: Page) -> None:
     """The trees hold each node of the decomposition for each agent, with the confidence of the table."""
     data = load_report_data(made)
-    rows = [row for row in page.tables[""] if len(row) == 8 and row[0].split(" · ")[0].strip() in data.nodes]
+    rows = [row for row in page.tables[""] if len(row) == 10 and row[0].split(" · ")[0].strip() in data.nodes]
     found = [row[0].split(" · ")[0].strip() for row in rows]
     for node in data.nodes:
         assert found.count(node) >= len(AGENTS)
@@ -154,7 +159,7 @@ def test_data_in_scripts_cannot_end_them(made: Path) -> None:
     renamed = replace(data, agents=(odd, AGENTS[1]), runs=runs, scores=data.scores.with_columns(named), tallies=tallies)
     page = Page(render_report(renamed))
     figures = {name: text for name, text in page.scripts.items() if name.startswith("data-")}
-    assert len(figures) == len(data.configurations) + 2  # the pairs, the factors
+    assert len(figures) == len(data.configurations) + len(STUDY) + 2  # the pairs, the factors
     assert all("<" not in text and json.loads(text)["data"] for text in figures.values())
 
 
@@ -178,7 +183,7 @@ def test_the_page_is_sound_html(page: Page) -> None:
     drawn = {
         value
         for tag, name, value in page.attributes
-        if name == "id" and re.fullmatch(r"(configuration|map|pairs|factors)-\d+", value)
+        if name == "id" and re.fullmatch(r"(configuration|map|pairs|factors|curve)-\d+", value)
     }
     assert drawn == figures
 
@@ -218,7 +223,7 @@ def test_all_failed_by_the_bench(tmp_path: Path) -> None:
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
     assert len(page.tables["failures"]) == 5
     assert "4 runs, listed under Outcomes" in page.text
-    assert {row[2] for row in page.tables["headline"] if len(row) == 7 and row[0] != "Key attribute and agent"} == {"not scored"}
+    assert {row[2] for row in page.tables["headline"] if len(row) == 9 and row[0] != "Key attribute and agent"} == {"not scored"}
 
 
 def test_a_node_never_scored_is_shown_as_such(tmp_path: Path) -> None:
@@ -293,3 +298,85 @@ def test_size_stays_small(made: Path) -> None:
         for run in data.runs[:6]
     ]
     assert len(render_report(data, charts).encode()) < 8_000_000
+
+
+def test_each_studied_node_is_told_in_sentences(made: Path, page: Page) -> None:
+    """Competence, its bound, the claim and the curve's remark stand beside every figure; the flag says what the mean would be."""
+    data = load_report_data(made)
+    told = page.text.split("What is under study, one by one", 1)[1].split("What was run", 1)[0].replace("\u00a0", " ")
+    for node in STUDY:
+        for agent in AGENTS:
+            tally = data.tally(agent, node)
+            assert tally is not None
+            at_least = "at least " if tally.competence["50"].at_least else ""
+            value = tally.competence["50"].value
+            assert f"Competence 50: {at_least}{value:.1f};" in told if value else "Competence 50: 0." in told
+            if tally.raised:
+                assert f"exactly at its threshold, it would be {tally.passed_score:.1f}." in told
+    assert any(tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY)
+    scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("node") == "KA-18", pl.col("agent") == AGENTS[0])
+    passed = (scores["achieved"] == scores["considered"]).sum()
+    assert f"{passed} of {scores.height} runs passed: with 95 % confidence at most" in told
+    assert told.count("No curve is drawn: fewer than ten runs considered the node.") == len(STUDY) * len(AGENTS)
+
+
+def test_principles_are_folded_branches(made: Path, page: Page) -> None:
+    """Closed at first, one for each principle and agent, with score and confidence on the fold."""
+    branches = [one for one in page.attributes if one == ("details", "class", "branch")]
+    assert len(branches) == 2 * len(AGENTS)
+    assert ("details", "open", "") not in [one for one in page.attributes if one[0] == "details" and one[2] == "branch"]
+    tally = load_report_data(made).tally(AGENTS[0], "P-RELIABLE")
+    assert tally is not None
+    assert tally.score is not None
+    assert tally.confidence is not None
+    assert f"score {tally.score:.1f}{' †' if tally.raised else ''}, confidence {100 * tally.confidence:.1f} %" in page.text
+
+
+def test_orders_outages_and_faults_of_a_drawn_run(made: Path) -> None:
+    """With times and answers; what the run did not live to see is said to have come too late."""
+    data = load_report_data(made)
+    run = data.runs[0]
+    simspec = data.simspecs[run.realization]
+    page = Page(render_report(data, [draw_map(run, simspec, made_campaign.made_tape(simspec, reason="not near <people>"))]))
+    rows = [row for row in page.tables[""] if len(row) == 5 and row[2] in ("order", "outage", "fault")]
+    assert rows == [
+        ["30.0", "–", "order", "hold, within 5 s", "delivered at 30.0 s; not answered"],
+        ["40.0", "50.0", "outage", "the operator’s link is down", "the agent was told at 40.2 s"],
+        ["45.0", "–", "order", "mark first, within 10 s", "delivered at 50.0 s; refused at 52.0 s: not near <people>"],
+        ["70.0", "75.0", "outage", "the detector is silent", "–"],
+        ["100.0", "110.0", "fault", "fixes drift by 0.5 m/s towards 90°", "–"],
+        ["250.0", "–", "fault", "rotor 2 stops", "the run had ended"],
+        ["250.0", "–", "order", "return, within 10 s", "the run had ended"],
+    ]
+
+
+def test_happenings_are_read_from_recordings(tmp_path: Path) -> None:
+    """Orders, answers and the operator's link come out of a real recording as they went in."""
+    simspec = made_campaign.made_simspec(0, AGENTS[0])
+    made_campaign.write_recording(tmp_path / "recording.mcap", simspec, made_campaign.made_tape(simspec))
+    run = load_report_data(make_campaign(tmp_path / "c", Made(scenes=1))).runs[0]
+    found = draw_map(run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")).happenings
+    assert found == draw_map(run, simspec, made_campaign.made_tape(simspec)).happenings
+
+
+def test_the_whole_application_stays_readable(tmp_path: Path) -> None:
+    """The full decomposition, 100 scenes, two agents: below 15 MB, every node in its table, figures for what is studied alone."""
+    folder = make_campaign(tmp_path / "c", Made(scenes=2))
+    asked = load_decomposition("search-and-report-full")
+    (folder / "decomposition.json").unlink()
+    stated = yaml.safe_load((folder / "campaign.yaml").read_text())
+    (folder / "campaign.yaml").write_text(yaml.safe_dump({**stated, "decomposition": asked.name, "study": list(asked.study)}))
+    units = dict.fromkeys(asked.observables, 40.0)
+    scored = [
+        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, difficulty_given(asked, units), tuple(seen))
+        for scene in range(100)
+        for agent in AGENTS
+        for random in [np.random.default_rng([scene, len(agent)])]
+        for seen in [[Observation(observable=one, considered=True, x=float(x)) for one, x in zip(units, random.random(len(units)), strict=True)]]
+    ]  # fmt: skip
+    score_table(asked, scored, asked.study).write_parquet(folder / "scores.parquet")
+    page, text = page_of(folder)
+    assert len(text.encode()) < 15_000_000
+    told = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 10}
+    assert set(asked.observables) | set(asked.key_attributes) <= told
+    assert len([name for name in page.scripts if name.startswith("data-curve")]) == len(asked.study)

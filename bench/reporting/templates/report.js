@@ -21,7 +21,7 @@
     const figure = resolve(source, getComputedStyle(root));
     const interactive = box.classList.contains("map") && !printing;
     // Paper has a width of its own, that of @page in the style; the window's would run over its edge.
-    if (printing) figure.layout.width = box.closest(".panel") ? PANEL_ON_PAPER_PX : PAPER_PX;
+    if (printing) figure.layout.width = box.closest(".panel, .beside") ? PANEL_ON_PAPER_PX : PAPER_PX;
     return Plotly.react(box, figure.data, figure.layout, {
       responsive: !printing, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
@@ -54,6 +54,11 @@
   prefersDark.addEventListener("change", theme);
   const print = (on) => {
     printing = on;
+    // On paper nothing can be opened; what was closed is closed again.
+    document.querySelectorAll("details.branch, details.studied-node").forEach((box) => {
+      if (on && !box.open) { box.open = true; box.dataset.opened = "yes"; }
+      if (!on && box.dataset.opened) { box.open = false; delete box.dataset.opened; }
+    });
     theme();
     if (on) boxes.filter((box) => seen(box) && !box.dataset.drawn).forEach(draw);
   };
@@ -75,34 +80,47 @@
   }
 
   // The hierarchy: rows below a folded row are hidden, whatever their own state.
-  for (const table of document.querySelectorAll("table.tree")) {
-    const rows = [...table.tBodies[0].rows];
-    const depth = (row) => Number(row.dataset.depth);
-    const fold = (row) => row.querySelector("button.fold");
-    const refresh = () => {
-      let hiddenBelow = Infinity;
-      for (const row of rows) {
-        if (depth(row) <= hiddenBelow) hiddenBelow = Infinity;
-        row.hidden = hiddenBelow !== Infinity;
-        const control = fold(row);
-        if (!row.hidden && control && control.getAttribute("aria-expanded") === "false") hiddenBelow = depth(row);
+  const fold = (row) => row.querySelector("button.fold");
+  const refresh = (table) => {
+    let hiddenBelow = Infinity;
+    for (const row of table.tBodies[0].rows) {
+      if (row.classList.contains("told")) {
+        const above = row.previousElementSibling;
+        row.hidden = above.hidden || above.querySelector("button.tell").getAttribute("aria-expanded") === "false";
+        continue;
       }
-    };
-    const all = (below) => {
-      rows.forEach((row) => { if (fold(row)) fold(row).setAttribute("aria-expanded", String(depth(row) < below)); });
-      refresh();
-    };
+      const depth = Number(row.dataset.depth);
+      if (depth <= hiddenBelow) hiddenBelow = Infinity;
+      row.hidden = hiddenBelow !== Infinity;
+      const control = fold(row);
+      if (!row.hidden && control && control.getAttribute("aria-expanded") === "false") hiddenBelow = depth;
+    }
+  };
+  const all = (table, below) => {
+    for (const row of table.tBodies[0].rows) {
+      if (fold(row)) fold(row).setAttribute("aria-expanded", String(Number(row.dataset.depth) < below));
+    }
+    refresh(table);
+  };
+  for (const table of document.querySelectorAll("table.tree")) {
     table.addEventListener("click", (event) => {
-      const control = event.target.closest("button.fold");
+      const control = event.target.closest("button.fold, button.tell");
       if (!control) return;
       control.setAttribute("aria-expanded", String(control.getAttribute("aria-expanded") === "false"));
-      refresh();
+      refresh(table);
     });
-    const tools = table.closest(".treebox").querySelector(".tools");
+    table.querySelectorAll("button.fold, button.tell").forEach((control) => { control.hidden = false; });
+    all(table, 1);
+  }
+  for (const box of document.querySelectorAll(".treebox")) {
+    const tools = box.querySelector(".tools");
     tools.hidden = false;
-    tools.addEventListener("click", (event) => { if (event.target.dataset.below) all(Number(event.target.dataset.below)); });
-    rows.forEach((row) => { if (fold(row)) fold(row).hidden = false; });
-    all(1);
+    tools.addEventListener("click", (event) => {
+      if (!event.target.dataset.below) return;
+      const below = Number(event.target.dataset.below);
+      box.querySelectorAll("details.branch").forEach((branch) => { branch.open = below > 0; });
+      box.querySelectorAll("table.tree").forEach((table) => all(table, Math.max(1, below)));
+    });
   }
 
   // What scrolls sideways can be reached and scrolled by keyboard.
