@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bench.contracts import Detection, Evidence, Frame, Tape
+from bench.contracts import Detection, Evidence, Frame, Sighting, Tape
 from bench.simspec import ASSETS, SimSpec
 
 from ._measured import Finding, Measured, not_considered
@@ -147,21 +147,32 @@ def _detection_role_right(tape: Tape, simspec: SimSpec, options: RoleRightOption
     actors = set(truth.of_role(options.role))
     wanted = Wanted(min_height_px=options.min_height_px, min_visible=options.min_visible)
     mistaken, right = [], 0
-    for frame, answer in answered(tape, simspec):
-        for one in answer.detections if answer else ():
-            if one.score < options.min_confidence or not frame.sightings:
-                continue
-            on = max(frame.sightings, key=lambda sighting: iou(one.box, sighting.box))
-            if on.actor not in actors or not wanted.clear(on) or iou(one.box, on.box) < options.min_iou:
-                continue
-            if one.class_label in other - own:
-                text = f"{truth.cast[on.actor].id} ({truth.cast[on.actor].class_label}) detected as {one.class_label}"
-                mistaken.append(Evidence(time_s=frame.exposed.s, text=text))
-            else:
-                right += 1
+    for time_s, one, on, overlap in _lying(tape, simspec):
+        if one.score < options.min_confidence or overlap < options.min_iou or on.actor not in actors or not wanted.clear(on):
+            continue
+        if one.class_label in other - own:
+            text = f"{truth.cast[on.actor].id} ({truth.cast[on.actor].class_label}) detected as {one.class_label}"
+            mistaken.append(Evidence(time_s=time_s, text=text))
+        else:
+            right += 1
     if not right and not mistaken:
         return Finding(0.0, (Evidence(time_s=tape.end_s, text=f"no actor of role {options.role} was detected in clear view"),))
     return Finding(right / (right + len(mistaken)), tuple(mistaken))
+
+
+def _lying(tape: Tape, simspec: SimSpec) -> list[tuple[float, Detection, Sighting, float]]:
+    """Every detection in a frame with actors in sight: when, the sighting whose box it overlaps most, and by how much."""
+
+    def work_out() -> list[tuple[float, Detection, Sighting, float]]:
+        found = []
+        for frame, answer in answered(tape, simspec):
+            for one in answer.detections if answer and frame.sightings else ():
+                overlaps = [iou(one.box, sighting.box) for sighting in frame.sightings]
+                most = max(overlaps)
+                found.append((frame.exposed.s, one, frame.sightings[overlaps.index(most)], most))
+        return found
+
+    return tape.once((_lying, id(simspec)), work_out)
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,16 +106,12 @@ class Truth:
     def entered(self, role: RoleName, asset: str = "") -> dict[int, float]:
         """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when first."""
         times, positions = self.samples()
-        found: dict[int, float] = {}
-        for actor in self.of_role(role):
-            if asset and self.cast[actor].asset != asset:
-                continue
-            inside = np.zeros(len(times), dtype=bool)
-            for area in self.sub_areas():
-                inside |= np.hypot(*(positions[:, actor] - area.place).T) <= area.radius_m
-            if inside.any():
-                found[actor] = float(times[inside.argmax()])
-        return found
+        actors = [one for one in self.of_role(role) if not asset or self.cast[one].asset == asset]
+        inside = np.zeros((len(times), len(actors)), dtype=bool)
+        for area in self.sub_areas():
+            apart = positions[:, actors] - area.place
+            inside |= np.hypot(apart[..., 0], apart[..., 1]) <= area.radius_m
+        return {actor: float(times[within.argmax()]) for actor, within in zip(actors, inside.T, strict=True) if within.any()}
 
     def subject(self, report: TargetReport, time_s: float, within_m: float = REACH_M) -> int | None:
         """The adversary that a report is about: the nearest of its class within `within_m`; None when there is none."""

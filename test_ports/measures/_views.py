@@ -24,6 +24,17 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
+class Sighted:
+    """One actor in one frame as truth has it, and what was detected in that frame; `over` are the detections whose boxes
+    overlap the actor's, each with its intersection over union."""
+
+    time_s: float
+    sighting: Sighting
+    detections: tuple[Detection, ...]
+    over: tuple[tuple[Detection, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """Which views are clear and which detections right; sizes in pixels, ranges in metres, `min_iou` of the boxes."""
 
@@ -44,26 +55,42 @@ class Wanted:
             and self.min_range_m <= sighting.range_m <= self.max_range_m
         )
 
-    def right(self, detection: Detection, member: CastMember, box: Box) -> bool:
-        """Whether a detection is one of this member of the cast."""
+    def detected(self, sighted: Sighted, member: CastMember) -> bool:
+        """Whether one of the detections is one of this member of the cast."""
         label = self.label or member.class_label
-        if detection.score < self.min_confidence or label not in (ANY_CLASS, detection.class_label):
-            return False
-        return iou(detection.box, box) >= self.min_iou
+        # Where no overlap is asked for, a detection anywhere in the frame will do.
+        over = sighted.over if self.min_iou > 0.0 else [(one, 0.0) for one in sighted.detections]
+        for one, overlap in over:
+            if one.score >= self.min_confidence and label in (ANY_CLASS, one.class_label) and overlap >= self.min_iou:
+                return True
+        return False
 
 
 def views(tape: Tape, simspec: SimSpec, actors: Iterable[int], wanted: Wanted) -> list[View]:
     """Every clear view of these actors, in order of time."""
     truth, among = Truth.of(tape, simspec), set(actors)
     found = []
-    for frame, answer in answered(tape, simspec):
-        said = answer.detections if answer else ()
-        for sighting in frame.sightings:
-            if sighting.actor in among and wanted.clear(sighting):
-                member = truth.cast[sighting.actor]
-                seen = any(wanted.right(one, member, sighting.box) for one in said)
-                found.append(View(sighting.actor, frame.exposed.s, seen))
+    for one in sighted(tape, simspec):
+        actor = one.sighting.actor
+        if actor in among and wanted.clear(one.sighting):
+            found.append(View(actor, one.time_s, wanted.detected(one, truth.cast[actor])))
     return found
+
+
+def sighted(tape: Tape, simspec: SimSpec) -> list[Sighted]:
+    """Every sighting of the frames that were answered, in order of time."""
+
+    def work_out() -> list[Sighted]:
+        found = []
+        for frame, answer in answered(tape, simspec):
+            said = answer.detections if answer else ()
+            for sighting in frame.sightings:
+                overlaps = [(one, iou(one.box, sighting.box)) for one in said]
+                over = tuple(pair for pair in overlaps if pair[1] > 0.0)
+                found.append(Sighted(frame.exposed.s, sighting, said, over))
+        return found
+
+    return tape.once((sighted, id(simspec)), work_out)
 
 
 def answered(tape: Tape, simspec: SimSpec) -> list[tuple[Frame, DetectionFrame | None]]:
@@ -87,6 +114,8 @@ def share(seen: Iterable[View]) -> float | None:
 
 def iou(a: Box, b: Box) -> float:
     """Intersection over union of two boxes (left, top, right, bottom); 0 when both are empty."""
+    if a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]:  # most boxes lie apart
+        return 0.0
     width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     if width <= 0.0 or height <= 0.0:
         return 0.0
