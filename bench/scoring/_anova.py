@@ -192,9 +192,15 @@ def _normal(residual: NDArray[np.float64]) -> float | None:
 
 
 def _equal_spread(residual: NDArray[np.float64], x: NDArray[np.float64]) -> float | None:
+    """Breusch-Pagan after Koenker; None where every residual is as large as the others, so that there is nothing to explain."""
+    squares = residual**2
+    if np.ptp(squares) <= 1e-12 * float(squares.max(initial=0.0)):
+        return None
     from statsmodels.stats.diagnostic import het_breuschpagan  # a second to import, so only who analyses pays for it
 
-    return float(het_breuschpagan(residual, x, robust=True)[1])
+    with np.errstate(divide="ignore", invalid="ignore"):  # of its F statistic, which is not used here
+        p = float(het_breuschpagan(residual, x, robust=True)[1])
+    return p if np.isfinite(p) else None
 
 
 def cluster_codes(points: Sequence[str]) -> NDArray[np.int64]:

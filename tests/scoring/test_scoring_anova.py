@@ -189,3 +189,14 @@ def test_adjusted_p_values_are_statsmodels() -> None:
         assert [one for one in mine(p) if one is not None] == pytest.approx(list(multipletests(known, method=theirs)[1]))
         assert mine(p)[1] is None
     assert benjamini_hochberg([]) == []
+
+
+def test_residuals_that_are_all_alike_have_no_spread_to_test() -> None:
+    """Runs that all came out the same are no error, and no warning."""
+    from bench.scoring._anova import _equal_spread
+
+    design = np.column_stack([np.ones(8), np.tile([0.0, 1.0], 4)])
+    assert _equal_spread(np.zeros(8), design) is None
+    assert _equal_spread(np.tile([1.0, -1.0], 4), design) is None
+    torn = _equal_spread(np.array([0.0, 2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0]), design)
+    assert torn is None or torn < 0.05
