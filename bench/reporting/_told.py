@@ -96,13 +96,18 @@ def _score(tally: Tally) -> Iterator[str]:
 def _competence(tally: Tally, rate: str) -> str:
     found = tally.competence[rate]
     if found.value <= 0.0:
-        return f"Competence {rate}: 0. At no difficulty flown did at least {SHARES[rate]} of the runs pass."
-    reach = f"at least {SHARES[rate]} of the runs pass up to difficulty {number(found.value)}"
-    end = ", the highest flown, so where it ends is not known" if found.at_least else ""
+        return (
+            f"Competence {rate}: 0. The pass rate, fitted so that it never rises with difficulty, reaches {SHARES[rate]} nowhere."
+        )
+    value = f"at least {number(found.value)}, the highest flown" if found.at_least else number(found.value)
     low = (
-        f"with 95 % confidence {number(found.low)} or more" if found.low > 0 else "no lower bound above 0 follows from these runs"
+        f"with 95 % confidence it is {number(found.low)} or more"
+        if found.low > 0
+        else "no lower bound above 0 follows from these runs"
     )
-    return f"Competence {rate}: {'at least ' if found.at_least else ''}{number(found.value)}; {reach}{end}; {low}."
+    return (
+        f"Competence {rate}: {value}. Up to there the pass rate, fitted so that it never rises, is {SHARES[rate]} or more; {low}."
+    )
 
 
 def _confidence(tally: Tally) -> str:

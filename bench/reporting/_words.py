@@ -41,8 +41,8 @@ GLOSSARY = (
      "over the runs that considered any. The interval is two-sided, 95 %."),
     ("Raised by failure (†)", "What failed has no score and leaves the mean, so failing at what is easy can raise it. The mark stands "
      "wherever the mean exceeds what it would be, had every failed observable passed exactly at its threshold."),
-    ("Competence 50, 90", "The largest difficulty flown up to which at least half, or nine tenths, of the runs pass, by a fit of the "
-     "pass rate that never rises with difficulty. A run passes a node when everything under it that was considered was achieved. "
+    ("Competence 50, 90", "The largest difficulty flown at which the pass rate, fitted so that it never rises with difficulty, is "
+     "at least half, or nine tenths. A run passes a node when everything under it that was considered was achieved. "
      "Failing can never raise it. The bound is one-sided, 95 %. “≥” or “at least”: it is the hardest that was flown."),
     ("Difficulty-response curve", "A logistic curve of the pass rate over difficulty with a pointwise 95 % band, to be looked at and "
      "never the number: the difficulty at which it passes 50 % rises when easy runs fail."),

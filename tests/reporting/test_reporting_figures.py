@@ -25,10 +25,10 @@ from bench.reporting import (
     score_lines,
     score_table,
 )
-from bench.reporting._data import ReportData, Run
+from bench.reporting._data import Competent, ReportData, Run
 from bench.reporting._figures import curve_figure, looks
 from bench.reporting._told import Trials, curve_remark, sentences, trials_of
-from bench.scoring import summary_frame
+from bench.scoring import competence_of, summary_frame
 
 
 @pytest.fixture(scope="module")
@@ -289,3 +289,13 @@ def test_the_map_shows_where_not_to_fly(data: ReportData) -> None:
     area = traces["no-fly school, from 20 s to 200 s"]
     assert list(zip(area["x"], area["y"], strict=True)) == [(0, 0), (40, 0), (40, 30), (0, 0)]
     assert area["fill"] == "toself"
+
+
+def test_competence_is_said_of_the_fit_and_not_of_single_difficulties(data: ReportData) -> None:
+    """Easy runs that failed take hard ones with them: the sentence must not deny that those passed."""
+    hard, ok = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
+    value, low, at_least = competence_of(hard, ok, share=(9, 10))
+    assert value == 0.0
+    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": Competent(value, low, at_least)})
+    said = sentences(tally, Trials(tuple(hard), tuple(ok), tuple(map(str, range(30)))))
+    assert any("fitted so that it never rises with difficulty, reaches nine tenths nowhere" in one for one in said)

@@ -310,7 +310,7 @@ def test_each_studied_node_is_told_in_sentences(made: Path, page: Page) -> None:
             assert tally is not None
             at_least = "at least " if tally.competence["50"].at_least else ""
             value = tally.competence["50"].value
-            assert f"Competence 50: {at_least}{value:.1f};" in told if value else "Competence 50: 0." in told
+            assert f"Competence 50: {at_least}{value:.1f}" in told if value else "Competence 50: 0." in told
             if tally.raised:
                 assert f"exactly at its threshold, it would be {tally.passed_score:.1f}." in told
     assert any(tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY)
