@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.contracts import CastMember, Detection, DetectionFrame, Detector, Frame, Sighting, SimTime
-from bench.simspec import ASSETS, DetectionModel, SimSpec, generator, sun_of
+from bench.simspec import ASSETS, DetectionModel, SimSpec, generator, seed_of, sun_of
 
 THRESHOLD_CONTRAST = 0.02
 """Apparent contrast below which nothing is seen at any size: the meteorological range ends there."""
@@ -124,7 +124,8 @@ class DegradedDetector:
 
     def __init__(self, simspec: SimSpec, cast: Sequence[CastMember]) -> None:
         self._cast = cast
-        self._seeds = simspec.seeds
+        # With the stream's own seed given, it is not worked out anew for every frame.
+        self._seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
         self._model = simspec.perception.model
         self._odds = DetectionOdds.of(simspec)
         self._width_px = float(simspec.vehicle.camera.width_px)

@@ -34,6 +34,7 @@ class Signing:
         self.rejected: Counter[str] = Counter()
         self._key = key
         self.on = bool(key)
+        self._now_us = now_us
         self._ticks = _ticks(now_us)
         self._partners: dict[tuple[int, int, int], int] = {}
 
@@ -41,12 +42,14 @@ class Signing:
         """A new key, as SETUP_SIGNING brings it; nothing but zeros ends signing."""
         self._key = key if any(key) else b""
         self.on = bool(self._key)
-        self._ticks = max(self._ticks, min(ticks, 2**48 - 2**32))
+        self._ticks = max(self._ticks, _ticks(self._now_us), min(ticks, 2**48 - 2**32))
         self._partners.clear()
 
     def follow(self, now_us: int) -> None:
         """Simulated time goes on."""
-        self._ticks = max(self._ticks, _ticks(now_us))
+        self._now_us = now_us
+        if self.on:
+            self._ticks = max(self._ticks, _ticks(now_us))
 
     def sign(self, unsigned: bytes, link: int) -> bytes:
         """The 13 bytes behind a frame whose header says already that it is signed."""

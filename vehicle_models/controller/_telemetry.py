@@ -335,7 +335,7 @@ def _heading_cdeg(yaw_rad: float) -> int:
 
 
 def _int16(value: float) -> int:
-    return round(min(max(value, -32768.0), 32767.0))
+    return round(value) if -32768.0 <= value <= 32767.0 else round(min(max(value, -32768.0), 32767.0))
 
 
 def _centi(value: float) -> int:
