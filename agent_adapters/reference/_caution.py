@@ -12,7 +12,8 @@ from ._search import Place
 from ._tracks import Tracks
 
 BRAKING_MPS2 = 2.0
-MARGIN_M = 4.0  # for errors of place, of theirs and its own
+SLOW_SHARE = 0.8  # of the speed that is allowed: gusts, and people who come nearer
+MARGIN_M = 6.0  # for errors of place, of theirs and its own
 HEIGHT_MARGIN_M = 3.0
 REMEMBERED_S = 60.0
 LOITER_M = 15.0  # horizontally this near is over somebody
@@ -62,7 +63,7 @@ class Caution:
             return asked_mps
         nearest_m = min(math.dist(place, one) for one in people)
         room_m = max(0.0, nearest_m - self.slow_within_m - MARGIN_M)
-        return min(asked_mps, math.sqrt((0.9 * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
+        return min(asked_mps, math.sqrt((SLOW_SHARE * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
 
     def aside(self, aim: Place, height_m: float, people: list[Place]) -> Place:
         """An aim that keeps the stand-off where height alone does not: moved away from whoever is too near."""
@@ -74,7 +75,7 @@ class Caution:
         """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still stands."""
         if self.max_loiter_s is None:
             return stand
-        away = pushed(stand, people, LOITER_M + 2.0 * MARGIN_M)
+        away = pushed(stand, people, LOITER_M + MARGIN_M)
         apart_m = math.dist(stand, away)
         if apart_m < 1e-6:
             return stand

@@ -107,6 +107,7 @@ class Mission:
         return Situation(
             over=self.over,
             landing=self._pilot.landing,
+            unheard=vehicle.armed and vehicle.silent,
             failsafe=vehicle.texts[-1] if vehicle.failsafe and vehicle.texts else "a failsafe" if vehicle.failsafe else "",
             homeward=self._pilot.homeward() if flying else "",
             about=self._against(order) if order.kind in ("retask", "mark") else "",

@@ -24,6 +24,7 @@ class Situation:
     over: bool = False  # the mission has ended
     landing: bool = False
     failsafe: str = ""  # the autopilot flies by itself
+    unheard: bool = False  # nothing comes from the autopilot
     homeward: str = ""  # why there is no choice but to go home: battery, time
     about: str = ""  # what speaks against doing it to the target or sub-area that it is about
 
@@ -81,6 +82,8 @@ class Orders:
         if now.failsafe and order.kind in MOVING and order.kind != "return":
             return f"the autopilot flies by itself: {now.failsafe}"
         match order.kind:
+            case "hold" | "retask" if now.unheard:
+                return "the autopilot cannot be reached and flies by itself"
             case "hold" | "retask" if now.landing:
                 return "landing already"
             case "hold" | "retask" if now.homeward:

@@ -82,8 +82,8 @@ class Pilot:
         self._blind_waited_s = 0.0
         ceiling_m = order.max_altitude_m - RULE_M
         floor_m = 0.0 if order.min_altitude_m is None else order.min_altitude_m + RULE_M
-        height_m = order.altitude_m if order.altitude_m <= ceiling_m else min(order.altitude_m, order.max_altitude_m)
-        self.height_m = min(self._caution.height_m(max(height_m, floor_m), ceiling_m), max(ceiling_m, floor_m, height_m))
+        height_m = max(min(order.altitude_m, order.max_altitude_m), floor_m)
+        self.height_m = self._caution.height_m(height_m, max(ceiling_m, height_m))
         self.speed_mps = order.speed_mps
         if order.max_speed_mps is not None:
             self.speed_mps = min(order.speed_mps, max(order.max_speed_mps - RULE_MPS, 0.5 * order.max_speed_mps))
