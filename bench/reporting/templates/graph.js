@@ -78,6 +78,9 @@
     return found;
   };
 
+  // Of the document: what is shown, the most general first.
+  const inOrder = () => [...items.keys()].filter((id) => place.has(id));
+
   const path = (from, to, name) => {
     const one = document.createElementNS("http://www.w3.org/2000/svg", "path");
     const a = place.get(from), b = place.get(to);
@@ -138,7 +141,7 @@
       head.style.left = column(depth) + "px";
       return head;
     }));
-    const stop = chosen && place.has(chosen) ? chosen : [...place.keys()][0];
+    const stop = chosen && place.has(chosen) ? chosen : inOrder()[0];
     items.forEach((item, id) => { item.tabIndex = id === stop ? 0 : -1; });
     const downTo = told.levels.findIndex((_, depth) => [...nodes.values()].every((node) => !node.children.length || open.has(node.id) === node.depth < depth));
     [...at("levels").children].forEach((button, depth) => button.setAttribute("aria-pressed", String(depth === downTo)));
@@ -225,7 +228,7 @@
     const id = event.target.dataset.id;
     if (!id || event.ctrlKey || event.metaKey || event.altKey) return;
     const node = nodes.get(id);
-    const ends = [...place.keys()];
+    const ends = inOrder();
     const go = {
       ArrowDown: () => near(id, 1), ArrowUp: () => near(id, -1), Home: () => ends[0], End: () => ends[ends.length - 1],
       ArrowLeft: () => { if (open.has(id)) { toggle(id); return id; } return place.get(id).first; },
