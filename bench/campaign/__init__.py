@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ._document import Campaign as Campaign
 from ._document import CampaignBudgets as CampaignBudgets
+from ._document import Stopping as Stopping
 from ._document import load_campaign as load_campaign
 from ._events import CampaignEvent as CampaignEvent
 from ._events import CampaignPlanned as CampaignPlanned
@@ -39,7 +40,11 @@ from ._pool import OpenExecutor as OpenExecutor
 from ._pool import open_local_pool as open_local_pool
 from ._runner import CampaignSummary as CampaignSummary
 from ._runner import Finish as Finish
+from ._runner import outcomes_named as outcomes_named
 from ._runner import run_campaign as run_campaign
+from ._settled import FLOWN_PAST as FLOWN_PAST
+from ._settled import SettledPoint as SettledPoint
+from ._task import BenchBroken as BenchBroken
 from ._task import Ended as Ended
 from ._task import Job as Job
 from ._task import Task as Task

@@ -26,6 +26,20 @@ class CampaignBudgets(Document):
     ] = None
 
 
+class Stopping(Document):
+    """When a design point's replicates end: once the pass rate of a node lies wholly on one side of a threshold.
+
+    Looked at after every replicate, by an interval that holds at all looks at once; each agent for itself.
+    """
+
+    node: Annotated[str, Field(description="Node of the decomposition whose pass rate is asked about.")]
+    threshold: Annotated[float, Field(gt=0.0, lt=1.0, description="Pass rate on one side of which the question is settled.")]
+    level: Annotated[float, Field(ge=0.5, lt=1.0, description="A design point's verdict is right with this probability.")] = 0.95
+    look: Annotated[Literal["design_point"], Field(description="What is looked at: the replicates of one design point.")] = (
+        "design_point"
+    )
+
+
 class Campaign(Document):
     """A campaign: base SimSpec, design, agents, decomposition. Every agent flies every scene."""
 
@@ -42,6 +56,7 @@ class Campaign(Document):
     study: Annotated[
         tuple[str, ...], Field(description="Nodes that the report is about; the decomposition's own when empty.")
     ] = ()
+    stopping: Annotated[Stopping | None, Field(description="End a design point once it is settled; off when absent.")] = None
     budgets: CampaignBudgets = CampaignBudgets()
 
     @model_validator(mode="after")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import polars as pl
 
-from bench.contracts import SessionResult
+from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml, load_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
@@ -33,6 +33,7 @@ from ._folder import (
 )
 from ._journal import Entry, open_journal
 from ._rescore import changed_since, rescore
+from ._settled import Key, is_past, outcome_name
 from ._versions import versions
 
 
@@ -52,9 +53,8 @@ def finish_campaign(path: Path, decomposition: str | None = None) -> Finished:
     May be called at any time; what has no result yet has no row. Raises SetupError when the folder is no campaign.
     """
     folder, campaign, asked = read_campaign_folder(path, decomposition)
-    with open_journal(folder.journal) as journal:
-        entries = journal.entries()
-    runs, outcomes = _scored_runs(folder, asked, entries)
+    entries, stops = _noted(folder)
+    runs, outcomes = _scored_runs(folder, campaign, asked, entries, stops)
     write_whole(folder.decomposition, dump_yaml(asked.document))
     scores = score_table(asked, runs, campaign.study)
     buffer = io.BytesIO()
@@ -79,7 +79,8 @@ def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
     with open_lock(path), open_journal(folder.journal) as journal:
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
         recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
-        faults = [fault for run in recorded.values() for fault in changed_since(run)]
+        digests = journal.recordings()
+        faults = [fault for name, run in recorded.items() for fault in changed_since(run, digests.get(name))]
         if faults:  # all of them, before any result is written
             raise SetupError(faults)
         for name, run in recorded.items():
@@ -108,9 +109,8 @@ def read_runs(path: Path, decomposition: str | None = None) -> CampaignRuns:
     folder is no campaign, or a recording cannot be measured.
     """
     folder, campaign, asked = read_campaign_folder(path, decomposition)
-    with open_journal(folder.journal) as journal:
-        entries = journal.entries()
-    runs, _ = _scored_runs(folder, asked, entries)
+    entries, stops = _noted(folder)
+    runs, _ = _scored_runs(folder, campaign, asked, entries, stops)
     recordings = {run.realization: folder.run(run.realization) / RECORDING for run in runs}
     recordings = {name: recording for name, recording in recordings.items() if recording.is_file()}
     if decomposition is not None:
@@ -139,20 +139,31 @@ def is_campaign(path: Path) -> bool:
     return (path / "campaign.yaml").is_file() and (path / "journal.sqlite").is_file()
 
 
+def _noted(folder: CampaignFolder) -> tuple[list[Entry], dict[Key, int]]:
+    """What the journal says of realizations, and where design points were settled."""
+    with open_journal(folder.journal) as journal:
+        return journal.entries(), journal.stops()
+
+
 def _scored_runs(
-    folder: CampaignFolder, decomposition: Decomposition, entries: list[Entry]
+    folder: CampaignFolder,
+    campaign: Campaign,
+    decomposition: Decomposition,
+    entries: list[Entry],
+    stops: Mapping[Key, int],
 ) -> tuple[list[ScoredRun], dict[str, int]]:
+    """The runs that count, and how all realizations ended: nothing behind a stop counts, flown or not."""
     runs = []
     outcomes: Counter[str] = Counter()
     rated: dict[tuple[str, int], Difficulty] = {}
     for entry in entries:
         result = _result(folder, entry)
-        outcomes[str(result.outcome) if result else "not finished"] += 1
-        if result is not None:
+        outcomes[outcome_name(entry, result.outcome, stops) if result else "not finished"] += 1
+        if result is not None and result.outcome is not Outcome.SETTLED and not is_past(entry, stops):
             scene = (entry.design_point, entry.replicate)
             if scene not in rated:
                 rated[scene] = difficulty_of(decomposition, load_document(folder.simspec(entry.id), SimSpec))
-            runs.append(_scored_run(entry, result, rated[scene]))
+            runs.append(_scored_run(entry, result, rated[scene], campaign.stopping is not None))
     return runs, dict(outcomes)
 
 
@@ -165,7 +176,7 @@ def _result(folder: CampaignFolder, entry: Entry) -> SessionResult | None:
     return result
 
 
-def _scored_run(entry: Entry, result: SessionResult, difficulty: Difficulty) -> ScoredRun:
+def _scored_run(entry: Entry, result: SessionResult, difficulty: Difficulty, until_settled: bool) -> ScoredRun:
     return ScoredRun(
         realization=entry.id,
         design_point=entry.design_point,
@@ -174,4 +185,5 @@ def _scored_run(entry: Entry, result: SessionResult, difficulty: Difficulty) -> 
         outcome=result.outcome,
         difficulty=difficulty,
         observations=result.observations,
+        until_settled=until_settled,
     )

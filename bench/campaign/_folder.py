@@ -4,6 +4,7 @@
     decomposition.yaml          the decomposition, where the campaign named a file
     simspecs/<realization>.json each realized SimSpec
     journal.sqlite              state, attempts and outcome of every realization
+    aside/                      results that were asked to be flown again
     runs/<realization>/         recording.mcap, and result.json once the session is over
     logs/                       what the workers said
     scores.parquet, report.html, manifest.json
@@ -75,6 +76,12 @@ class CampaignFolder:
 
     def run(self, realization: str) -> Path:
         return self.path / "runs" / realization
+
+    def set_aside(self, realization: str, attempt: int) -> None:
+        """Move a run's result out of the way, where it is kept but counts for nothing."""
+        aside = self.path / "aside" / f"{realization}-{attempt}.json"
+        aside.parent.mkdir(exist_ok=True)
+        (self.run(realization) / RESULT).replace(aside)
 
     def fresh_run(self, realization: str) -> Path:
         """An empty run folder: what an attempt that came to nothing left there is gone."""

@@ -1,6 +1,7 @@
 """The journal: what has become of every realization, in SQLite, so that a kill at any moment leaves it true.
 
 Tables: `realizations` (one row each: ids, levels, digests, state, outcome), `attempts` (one row for each time one was begun),
+`recordings` (digest of each result's recording), `stops` (the last replicate that counts, where a design point was settled),
 `facts` (what the folder was made for). States: planned, running, done.
 """
 
@@ -32,6 +33,10 @@ CREATE TABLE IF NOT EXISTS attempts (
     realization TEXT NOT NULL REFERENCES realizations (id), number INTEGER NOT NULL, worker TEXT NOT NULL,
     started_utc TEXT NOT NULL, ended_utc TEXT, outcome TEXT, reason TEXT NOT NULL DEFAULT '',
     PRIMARY KEY (realization, number));
+CREATE TABLE IF NOT EXISTS recordings (realization TEXT PRIMARY KEY REFERENCES realizations (id), sha256 TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS stops (
+    design_point TEXT NOT NULL, agent TEXT NOT NULL, replicate INTEGER NOT NULL,
+    PRIMARY KEY (design_point, agent)) WITHOUT ROWID;
 """
 INTERRUPTED = "interrupted"
 
@@ -116,6 +121,7 @@ class Journal:
                 "INSERT INTO attempts (realization, number, worker, started_utc) VALUES (?, ?, ?, ?)",
                 (realization, number, worker, _now()),
             )
+            self._database.execute("DELETE FROM recordings WHERE realization = ?", (realization,))
         return int(number)
 
     def again(self, realization: str, outcome: str, reason: str) -> None:
@@ -128,11 +134,14 @@ class Journal:
         """The result that stays; noted once, whatever is said later."""
         with self._change():
             self._end_attempt(result.realization, result.outcome, result.reason)
-            self._database.execute(
+            noted = self._database.execute(
                 "UPDATE realizations SET state = 'done', outcome = ?, reason = ?, wall_s = ?, result_sha256 = ? "
                 "WHERE id = ? AND state != 'done'",
                 (result.outcome, result.reason, result.wall_s, result_sha256, result.realization),
             )
+            if noted.rowcount and result.recording_sha256 is not None:
+                row = (result.realization, result.recording_sha256)
+                self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
 
     def forget(self, realization: str) -> None:
         """The result is gone or damaged: plan the realization again."""
@@ -142,6 +151,22 @@ class Journal:
                 "WHERE id = ?",
                 (realization,),
             )
+
+    def recordings(self) -> dict[str, str]:
+        """SHA-256 of the recording that each result was made of, by realization; kept when the result is lost."""
+        return dict(self._database.execute("SELECT realization, sha256 FROM recordings").fetchall())
+
+    def stop(self, stops: Mapping[tuple[str, str], int]) -> None:
+        """Note for design points and agents the last replicate that counts, in place of all that was noted before."""
+        with self._change():
+            self._database.execute("DELETE FROM stops")
+            rows = [(*key, replicate) for key, replicate in sorted(stops.items())]
+            self._database.executemany("INSERT INTO stops VALUES (?, ?, ?)", rows)
+
+    def stops(self) -> dict[tuple[str, str], int]:
+        """The last replicate that counts, by design point and agent, where one was settled."""
+        rows = self._database.execute("SELECT design_point, agent, replicate FROM stops").fetchall()
+        return {(point, agent): replicate for point, agent, replicate in rows}
 
     def release(self) -> list[str]:
         """Put back whatever a runner that is gone had begun; the ids."""

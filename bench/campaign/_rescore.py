@@ -35,9 +35,15 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     return result.model_copy(update={"observations": observations, "recording_sha256": digest_of(recording)})
 
 
-def changed_since(folder: Path) -> list[Fault]:
-    """Whether the recording is another than the one that `result.json` beside it was made of: cut off, edited, exchanged."""
+def changed_since(folder: Path, noted: str | None = None) -> list[Fault]:
+    """Whether the recording is another than the one that `result.json` beside it was made of: cut off, edited, exchanged.
+
+    `noted` is the digest that a campaign's journal has of it, which tells when `result.json` is gone or changed as well.
+    """
     kept = folder / RESULT
+    if noted is not None and digest_of(folder / RECORDING) != noted:
+        mend = "put the recording back, or let `rebar run` fly it again"
+        return [Fault(str(folder / RECORDING), "has changed since its session: the journal knows other bytes", mend)]
     if not kept.is_file():
         return []
     stated = load_document(kept, SessionResult).recording_sha256

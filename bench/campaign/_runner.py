@@ -6,7 +6,7 @@ import os
 import shutil
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._document import Campaign
+from ._document import Campaign, Stopping
 from ._events import (
     CampaignEvent,
     CampaignPlanned,
@@ -29,8 +29,9 @@ from ._folder import RESULT, CampaignFolder, digest_of, open_lock, read_result, 
 from ._journal import Journal, State, open_journal
 from ._planning import plan_campaign, unflyable
 from ._pool import Executor, OpenExecutor, open_local_pool
+from ._settled import Key, Question, check_stopping, outcome_name
 from ._stop import Stop, open_stop
-from ._task import FLY, Ended, Task, WorkerPlan
+from ._task import FLY, BenchBroken, Ended, Task, WorkerPlan
 from ._versions import versions
 
 if TYPE_CHECKING:
@@ -40,6 +41,12 @@ AGAIN = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR})
 """Faults of the bench's own: flown once more, because the agent is not to answer for them."""
 
 TRIES = 2
+
+FIRST = 5
+"""So many sessions at the start of a run that all end by a fault of the bench's own are enough to know that it is broken."""
+
+ASKABLE = AGAIN | {Outcome.WALL_BUDGET, Outcome.SETUP_INVALID}
+"""Outcomes that may be asked to be flown again: no doing of the agent's, and another time it may end otherwise."""
 
 ROOM_BYTES = 1024 * 1024
 """With less than this left on the disk, a fault of the bench's own is the disk's, and no result to keep."""
@@ -79,26 +86,32 @@ def run_campaign(
     workers: int | None = None,
     on_event: Observer | None = None,
     finish: Finish | None = None,
+    again: Collection[Outcome] = (),
     job: str = FLY,
     open_executor: OpenExecutor = open_local_pool,
 ) -> CampaignSummary:
     """Fly whatever of the campaign has no result in `folder` yet, and return when all have one or somebody asked to stop.
 
     Call it again on the same folder to go on. `workers` overrides the campaign's budget, which overrides the number of
-    cores. Raises SetupError for a campaign that cannot be realized and for a folder that is in use or of another campaign,
-    WorkersUnusable when no worker process comes up. Sessions that fail are results, never exceptions.
+    cores. Realizations that ended as one of `again` are flown once more, their results kept in aside/. Raises SetupError for a campaign that cannot be realized and for a folder that is in use or of another campaign,
+    WorkersUnusable when no worker process comes up, BenchBroken when the first sessions all end by its own faults. Sessions that fail are results, never exceptions.
     """
     place = CampaignFolder(folder)
     began = time.monotonic()
+    outcomes_named(again)
+    if campaign.stopping is not None:
+        check_stopping(campaign.stopping, decomposition)
     with open_lock(folder), open_journal(place.journal) as journal:
         told = _Told(on_event)
         journal.release()
         plans = plan_campaign(campaign, place, journal, decomposition.digest)
         _reconcile(place, journal)
-        run = _Run(place, journal, told, total=len(plans))
+        _fly_again(place, journal, again)
+        run = _Run(place, journal, told, _Settling(campaign.stopping, decomposition, place, journal), total=len(plans))
         told(CampaignPlanned(run.total, run.done))
         for result in unflyable(plans, place, journal):
             run.tell_finished(result)
+        run.settle_all()
         if run.waiting:
             limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
             shared = WorkerPlan(job, decomposition)
@@ -130,7 +143,26 @@ def _outcomes(journal: Journal) -> dict[Outcome, int]:
 
 
 def _counted(journal: Journal) -> dict[str, int]:
-    return {str(outcome): count for outcome, count in _outcomes(journal).items()}
+    stops = journal.stops()
+    ended = [(entry, entry.outcome) for entry in journal.entries() if entry.outcome is not None]
+    return dict(Counter(outcome_name(entry, outcome, stops) for entry, outcome in ended))
+
+
+def outcomes_named(names: Collection[str]) -> frozenset[Outcome]:
+    """The outcomes of these names. Raises SetupError for one that is none, or may not be asked to be flown again."""
+    wrong = sorted(set(names) - ASKABLE)
+    if wrong:
+        mend = f"give {', '.join(sorted(ASKABLE))}"
+        raise SetupError([Fault("again", f"what ended as {one!s} is not flown again", mend) for one in wrong])
+    return frozenset(map(Outcome, names))
+
+
+def _fly_again(folder: CampaignFolder, journal: Journal, again: Collection[Outcome]) -> None:
+    """Plan those that ended so once more. The result is moved first: a crash in between leaves a realization without one."""
+    for entry in journal.entries():
+        if entry.outcome in again:
+            folder.set_aside(entry.id, entry.attempts)
+            journal.forget(entry.id)
 
 
 def _reconcile(folder: CampaignFolder, journal: Journal) -> None:
@@ -161,14 +193,81 @@ class _Told:
             self.faults += 1
 
 
+class _Settling:
+    """Ends design points as their question is settled, and opens them again where it is not any more.
+
+    Without a question nothing is settled, and what once was is open again.
+    """
+
+    def __init__(self, stopping: Stopping | None, decomposition: Decomposition, folder: CampaignFolder, journal: Journal) -> None:
+        self._stopping, self._folder, self._journal = stopping, folder, journal
+        entries = journal.entries()
+        self._question = Question(stopping, decomposition, entries) if stopping else None
+        self._stops: dict[Key, int] = {}
+        for entry in entries:
+            if entry.outcome is None:
+                continue
+            if self._question is not None:
+                self._question.hear(SessionResult.model_validate_json((folder.run(entry.id) / RESULT).read_bytes()))
+            elif entry.outcome is Outcome.SETTLED:
+                journal.forget(entry.id)
+        journal.stop({})
+
+    @property
+    def keys(self) -> list[Key]:
+        """Design points and agents that are looked at."""
+        return list(self._question.keys) if self._question else []
+
+    def key(self, realization: str) -> Key | None:
+        """Design point and agent of a realization, None where nothing is looked at."""
+        return self._question.key(realization) if self._question else None
+
+    def hear(self, result: SessionResult) -> None:
+        """A result was written."""
+        if self._question is not None:
+            self._question.hear(result)
+
+    def may_begin(self, realization: str) -> bool:
+        """Whether all that it may hang on is known or under way."""
+        return self._question is None or self._question.may_begin(realization)
+
+    def reopen(self, key: Key) -> list[str]:
+        """Realizations that have to be flown after all."""
+        assert self._question is not None
+        reopened = self._question.reopened(key)
+        for realization in reopened:
+            self._question.forget(realization)
+            self._journal.forget(realization)
+        return reopened
+
+    def end(self, key: Key, waiting: Collection[str]) -> list[SessionResult]:
+        """Results, written and noted, of those that wait behind a replicate on which the design point is settled."""
+        assert self._question is not None
+        assert self._stopping is not None
+        settled = self._question.settled(key)
+        if settled is None:
+            return []
+        if self._stops.get(key) != settled.replicate:
+            self._stops[key] = settled.replicate
+            self._journal.stop(self._stops)
+        reason = settled.reason(self._stopping)
+        behind = [name for name in self._question.behind(key, settled) if name in waiting]
+        results = [SessionResult(realization=name, outcome=Outcome.SETTLED, reason=reason) for name in behind]
+        for result in results:
+            self._journal.finish(result, write_result(self._folder.fresh_run(result.realization), result))
+        return results
+
+
 class _Run:
     """One run over the realizations that wait."""
 
-    def __init__(self, folder: CampaignFolder, journal: Journal, told: _Told, total: int) -> None:
-        self._folder, self._journal, self._told = folder, journal, told
+    def __init__(self, folder: CampaignFolder, journal: Journal, told: _Told, settling: _Settling, total: int) -> None:
+        self._folder, self._journal, self._told, self._settling = folder, journal, told, settling
         self.total = total
         self.flown = 0
         self.stopped: str | None = None
+        self._out: dict[str, Key | None] = {}
+        self._broken: set[str] | None = set()
         entries = journal.entries()
         self.done = sum(entry.state is State.DONE for entry in entries)
         self._waiting = deque(entry.id for entry in entries if entry.state is not State.DONE)
@@ -183,7 +282,7 @@ class _Run:
         while stop.reason is None:
             over = deadline is not None and time.monotonic() >= deadline
             while self._waiting and executor.free and not over:
-                self._begin(executor, self._waiting.popleft())
+                self._begin(executor, self._next())
             if not executor.busy:
                 break
             left_s = None if deadline is None or over else deadline - time.monotonic()
@@ -195,8 +294,9 @@ class _Run:
 
     def tell_finished(self, result: SessionResult) -> None:
         """A result was written and noted."""
+        self._settling.hear(result)
         self.done += 1
-        self.flown += 1
+        self.flown += result.outcome is not Outcome.SETTLED
         if result.realization in self._waiting:
             self._waiting.remove(result.realization)
         finished = RealizationFinished(
@@ -204,7 +304,30 @@ class _Run:
         )
         self._told(finished)
 
+    def settle_all(self) -> None:
+        """Look at every design point."""
+        for key in self._settling.keys:
+            self._look(key)
+
+    def _look(self, key: Key | None) -> None:
+        if key is None:
+            return
+        reopened = self._settling.reopen(key)
+        self._waiting.extend(reopened)
+        self.done -= len(reopened)
+        for result in self._settling.end(key, self._waiting):
+            self.tell_finished(result)
+
+    def _next(self) -> str:
+        """Where design points may end early, first one of a design point that nobody is at: it is needed most surely."""
+        busy = {key for key in self._out.values() if key is not None}
+        idle = (name for name in self._waiting if self._settling.key(name) not in busy and self._settling.may_begin(name))
+        chosen = next(idle, None) or next(name for name in self._waiting if self._settling.may_begin(name))
+        self._waiting.remove(chosen)
+        return chosen
+
     def _begin(self, executor: Executor, realization: str) -> None:
+        self._out[realization] = self._settling.key(realization)
         simspec = self._folder.simspec(realization)
         wall_s = SimSpec.model_validate_json(simspec.read_bytes()).budgets.wall_s
         worker = executor.submit(Task(realization, simspec, self._folder.fresh_run(realization), wall_s))
@@ -213,12 +336,28 @@ class _Run:
 
     def _settle(self, ended: Ended) -> None:
         result = ended.result
+        key = self._out.pop(result.realization)
         if result.outcome is Outcome.BENCH_ERROR and shutil.disk_usage(self._folder.path).free < ROOM_BYTES:
             raise SetupError(Fault(str(self._folder.path), "its disk is full", "make room and run again; nothing is lost"))
         if result.outcome in AGAIN and self._journal.faults(result.realization) + 1 < TRIES:
             self._journal.again(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)
             self._told(RealizationRetried(result.realization, result.outcome, result.reason))
+        else:
+            self._journal.finish(result, write_result(self._folder.run(result.realization), result))
+            self.tell_finished(result)
+        self._look(key)
+        self._check_sound(result)
+
+    def _check_sound(self, result: SessionResult) -> None:
+        """A broken bench is not to burn a campaign. One session that went well is enough to believe in it."""
+        if self._broken is None or result.outcome not in AGAIN:
+            self._broken = None
             return
-        self._journal.finish(result, write_result(self._folder.run(result.realization), result))
-        self.tell_finished(result)
+        self._broken.add(result.realization)
+        if len(self._broken) >= FIRST:
+            raise BenchBroken(
+                f"the first {FIRST} sessions all ended by faults of the bench's own, so no more are begun; the last: "
+                f"{result.outcome}: {result.reason} (mend it and run again; what has such a result already is flown again "
+                "with --again bench_error)"
+            )

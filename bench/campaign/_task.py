@@ -63,6 +63,10 @@ class WorkersUnusable(RebarError):
     """No worker can be brought to work; nothing was decided about any realization."""
 
 
+class BenchBroken(RebarError):
+    """Every one of the first sessions ended by a fault of the bench's own; the others would fare no better."""
+
+
 def load_job(path: str) -> Job:
     """The function behind `module:name`."""
     module, _, name = path.partition(":")

@@ -32,6 +32,9 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder of the campaign; out/NAME by default")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once; as many as there are cores by default")] = None,
     executor: Annotated[str, typer.Option(help="local (dask is not there yet)")] = "local",
+    again: Annotated[
+        list[str] | None, typer.Option(metavar="OUTCOME", help="Fly once more what ended so, bench_error for one; repeatable")
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be flown, and fly nothing")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores for a machine to read")] = False,
 ) -> None:
@@ -40,7 +43,7 @@ def run(
 
     if executor != "local":
         raise SetupError(Fault("--executor", f"{executor!r} is not there yet", "use local; docs/scope.md says what is there"))
-    _run(campaign, out, workers, dry=dry_run, as_json=as_json)
+    _run(campaign, out, workers, dry=dry_run, as_json=as_json, again=tuple(again or ()))
 
 
 def realize(
@@ -102,8 +105,8 @@ def _demo_campaign() -> Path:
     return packaged if packaged.is_file() else Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
 
-def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_json: bool) -> None:
-    from bench.campaign import Finished, finish_campaign, load_asked, load_campaign, run_campaign
+def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_json: bool, again: tuple[str, ...] = ()) -> None:
+    from bench.campaign import Finished, finish_campaign, load_asked, load_campaign, outcomes_named, run_campaign
 
     from ._progress import open_progress
     from ._scores import campaign_report
@@ -122,6 +125,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
             asked,
             workers=workers,
             on_event=progress,
+            again=outcomes_named(again),
             finish=lambda place: finished.append(finish_campaign(place.path)),
         )
     if not finished:

@@ -33,7 +33,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     progress.update(bar, total=total, completed=done)
                 case RealizationFinished():
                     progress.update(bar, completed=event.done)
-                    if event.outcome is not Outcome.COMPLETED:
+                    if event.outcome not in (Outcome.COMPLETED, Outcome.SETTLED):
                         progress.console.print(f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False)
                 case RealizationRetried() | CampaignStopping():
                     progress.console.print(_line(event), markup=False)

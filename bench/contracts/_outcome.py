@@ -25,6 +25,7 @@ class Outcome(StrEnum):
     WALL_BUDGET = "wall_budget"  # the session as a whole took longer than allowed by the host's clock
     WORKER_LOST = "worker_lost"  # the worker process died under the session
     BENCH_ERROR = "bench_error"  # a fault of the bench's own
+    SETTLED = "settled"  # not flown: the replicates before it had settled the question
 
     @property
     def counts(self) -> bool:

@@ -30,7 +30,10 @@ REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One realization: what it was, how it ended, and where its recording lies (None when there is none)."""
+    """One realization: what it was, how it ended, and where its recording lies (None when there is none).
+
+    `past` says that it was flown, and that the replicates before it had settled the question: it has no say in any number.
+    """
 
     realization: str
     design_point: str
@@ -43,6 +46,7 @@ class Run:
     cpu_s: float = 0.0
     recording: Path | None = None
     recording_sha256: str | None = None
+    past: bool = False
 
     @property
     def scene(self) -> tuple[str, int]:
@@ -236,7 +240,13 @@ def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], n
     folders = {path.name for path in (folder / "runs").iterdir() if path.is_dir()} if (folder / "runs").is_dir() else set()
     names = sorted({*scored, *simspecs, *folders})
     results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
-    return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name)) for name in names)
+    looked = until_settled(scores)
+    return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), looked) for name in names)
+
+
+def until_settled(scores: pl.DataFrame) -> bool:
+    """Whether design points ended once they were settled."""
+    return bool(scores["until_settled"].any())
 
 
 def _result(path: Path, notes: list[str]) -> SessionResult | None:
@@ -248,7 +258,9 @@ def _result(path: Path, notes: list[str]) -> SessionResult | None:
     return result
 
 
-def _run(folder: Path, name: str, result: SessionResult | None, row: Mapping[str, Any], simspec: SimSpec | None) -> Run:
+def _run(
+    folder: Path, name: str, result: SessionResult | None, row: Mapping[str, Any], simspec: SimSpec | None, looked: bool
+) -> Run:
     parts = REALIZATION_ID.match(name)
     recording = folder / "runs" / name / "recording.mcap"
     agent = row.get("agent") or (simspec.agent.label if simspec else parts["agent"] if parts else "unknown")
@@ -264,6 +276,7 @@ def _run(folder: Path, name: str, result: SessionResult | None, row: Mapping[str
         cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
         recording=recording if recording.is_file() else None,
         recording_sha256=result.recording_sha256 if result else None,
+        past=looked and not row and result is not None and result.outcome.counts,
     )
 
 

@@ -148,7 +148,7 @@ def _comparisons(data: ReportData, figures: _Figures) -> list[_Comparison]:
 
 
 def _outcome_counts(data: ReportData, shown: Sequence[AgentLook]) -> tuple[list[str], list[dict[str, Any]]]:
-    order = [outcome.value.replace("_", " ") for outcome in Outcome] + ["not finished"]
+    order = [outcome.value.replace("_", " ") for outcome in Outcome] + [words.PAST, "not finished"]
     ends = Counter((run.agent, words.outcome_name(run)) for run in data.runs)
     names = [name for name in order if name == "completed" or any(ends[look.name, name] for look in shown)]
     rows = [

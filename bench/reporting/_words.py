@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from bench.contracts import Outcome
 
-from ._data import ReportData, Run, Tally
+from ._data import ReportData, Run, Tally, until_settled
 from ._pairs import Pairing
 
 OUTCOMES = {
@@ -23,13 +23,18 @@ OUTCOMES = {
     Outcome.WALL_BUDGET: "the session took longer than its budget of host time",
     Outcome.WORKER_LOST: "the worker process died under the session",
     Outcome.BENCH_ERROR: "a fault of the bench's own",
+    Outcome.SETTLED: "not flown: the replicates before it had settled the question",
 }
 
 METHODS = {
     "clopper-pearson": "Clopper-Pearson where each run stands for itself",
     "korn-graubard": "Clopper-Pearson with the effective number of runs (Korn and Graubard) above observables and where runs share "
     "a design point",
+    "anytime-valid (pass rate)": "Robbins' mixture, which holds however the number of runs came about, for observables of one design point",
+    "anytime-valid (mean)": "a mixture of exponential bets, which holds however the number of runs came about, for the mean elsewhere",
 }
+PAST = "flown past the stop"
+
 NO_INTERVAL = "none considered"
 
 GLOSSARY = (
@@ -104,11 +109,15 @@ def plural(count: int, one: str, many: str = "") -> str:
 
 def outcome_name(run: Run) -> str:
     """The outcome as people read it."""
+    if run.past:
+        return PAST
     return run.outcome.value.replace("_", " ") if run.outcome else "not finished"
 
 
 def outcome_text(run: Run) -> str:
     """What the outcome means."""
+    if run.past:
+        return "the replicates before it had settled the question; it has no say in any number here"
     return OUTCOMES[run.outcome] if run.outcome else "there is no result of this run yet"
 
 
@@ -181,7 +190,13 @@ def not_claimed(data: ReportData) -> list[str]:
     ]
     if unscored:
         said.append(f"Not scored in any run: {', '.join(unscored)}.")
-    lost = [run for run in data.runs if run.outcome is not None and not run.outcome.counts]
+    if until_settled(data.scores):
+        said.append(
+            "Design points ended once their question was settled, so how many runs they have hangs on how these went. The intervals of "
+            "confidence and the bounds of competence allow for that; the intervals of scores, the comparisons of agents and the tests of "
+            "factors do not."
+        )
+    lost = [r for r in data.runs if r.outcome is not None and r.outcome is not Outcome.SETTLED and not r.outcome.counts]
     if lost:
         said.append(
             f"Ended by no doing of the agent, hence without a say in any number here: {plural(len(lost), 'run')}, listed under Outcomes."

@@ -92,6 +92,8 @@ from ._screening import node_factors as node_factors
 from ._sequential import StoppingRule as StoppingRule
 from ._sequential import Verdict as Verdict
 from ._sequential import confidence_sequence as confidence_sequence
+from ._sequential import mean_bounds as mean_bounds
+from ._sequential import pass_rate_bounds as pass_rate_bounds
 from ._summary import SUMMARY_COLUMNS as SUMMARY_COLUMNS
 from ._summary import summary_frame as summary_frame
 from ._table import SCORE_COLUMNS as SCORE_COLUMNS

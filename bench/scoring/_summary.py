@@ -19,6 +19,7 @@ from ._competence import SHARES, Tally, Trials, competence, tally, tally_points
 from ._difficulty import DECIMALS
 from ._intervals import clopper_pearson, effective_size
 from ._plan import Bools, Counts, Floats
+from ._sequential import mean_bounds, pass_rate_bounds
 
 ALL = "all"
 SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
@@ -61,7 +62,10 @@ confidence. `competence_*` is over difficulties: it stands in the rows of `all`
 alone, and is null where the node was never considered (see `_competence`)."""
 
 NOTHING, EXACT, CLUSTERED = "none considered", "clopper-pearson", "korn-graubard"
-_METHODS = (NOTHING, EXACT, CLUSTERED)
+LOOKED, LOOKED_MEAN = "anytime-valid (pass rate)", "anytime-valid (mean)"
+"""Of runs until settled: exact intervals do not hold where the trials decided how many they would be."""
+
+_METHODS = (NOTHING, EXACT, CLUSTERED, LOOKED, LOOKED_MEAN)
 _FAULTS_OF_THE_BENCH = [str(one) for one in Outcome if not one.counts]
 
 
@@ -214,6 +218,8 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     yield "achieved", count(achieved)
     yield "asked", count(asked)
     tried = counts & (asked > 0)
+    looked = _column(scores, "until_settled")[0]
+    yield "until_settled", count(looked * counts) if looked.any() else np.zeros(size, dtype=np.int32)
     yield "trials", count(tried)
     yield "passes", count(tried & (achieved == asked))
 
@@ -254,6 +260,12 @@ def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) 
     plain = leaf & (points == considered)
     confidence_low, confidence_high = _interval(confidence, considered, points, _spread(scenes), plain)
     method = np.where(considered == 0, 0, np.where(plain, 1, 2))
+    looked = (considered > 0) & (scenes.total("until_settled") > 0)
+    if looked.any():
+        alone = leaf & (points == 1)
+        low_end, high_end = _interval_at_any_look(confidence, considered, alone)
+        confidence_low, confidence_high = np.where(looked, low_end, confidence_low), np.where(looked, high_end, confidence_high)
+        method = np.where(looked, np.where(alone, 3, 4), method)
     blocks = {
         "_agent": np.repeat(scenes.agent[starts], len(nodes)),
         "_place": np.repeat(scenes.configuration[starts], len(nodes)),
@@ -323,17 +335,27 @@ def _interval(mean: Floats, considered: Counts, points: Counts, squared: Floats,
     return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
 
 
+def _interval_at_any_look(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:
+    """Of a pass rate for observables that are `alone` with one design point; else of the mean of the expectations."""
+    runs = considered.astype(np.float64)
+    total = np.nan_to_num(mean) * runs
+    rate, expected = pass_rate_bounds(np.round(total), runs), mean_bounds(total, runs)
+    return np.where(alone, rate[0], expected[0]), np.where(alone, rate[1], expected[1])
+
+
 def _competence(scenes: _Scenes, scores: pl.DataFrame) -> dict[str, pl.Series]:
     """The columns of competence for an agent's every node over all configurations, null in groups without a trial."""
     groups = len(scenes.agents) * len(scenes.nodes)
     tried = scenes.sums["trials"] > 0
     alike = np.array_equal(scenes.low[tried], scenes.high[tried])
     counted = _tally(scenes, groups) if alike else _tally_rows(scores, groups)
+    first = _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None
     columns: dict[str, pl.Series] = {}
     for name, share in SHARES.items():
         found = competence(counted, share)
         known = pl.Series(found.trials > 0)
-        parts = (("", found.value), ("_low", found.low), ("_at_least", found.at_least))
+        low = found.low if first is None else np.minimum(found.value, competence(first, share).low)
+        parts = (("", found.value), ("_low", low), ("_at_least", found.at_least))
         columns |= {f"competence_{name}{part}": _known(pl.Series(values), known) for part, values in parts}
     return columns
 
@@ -343,6 +365,12 @@ def _tally(scenes: _Scenes, groups: int) -> Tally:
     group = scenes.agent[scene] * len(scenes.nodes) + node
     trials, passes = scenes.sums["trials"][scene, node], scenes.sums["passes"][scene, node]
     return tally_points(group, scenes.low[scene, node], trials, passes, groups)
+
+
+def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
+    """Of runs until settled, each design point's first alone: that it is there hangs on nothing that happened."""
+    first = pl.col("replicate") == pl.col("replicate").min().over("agent", "design_point")
+    return scores.with_columns(considered=pl.when(first | ~pl.col("until_settled")).then("considered").otherwise(0))
 
 
 def _tally_rows(scores: pl.DataFrame, groups: int) -> Tally:

@@ -32,10 +32,12 @@ SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "x": pl.Float64,
     "outcome": pl.String,
     "passed_score": pl.Float64,
+    "until_settled": pl.Boolean,
 }
 """Columns of the score table. Null in `score` is "not scored", in `confidence` and `passed_score` "not considered", in `x`
 "no observable, or not considered". `achieved` and `considered` count distinct descendant observables. `passed_score` is the
-score that the node would have had, had every failed observable passed with x at its threshold."""
+score that the node would have had, had every failed observable passed with x at its threshold. `until_settled`: how many
+replicates its design point has hung on how they went, so that only intervals that hold at every look hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,7 @@ class ScoredRun:
     outcome: Outcome
     difficulty: Difficulty
     observations: tuple[Observation, ...]
+    until_settled: bool = False
 
 
 def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
@@ -84,6 +87,7 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
             "x": _x(plan, measured, scores),
             "outcome": _gather([str(run.outcome) for run in runs], of_run),
             "passed_score": _where(scores.passed_score, scores.considered > 0),
+            "until_settled": np.array([run.until_settled for run in runs], dtype=np.bool_)[of_run],
         },
         schema=SCORE_COLUMNS,
     )

@@ -1,0 +1,99 @@
+"""Fake sessions that pass or fail by lot, for campaigns that end a design point once it is settled."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from campaign_fakes import small_campaign
+
+from bench.campaign import Campaign, CampaignSummary, RealizationFinished, Stopping, run_campaign
+from bench.contracts import Observation, Outcome, SessionResult
+from bench.simspec import AgentSpec
+from decompositions import Decomposition
+
+JOB = "settling_fakes:drawn_flight"
+PASSED = {"p001": 0.95, "p002": 0.05, "p003": 0.5}
+"""Pass rate of each design point, in hundredths of which a realization's lot is drawn from its name."""
+
+
+def drawn(realization: str) -> float:
+    """A number in [0, 1) that hangs on the name alone."""
+    return int.from_bytes(hashlib.sha256(realization.encode()).digest()[:6], "big") / 2**48
+
+
+def passes(realization: str) -> bool:
+    """Whether the realization passes."""
+    return drawn(realization) < PASSED[realization[:4]]
+
+
+def drawn_flight(simspec: Any, decomposition: Decomposition, folder: Path, realization: str) -> SessionResult:
+    """Odd replicates take longer, so that two workers end sessions in another order than they are begun."""
+    del simspec
+    time.sleep(0.004 if int(realization.split("-")[1][1:]) % 2 else 0.0)
+    (folder / "recording.mcap").write_bytes(f"all of {realization}".encode())
+    x = 1.0 if passes(realization) else 0.0
+    considered = "-r2-" not in realization
+    found = [
+        Observation(observable=name, considered=considered, x=x if considered else None)
+        for name in sorted(decomposition.observables)
+    ]
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0, observations=tuple(found))
+
+
+def asked(folder: Path) -> Path:
+    """A decomposition of two observables under one key attribute, written into a folder."""
+    leaf = {
+        "measure": "targets_reported",
+        "options": {"within_m": 20.0},
+        "threshold": 0.5,
+        "threshold_reason": "Made up.",
+        "considered": "Made up.",
+        "key_factors": [{"factor": "fog_level", "unit": "level", "values": [0, 9], "ratings": [0, 100], "reason": "Made up."}],
+    }
+
+    def inner(name: str, *children: str) -> dict[str, Any]:
+        return {"id": name, "title": name, "asks": "Made up.", "children": list(children)}
+
+    document = {
+        "format": "rebar.decomposition/1",
+        "name": "made-up",
+        "title": "Made up",
+        "principles": [inner("P", "KA-01")],
+        "key_attributes": [inner("KA-01", "VAB-001")],
+        "vabs": [inner("VAB-001", "OBS-001", "OBS-002")],
+        "observables": [{"id": name, "title": name, "asks": "Made up.", **leaf} for name in ("OBS-001", "OBS-002")],
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "asked.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def question(decomposition: Path, replicates: int = 20, points: int = 3, **stopping: Any) -> Campaign:
+    """A campaign of a few people in a yard that ends design points once KA-01 is settled at one half."""
+    rule = Stopping(**({"node": "KA-01", "threshold": 0.5} | stopping))
+    update = {"decomposition": str(decomposition), "stopping": rule, "agents": (AgentSpec(manifest="fake"),)}
+    return small_campaign(points, replicates).model_copy(update=update)
+
+
+def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any) -> CampaignSummary:
+    """Run a campaign of lots to its scores."""
+    from bench.campaign import finish_campaign, load_asked  # not for the workers, who read this module too
+
+    finish = options.pop("finish", lambda place: finish_campaign(place.path) and None)
+    decomposition = load_asked(campaign.decomposition)
+    return run_campaign(campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options)
+
+
+def main(folder: str, decomposition: str) -> None:
+    """A runner in a process of its own, to be interrupted."""
+
+    def tell(event: object) -> None:
+        if isinstance(event, RealizationFinished):
+            print(event.realization, flush=True)
+
+    fly_drawn(Path(folder), question(Path(decomposition), 14, 2), 2, on_event=tell, finish=lambda place: None)
