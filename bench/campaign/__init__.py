@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ._design import campaign_quality as campaign_quality
+from ._design import realizations as realizations
 from ._document import Campaign as Campaign
 from ._document import CampaignBudgets as CampaignBudgets
 from ._document import Stopping as Stopping

@@ -9,9 +9,10 @@ from pathlib import Path
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_json, dump_yaml
 from bench.errors import Fault, SetupError
-from bench.realization import PlacementInfeasible, RealizationPlan, check_placement, place, realize
+from bench.realization import PlacementInfeasible, RealizationPlan, check_placement, place
 from bench.simspec import SimSpec
 
+from ._design import realizations
 from ._document import Campaign
 from ._folder import CampaignFolder, digest_of, write_result, write_whole
 from ._journal import Journal, Planned
@@ -24,7 +25,7 @@ def plan_campaign(
 
     What the journal holds already stays as it is. Raises SetupError when that belongs to another campaign.
     """
-    plans = realize(campaign.situation, campaign.design, campaign.agents)
+    plans = realizations(campaign)
     intents = {plan.id: _digest(dump_json(plan.simspec)) for plan in plans}
     _check_same(folder, journal, intents, decomposition_sha256)
     known = {entry.id: entry for entry in journal.entries()}

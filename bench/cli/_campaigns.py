@@ -49,25 +49,30 @@ def run(
 def realize(
     campaign: Annotated[Path, typer.Argument(help="A campaign (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder for simspecs/")] = Path("out/realized"),
+    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read, with how good the design is")] = False,
 ) -> None:
     """Design and placement only: write every realized SimSpec. Example: rebar realize campaigns/demo.yaml --out out/scenes"""
-    from bench.campaign import CampaignFolder, load_campaign, write_whole
+    from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_whole
     from bench.documents import dump_json
     from bench.realization import PlacementInfeasible, place
-    from bench.realization import realize as realize_all
 
     asked = load_campaign(campaign)
     folder = CampaignFolder(out)
-    written, infeasible = 0, []
-    for plan in realize_all(asked.situation, asked.design, asked.agents):
+    written: list[str] = []
+    infeasible: dict[str, str] = {}
+    for plan in realizations(asked):
         try:
             write_whole(folder.simspec(plan.id), dump_json(place(plan.simspec)))
-            written += 1
+            written.append(plan.id)
         except PlacementInfeasible as error:
-            infeasible.append(f"{plan.id}: {error}")
-    print(f"{written} realized SimSpecs in {out / 'simspecs'}")
-    for line in infeasible:
-        print(line)
+            infeasible[plan.id] = str(error)
+    if as_json:
+        quality = campaign_quality(asked).model_dump(mode="json")
+        print(json.dumps({"folder": str(out), "written": written, "infeasible": infeasible, "design": quality}, indent=1))
+    else:
+        print(f"{len(written)} realized SimSpecs in {out / 'simspecs'}")
+        for name, reason in infeasible.items():
+            print(f"{name}: {reason}")
     if infeasible:
         raise typer.Exit(1)
 
@@ -114,7 +119,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
     campaign = load_campaign(path)
     asked = load_asked(campaign.decomposition)
     if dry:
-        _say_plan(campaign)
+        _say_plan(campaign, as_json=as_json)
         return
     folder = out or Path("out") / campaign.name
     finished: list[Finished] = []
@@ -146,11 +151,18 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
     print(f"report: {scores.report}")
 
 
-def _say_plan(campaign: Campaign) -> None:
-    from bench.realization import realize as realize_all
+def _say_plan(campaign: Campaign, *, as_json: bool) -> None:
+    from bench.campaign import campaign_quality, realizations
 
-    plans = realize_all(campaign.situation, campaign.design, campaign.agents)
+    plans = realizations(campaign)
     points = {plan.design_point for plan in plans}
     limit_s = campaign.situation.mission.time_limit_s
+    quality = campaign_quality(campaign)
+    if as_json:
+        told = {"campaign": campaign.name, "realizations": len(plans), "most_simulated_s": len(plans) * limit_s}
+        print(json.dumps({**told, "design": quality.model_dump(mode="json")}, indent=1))
+        return
     print(f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)")
     print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")
+    for line in quality.lines():
+        print(line)

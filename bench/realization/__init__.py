@@ -27,9 +27,10 @@ from ._quality import DesignQuality as DesignQuality
 from ._quality import design_quality as design_quality
 from ._realize import Rating as Rating
 from ._realize import RealizationPlan as RealizationPlan
-from ._realize import design_points as design_points
+from ._realize import design_pairs as design_pairs
 from ._realize import realize as realize
 from ._realize import scene_seed as scene_seed
+from ._realize import situations as situations
 from ._sampled import Halton as Halton
 from ._sampled import LatinHypercube as LatinHypercube
 from ._sampled import Sobol as Sobol

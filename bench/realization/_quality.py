@@ -27,6 +27,7 @@ PARTS = 3
 MOST_POINTS = 2000
 """More points than this are not measured for discrepancy and distance, whose work grows with their square."""
 MOST_COMBINATIONS = 200_000
+MOST_SHOWN = 20
 
 
 class Coverage(Document):
@@ -42,18 +43,17 @@ class Coverage(Document):
 
 
 class DesignQuality(Document):
-    """Of the points of a design, each once. A number is null where it cannot be had."""
+    """Of the points of a design that are flown, each once. A number is null where it cannot be had."""
 
     points: int
-    replicates: int
-    pairs: Annotated[int, Field(description="Of design point and replicate: the scenes.")]
+    pairs: Annotated[int, Field(description="Of design point and replicate.")]
     max_abs_correlation: Annotated[
         float | None,
         Field(description="The largest absolute Pearson correlation between two factors that are numbers or have two levels."),
     ] = None
     correlated: tuple[str, ...] = ()
     discrepancy: Annotated[
-        float | None, Field(description="Centred L2 discrepancy of the points in the unit cube; 0 is best.")
+        float | None, Field(description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best.")
     ] = None
     min_distance: Annotated[
         float | None,
@@ -66,39 +66,39 @@ class DesignQuality(Document):
     def lines(self) -> Iterator[str]:
         """What a person reads."""
         if self.max_abs_correlation is not None:
-            yield f"largest correlation {self.max_abs_correlation:.3g} ({' and '.join(self.correlated)})"
+            between = f" ({' and '.join(self.correlated)})" if self.correlated else ""
+            yield f"largest correlation {self.max_abs_correlation:.3g}{between}"
         if self.discrepancy is not None and self.min_distance is not None:
             yield f"centred discrepancy {self.discrepancy:.4g}, closest points {self.min_distance:.3g} of the diagonal apart"
         if self.coverage:
             told = (f"{one.covered} of {one.possible} for t = {one.t} ({one.share:.0%})" for one in self.coverage)
             yield f"combinations of t levels: {', '.join(told)}"
-        for name, count in self.configurations.items():
+        for name, count in list(self.configurations.items())[:MOST_SHOWN]:
             yield f"{count} {'point' if count == 1 else 'points'} in configuration {name}"
+        if len(self.configurations) > MOST_SHOWN:
+            yield f"and {len(self.configurations) - MOST_SHOWN} more configurations"
 
 
 def design_quality(
     space: Space,
     points: Sequence[DesignPoint],
     *,
-    replicates: int = 1,
     pairs: int | None = None,
     extendable: bool = False,
     configurations: Sequence[str] = (),
 ) -> DesignQuality:
-    """Measure a design. `configurations` names the difficulty configuration of each point, in their order, where it is known.
+    """Measure these points of a design, each flown in some of the `pairs`. `configurations` names the difficulty configuration of each point, in their order, where it is known.
 
-    Inactive conditional factors are left out of correlations and distances wherever one is inactive; formulas count as factors of
-    correlations alone, for they fill no room of their own.
+    Factors that follow from others are left out, and so are conditional ones that are inactive in some point.
     """
-    numbers = {one.name: column for one in space.factors if (column := _column(one, points)) is not None}
+    numbers = {one.name: column for one in space.free if (column := _column(one, points)) is not None}
     largest, pair = _correlation(numbers)
     cube = [column for one in space.free if (column := numbers.get(one.name, _names_column(one, points))) is not None]
     unit = np.stack(cube, axis=1) if cube else np.zeros((len(points), 0))
     measured = unit.shape[1] > 0 and 2 <= len(points) <= MOST_POINTS
     return DesignQuality(
         points=len(points),
-        replicates=replicates,
-        pairs=len(points) * replicates if pairs is None else pairs,
+        pairs=len(points) if pairs is None else pairs,
         max_abs_correlation=largest,
         correlated=pair,
         discrepancy=_discrepancy(unit) if measured else None,
@@ -200,7 +200,8 @@ def _correlation(columns: Mapping[str, NDArray[np.float64]]) -> tuple[float | No
     first, second = divmod(int(found.argmax()), len(varied))
     names = list(varied)
     # What is left of an exact 0 after rounding is below what is told.
-    return float(round(min(1.0, found[first, second]), 9)), (names[first], names[second])
+    largest = float(round(min(1.0, found[first, second]), 9))
+    return largest, (names[first], names[second]) if largest else ()
 
 
 def _discrepancy(unit: NDArray[np.float64]) -> float:

@@ -62,12 +62,18 @@ def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Ra
     ]
 
 
-def design_points(base: SimSpec, design: Design, rate: Rating | None = None) -> list[DesignPoint]:
-    """Every design point of a design over a base SimSpec, drawn by difficulty where it asks for that; raises as `realize` does."""
-    if not design.rated:
-        return design.points()
+def design_pairs(base: SimSpec, design: Design, rate: Rating | None = None) -> list[tuple[DesignPoint, int]]:
+    """The (point, replicate) pairs of a design over a base SimSpec, drawn by difficulty where it asks for that.
+
+    Raises as `realize` does, but looks at levels only where the design is drawn by difficulty.
+    """
+    return _pairs(_Patches.of(base, design), rate) if design.rated else design.pairs()
+
+
+def situations(base: SimSpec, design: Design, points: Sequence[DesignPoint]) -> list[SimSpec]:
+    """The base SimSpec with the levels of each of these points, nothing placed; raises as `realize` does."""
     patches = _Patches.of(base, design)
-    return _said(lambda: design.points(patches.rated(rate)))
+    return [patches.apply(point) for point in points]
 
 
 def _pairs(patches: _Patches, rate: Rating | None) -> list[tuple[DesignPoint, int]]:

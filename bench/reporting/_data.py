@@ -149,6 +149,7 @@ class ReportData:
     decomposition_sha256: str | None
     manifest: Mapping[str, Any]
     notes: tuple[str, ...] = field(default=())
+    document: Decomposition | None = None
 
     def tally(self, agent: str, node: str, configuration: str = ALL) -> Tally | None:
         """Means and counts, or None when the node has no row at all there."""
@@ -189,6 +190,7 @@ def load_report_data(folder: Path) -> ReportData:
         decomposition_sha256=document.digest if document is not None else None,
         manifest=_manifest(folder, notes),
         notes=tuple(notes),
+        document=document,
     )
 
 

@@ -20,6 +20,7 @@ from test_ports import read_simspec, read_tape
 
 from . import _words as words
 from ._data import ALL, ReportData, Run, Tally, load_report_data
+from ._design import quality_of
 from ._facts import describe, factor_levels, factor_rows, provenance_of
 from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, curve_figure, looks, map_figure, pairs_figure
 from ._map import RunMap, choose_runs, draw_map
@@ -63,6 +64,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "differences": [line for one in comparisons for line in words.differences(data, one.pairings)],
         "not_claimed": words.not_claimed(data),
         "facts": describe(data),
+        "quality": quality_of(data),
         "raised": any(t.raised for (_, where, _), t in data.tallies.items() if where == ALL),
         "factors": factor_rows(data),
         "outcome_names": names,

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 import polars as pl
-from pydantic import ValidationError
 
 from bench.errors import Fault, SetupError
-from bench.realization import Design
 from bench.scoring import (
     FactorLevel,
     Independence,
@@ -26,6 +24,7 @@ from bench.scoring import (
 from bench.simspec import SimSpec
 
 from ._data import ReportData, load_report_data
+from ._design import points_of
 
 SHOWN_LEVELS = ("principle", "ka")
 FOUND_BELOW = 0.05
@@ -261,9 +260,8 @@ def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel]], str
     stated = data.campaign.get("design")
     if not isinstance(stated, Mapping) or not stated.get("factors"):
         return {}, "The campaign's design varies no factor."
-    try:
-        points = Design.model_validate(stated).points()
-    except ValidationError:
+    points = points_of(data)
+    if points is None:
         return {}, "The campaign's design cannot be read, so scores cannot be held against its factors."
     return {point.id: point.levels for point in points}, ""
 

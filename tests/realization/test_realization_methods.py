@@ -427,7 +427,7 @@ def test_quality_against_what_can_be_counted() -> None:
     corners = design([levels("a", 0, 1), levels("b", "x", "y")])
     line = [DesignPoint(f"p{n}", {"f0": n / 4, "f1": 1 - n / 4}) for n in range(5)]
 
-    square = design_quality(corners.space, corners.points(), replicates=3, configurations=["hard", "easy", "easy", "easy"])
+    square = design_quality(corners.space, corners.points(), pairs=12, configurations=["hard", "easy", "easy", "easy"])
     assert (square.points, square.pairs, square.max_abs_correlation) == (4, 12, 0.0)
     assert square.min_distance == pytest.approx(1 / 2**0.5)
     assert [(one.t, one.covered, one.possible) for one in square.coverage] == [(2, 4, 4)]

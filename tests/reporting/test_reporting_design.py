@@ -1,0 +1,73 @@
+"""What the report says of a campaign's design."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from made_campaign import Made, make_campaign
+
+from bench.reporting import ReportData, load_report_data, render_report
+from bench.reporting._design import points_of, quality_of
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
+    return load_report_data(make_campaign(tmp_path_factory.mktemp("made"), Made()))
+
+
+def test_report_measures_the_design(data: ReportData) -> None:
+    """Six combinations of two balanced factors: nothing correlated, all pairs there, and points counted by configuration."""
+    quality = quality_of(data)
+
+    assert quality is not None
+    assert (quality.points, quality.max_abs_correlation) == (6, 0.0)
+    assert [(one.covered, one.possible) for one in quality.coverage] == [(6, 6)]
+    flown = {run.design_point for run in data.runs}
+    assert sum(quality.configurations.values()) == len(flown)
+    assert set(quality.configurations) == {one.label for one in data.configurations}
+    page = render_report(data)
+    assert "How good the design is" in page
+    assert "6 of 6 that may occur" in page
+
+
+def test_design_that_cannot_be_read_is_left_out(data: ReportData) -> None:
+    """A damaged design, one without factors, and one that cannot be drawn again cost their section and no more."""
+    rated = {**data.campaign["design"], "method": {"kind": "stratified", "points": 6}}
+
+    for design in ({"factors": 3}, {}, rated):
+        damaged = replace(data, campaign={**data.campaign, "design": design})
+        assert quality_of(damaged) is None
+        assert "How good the design is" not in render_report(damaged)
+    assert points_of(replace(data, campaign={**data.campaign, "design": rated})) is None
+
+
+def test_levels_of_a_design_drawn_by_difficulty_are_found_again(tmp_path: Path) -> None:
+    """The points of a stratified design are those that the campaign flew, from its own base and decomposition."""
+    from bench.campaign import Campaign, realizations
+    from bench.simspec import load_simspec
+
+    root = Path(__file__).parents[2]
+    design = {
+        "seed": 3,
+        "method": {"kind": "stratified", "points": 8, "candidates": 40, "band": 20},
+        "factors": [
+            {"name": "fog", "range": {"low": 0, "high": 9}, "sets": ["environment.fog_level"]},
+            {"name": "rain", "range": {"low": 0, "high": 9}, "sets": ["environment.rain_level"]},
+        ],
+    }
+    campaign = Campaign.model_validate(
+        {"name": "even", "base": load_simspec(root / "examples" / "search.yaml"), "agents": [{}], "design": design}
+    )
+    plans = realizations(campaign)
+    folder = make_campaign(tmp_path, Made())
+    from decompositions import load_decomposition
+
+    asked = load_decomposition("search-and-report")
+    found = points_of(
+        replace(load_report_data(folder), campaign=campaign.model_dump(mode="json"), document=asked, study=asked.study)
+    )
+
+    assert found is not None
+    assert [(one.id, dict(one.levels)) for one in found] == [(plan.design_point, dict(plan.levels)) for plan in plans]
