@@ -24,6 +24,7 @@ from ._watch import Watch
 ORDER_BY_S = 20.0
 TAKEOFF_S = 10.0  # from arming to being on the way
 SEARCH_S = 15.0  # the least time for which a sub-area is worth flying to
+HURRY_S = 30.0  # before what waits cannot be served any more, a place whose target is found is left
 CANDIDATE_SHARE = 0.25  # of the votes: an object that may be the target is worth a closer look
 STILL_CLEAR_S = 4.0
 DEADLINE_S = 15.0  # before a report is due what is known will have to do
@@ -52,6 +53,7 @@ class Mission:
         self._orders = Orders()
         self._early: list[IntelligenceDocument | OrderDocument] = []
         self._judged: dict[str, str] = {}
+        self._asked_s = -math.inf  # when it was last asked whether it has seen enough
 
     # What the bench says.
 
@@ -108,7 +110,7 @@ class Mission:
             over=self.over,
             landing=self._pilot.landing,
             unheard=vehicle.armed and vehicle.silent,
-            failsafe=vehicle.texts[-1] if vehicle.failsafe and vehicle.texts else "a failsafe" if vehicle.failsafe else "",
+            failsafe=vehicle.reason if vehicle.failsafe else "",
             homeward=self._pilot.homeward() if flying else "",
             about=self._against(order) if order.kind in ("retask", "mark") else "",
         )
@@ -257,22 +259,46 @@ class Mission:
         others = len(self._planner.waiting(self._place))
         self._log.decide("go", task.id, f"priority {about.priority}, most urgent and nearest of {others + 1}")
         self._log.enter("transit", f"to {task.id}")
+        enough = lambda: self._seen_enough(task)  # noqa: E731
         while task.active:
             path = self._search_path(task)
-            if not (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps)):
+            if not (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, until=enough)):
+                return
+            if task.enough or (task.passes and not task.active):
                 return
             task.passes += 1
             self._log.decide(
                 "search", task.id, f"lawnmower over {about.uncertainty_m:g} m, pass {task.passes}, {length_m(path):.0f} m"
             )
             self._log.enter("searching", f"{task.id}, pass {task.passes}")
-            if not (yield from self._follow(path, task, self._pilot.speed_mps, looking=True)):
+            if not (yield from self._follow(path, task, self._pilot.speed_mps, until=enough, looking=True)):
                 return
             if task.active:
                 yield from self._identify(task)
             if task.active and not self._search_again(task):
                 task.state = "not_found"
                 self._log.decide("give_up", task.id, f"no {about.class_label} identified in {task.passes} passes")
+
+    def _seen_enough(self, task: Task) -> bool:
+        """Whether to leave a sub-area whose target is found before all of it has been looked at.
+
+        So it is the second time over, and when what waits would not be served in time otherwise; looked at once a second.
+        """
+        now_s = self._vehicle.now_s
+        if task.active or task.enough or task.passes > 1 or now_s - self._asked_s < 1.0:
+            return not task.active and (task.enough or task.passes > 1)
+        self._asked_s = now_s
+        deadline_s = self._order.report_deadline_s if self._order and self._order.report_deadline_s else math.inf
+        place = self._place
+        for one in self._planner.waiting(place):
+            if not self._planner.fits(place, now_s, one, SEARCH_S):
+                continue
+            due_s = one.told_s + deadline_s - self._planner.travel_s(math.dist(place, one.place)) - SEARCH_S
+            if now_s + HURRY_S > due_s or not self._planner.fits(place, now_s + HURRY_S, one, SEARCH_S):
+                task.enough = True
+                self._log.decide("move_on", task.id, f"found; {one.id} would come too late otherwise")
+                return True
+        return False
 
     def _search_path(self, task: Task) -> list[Place]:
         """Legs along the way in on the first pass, across it on the second: other views of the same ground."""

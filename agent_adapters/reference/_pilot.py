@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from bench.contracts import MissionOrder
 
 from ._airspace import Airspace, Airspaces
-from ._caution import Caution
+from ._caution import SLOW_SHARE, Caution
 from ._log import Log
 from ._orders import Orders
 from ._perception import Perception
@@ -87,8 +87,9 @@ class Pilot:
         self.speed_mps = order.speed_mps
         if order.max_speed_mps is not None:
             self.speed_mps = min(order.speed_mps, max(order.max_speed_mps - RULE_MPS, 0.5 * order.max_speed_mps))
+        # People may be anywhere on the way: time is reckoned with the speed that is flown near them.
         slow_mps = self._caution.slow_mps
-        pace_mps = self.speed_mps if slow_mps is None else min(self.speed_mps, slow_mps)
+        pace_mps = self.speed_mps if slow_mps is None else min(self.speed_mps, SLOW_SHARE * slow_mps)
         safe_m = min(settings.safe_height_m, self.height_m)
         self.planner = Planner(order, pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
         self.landing = False
@@ -130,7 +131,7 @@ class Pilot:
     def _must_go_home(self) -> str:
         charge, needed = self._vehicle.battery_fraction, self._settings.min_battery
         if self._full is not None:
-            used, flown_s = self._full[1] - charge, self._vehicle.now_s - self._full[0]
+            used, flown_s = self._full[1] - charge - self._watch.charge_lost, self._vehicle.now_s - self._full[0]
             use_per_s = used / flown_s if flown_s > 20.0 else 0.0
             home = use_per_s * self.planner.home_s(self.place)
             needed = max(needed, self._order.battery_reserve_fraction + home + BATTERY_MARGIN)
@@ -165,7 +166,7 @@ class Pilot:
             yield from self._attentive(self._wait_while(grounded))
             if not (yield from self._attentive(vehicle.arm(vehicle.now_s + READY_BY_S))):
                 raise TurnBack(f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}")
-        self._full = (vehicle.now_s, vehicle.battery_fraction)
+        self._full = (vehicle.now_s, vehicle.battery_fraction + self._watch.charge_lost)
         self._log.enter("taking_off", f"climbing to {FIRST_HEIGHT_M:g} m")
         first_m = min(FIRST_HEIGHT_M, self.height_m)
         if not (yield from self._attentive(vehicle.take_off(first_m, vehicle.now_s + 60.0))):
@@ -295,7 +296,7 @@ class Pilot:
         """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give control back."""
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
         cause = self._failsafe_cause()
-        words = "; ".join(vehicle.texts[-2:]) or "it gives no reason"
+        words = vehicle.reason
         self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
         mode: Mode | None = None
         while vehicle.failsafe and vehicle.armed and vehicle.mode != OFFBOARD:
@@ -321,7 +322,7 @@ class Pilot:
     def _retake(self) -> Steps[None]:
         """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
         vehicle = self._vehicle
-        self._log.decide("retake", "", f"the autopilot left offboard control: {'; '.join(vehicle.texts[-2:])}")
+        self._log.decide("retake", "", f"the autopilot left offboard control: {vehicle.reason}")
         if vehicle.battery_fraction <= self._settings.min_battery:
             raise TurnBack("the autopilot took control and keeps it")
         if vehicle.setpoint is None:

@@ -30,6 +30,7 @@ class Task:
     withheld: bool = False  # reported, but not marked
     revisited: bool = False
     passes: int = 0
+    enough: bool = False  # found, and left before all of it was searched
     dismissed: set[int] = field(default_factory=set)
 
     @property

@@ -21,6 +21,7 @@ SETPOINT_S = 0.2  # PX4 gives offboard control up after a second without a setpo
 ANSWER_S = 1.0
 TRIES = 4
 SILENT_S = 2.5  # without any message; heartbeats come once a second
+RECENT_S = 8.0  # a text that is older is about something else
 SAME_MOMENT_MS = 200  # at rest on the ground
 
 # Messages that the agent reads, and how often it asks for them.
@@ -87,6 +88,7 @@ class Vehicle:
         self.texts: list[str] = []
         self.malformed = 0
         self.setpoint: Setpoint | None = None
+        self._text_s = -math.inf
         self._link = link
         self._mav = mavlink.MAVLink(None, srcSystem=OWN_SYSTEM, srcComponent=OWN_COMPONENT)
         self._target = (1, 1)
@@ -109,6 +111,12 @@ class Vehicle:
     def silent(self) -> bool:
         """Nothing came from the autopilot for `SILENT_S` seconds."""
         return self.now_s - self.heard_s > SILENT_S
+
+    @property
+    def reason(self) -> str:
+        """What the autopilot has said lately, in its own words."""
+        lately = self.now_s - self._text_s < RECENT_S
+        return "; ".join(self.texts[-2:]) if lately and self.texts else "it gives no reason"
 
     def locate(self, origin: Origin) -> None:
         """Tell where the map's origin lies; positions are known from here on."""
@@ -153,6 +161,7 @@ class Vehicle:
                 self._acks.append((message.command, message.result))
             case mavlink.MAVLINK_MSG_ID_STATUSTEXT:
                 self.texts = [*self.texts[-7:], message.text.rstrip("\t\0")]
+                self._text_s = self.now_s
 
     def _hear_heartbeat(self, message: object, frame: MavlinkFrame) -> None:
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:  # type: ignore[attr-defined]

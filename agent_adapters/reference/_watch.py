@@ -19,6 +19,7 @@ class Watch:
 
     def __init__(self, vehicle: Vehicle, eyes: Perception, log: Log) -> None:
         self.blind = False
+        self.charge_lost = 0.0  # by sudden drops, not by flying
         self.link_down_s: float | None = None  # since when the operator cannot be reached
         self._vehicle = vehicle
         self._eyes = eyes
@@ -87,4 +88,5 @@ class Watch:
     def _look_at_battery(self) -> None:
         before, self._battery = self._battery, self._vehicle.battery_fraction
         if before - self._battery >= DROP:
+            self.charge_lost += before - self._battery
             self._log.decide("notice", "battery", f"the charge fell from {before:.0%} to {self._battery:.0%} at once")

@@ -243,3 +243,15 @@ def test_same_inputs_give_the_same_bytes() -> None:
     ]
     assert said[0] == said[1]
     assert len(json.loads(said[0])[1]) > 10
+
+
+def test_what_waits_is_not_let_fall_due_for_a_place_whose_target_is_found() -> None:
+    """With a deadline ahead it leaves the first sub-area once its target is reported; without one it looks at all of it."""
+    hurried = world(RADAR, TRUCK)
+    assert hurried.mission is not None
+    hurried.mission = hurried.mission.model_copy(update={"report_deadline_s": 80.0})
+    hurried.fly("naive")
+    calm = world(RADAR, TRUCK).fly("naive")
+    assert [one.subject for one in hurried.decided("move_on")] == ["alpha"]
+    assert not calm.decided("move_on")
+    assert hurried.reports[1].time_s < calm.reports[1].time_s - 5.0

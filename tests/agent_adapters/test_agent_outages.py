@@ -141,3 +141,15 @@ def test_in_the_air_the_log_never_falls_silent_for_long() -> None:
     flown = world(orders_at={40.0: ordered("wait", "hold")}, mission=order(time_limit_s=280.0)).fly("naive")
     times = [one.time_s for one in flown.decisions if one.time_s > 10.0]
     assert max(b - a for a, b in pairwise(times)) <= 60.0
+
+
+def test_a_drop_is_not_taken_for_what_flying_needs() -> None:
+    """The charge halves at once, and what is left is plenty: the mission goes on."""
+
+    def drain(now: World) -> None:
+        if now.vehicle.time_s > 30.0:
+            now.vehicle.battery = 50
+
+    flown = world(each_beat=drain).fly("naive")
+    assert noticed(flown, "battery")
+    assert {report.intelligence_id for report in flown.reports} == {"alpha", "bravo"}
