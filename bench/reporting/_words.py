@@ -193,8 +193,8 @@ def not_claimed(data: ReportData) -> list[str]:
     if until_settled(data.scores):
         said.append(
             "Design points ended once their question was settled, so how many runs they have hangs on how these went. The intervals of "
-            "confidence and the bounds of competence allow for that; the intervals of scores, the comparisons of agents and the tests of "
-            "factors do not."
+            "confidence and the bounds of competence allow for that; the intervals of scores, what straight passes claim, the comparisons of agents and "
+            "the tests of factors do not."
         )
     lost = [r for r in data.runs if r.outcome is not None and r.outcome is not Outcome.SETTLED and not r.outcome.counts]
     if lost:

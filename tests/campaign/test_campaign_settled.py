@@ -28,6 +28,7 @@ from bench.campaign import (
     rescore_campaign,
     verify_folder,
 )
+from bench.cli._app import run as run_command
 from bench.contracts import Outcome
 from bench.errors import SetupError
 from bench.scoring import StoppingRule, score_table
@@ -220,6 +221,14 @@ def test_flown_again_when_asked(tmp_path: Path) -> None:
     assert verify_folder(tmp_path) == []
     with pytest.raises(SetupError, match="what ended as agent_crashed is not flown again"):
         fly(tmp_path, again=[Outcome.AGENT_CRASHED])
+
+
+def test_the_command_flies_no_agent_s_failure_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--again` takes the bench's own faults by name; anything else is refused before anything is made."""
+    demo = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
+    assert run_command(["run", str(demo), "--out", str(tmp_path / "out"), "--again", "vehicle_crashed"]) == 2
+    assert "bench_error, setup_invalid, wall_budget, worker_lost" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_broken_bench_burns_no_campaign(tmp_path: Path) -> None:

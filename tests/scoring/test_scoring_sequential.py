@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.scoring import StoppingRule, Verdict, clopper_pearson, confidence_sequence
+from bench.scoring import StoppingRule, Verdict, clopper_pearson, confidence_sequence, mean_bounds, pass_rate_bounds
 
 
 @pytest.mark.parametrize("p", [0.02, 0.3, 0.5, 0.95])
@@ -75,3 +75,55 @@ def test_rules_that_cannot_be() -> None:
     """Nothing settles a threshold at the end of the scale."""
     with pytest.raises(ValueError, match="threshold 1"):
         StoppingRule(1.0)
+
+
+def test_bounds_of_a_mean_cover_at_every_look_at_once() -> None:
+    """Trials of changing expectation, between 0 and 1: the running mean of what was to be expected is held at all 50 looks."""
+    rng = np.random.default_rng(31)
+    expected = np.where(np.arange(200) % 3 == 0, 0.95, 0.4)
+    values = rng.beta(2.0 * expected, 2.0 * (1.0 - expected), (1000, 200))
+    looks = np.arange(4, 201, 4)
+    summed = np.cumsum(values, axis=1)[:, looks - 1]
+    low, high = mean_bounds(summed, np.broadcast_to(looks, summed.shape))
+    mean = np.cumsum(expected)[looks - 1] / looks
+    assert ((low > mean) | (high < mean)).any(axis=1).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 1000)
+    assert (high - low)[:, -1].mean() < 0.3  # and it says something
+
+
+def test_after_stopping_the_exact_interval_misses_where_these_hold() -> None:
+    """Points whose pass rate is the threshold, ended once settled at 80 % or after 300: how often their own trials deny the rate."""
+    passed = np.random.default_rng(32).random((1000, 300)) < 0.5
+    rule = StoppingRule(0.5, level=0.8)
+    ends = np.array([rule.settled_after(row) or 300 for row in passed])
+    passes = np.cumsum(passed, axis=1)[np.arange(1000), ends - 1]
+
+    def missed(low: np.ndarray, high: np.ndarray) -> float:
+        return float(((low > 0.5) | (high < 0.5)).mean())
+
+    assert missed(*clopper_pearson(passes, ends)) > 0.08
+    assert missed(*pass_rate_bounds(passes, ends)) <= 0.05
+    assert missed(*mean_bounds(passes, ends)) <= 0.05
+
+
+def test_bounds_hold_what_was_seen_and_mirror() -> None:
+    """They lie around the share, a pass is to a failure as low to high, and without trials nothing is known."""
+    passes, fails = (np.ravel(one) for one in np.meshgrid([0, 1, 5, 40, 3000], [0, 1, 7, 900]))
+    for bounds in (pass_rate_bounds, mean_bounds):
+        low, high = bounds(passes, passes + fails)
+        some = passes + fails > 0
+        share = passes[some] / (passes + fails)[some]
+        assert ((low[some] <= share) & (share <= high[some])).all()
+        assert (low[~some], high[~some]) == (0.0, 1.0)
+        other = bounds(fails, passes + fails)
+        np.testing.assert_allclose((low, high), (1.0 - other[1], 1.0 - other[0]), atol=1e-9)
+
+
+def test_a_point_that_stopped_lies_on_the_side_that_was_said() -> None:
+    """The interval of the trials up to the stop leaves the threshold out, as the rule that ended them does."""
+    rng = np.random.default_rng(33)
+    for rate, threshold in ((0.95, 0.7), (0.2, 0.5), (1.0, 0.9)):
+        passed = rng.random(400) < rate
+        after = StoppingRule(threshold).settled_after(passed)
+        assert after is not None
+        low, high = pass_rate_bounds(passed[:after].sum(), after)
+        assert threshold < low or high < threshold

@@ -329,3 +329,41 @@ def test_three_hundred_runs_take_well_under_a_second(asked: Decomposition) -> No
     began = time.process_time()
     summary_frame(score_table(asked, runs), asked)
     assert time.process_time() - began < 1.0
+
+
+def test_runs_until_settled_have_intervals_that_allow_for_it(asked: Decomposition) -> None:
+    """The method says so; intervals are wider than exact ones; competence's bound hears each design point's first run alone."""
+    found = hard(asked)
+    fixed = [
+        run(f"p{point}-r{replicate}", found, everything(asked), design_point=f"p{point}", replicate=replicate)
+        for point in range(6)
+        for replicate in range(1, 5)
+    ]
+    runs = [replace(one, until_settled=True) for one in fixed]
+    known, looked = (summary_frame(score_table(asked, some), asked) for some in (fixed, runs))
+    alone = summary_frame(score_table(asked, runs[:4]), asked)
+    assert line(looked, "OBS-031")["method"] == line(looked, "KA-03")["method"] == "anytime-valid (mean)"
+    assert (line(alone, "OBS-031")["method"], line(alone, "KA-03")["method"]) == (
+        "anytime-valid (pass rate)",
+        "anytime-valid (mean)",
+    )
+    assert line(looked, "KA-03")["confidence_low"] < line(known, "KA-03")["confidence_low"] < 1.0  # type: ignore[operator]
+    assert line(looked, "KA-03")["confidence_mean"] == line(known, "KA-03")["confidence_mean"] == 1.0
+
+    bad_first = [
+        replace(one, observations=run("x", found, everything(asked, 0.0)).observations) if one.replicate == 1 else one
+        for one in runs
+    ]
+    bad_last = [
+        replace(one, observations=run("x", found, everything(asked, 0.0)).observations) if one.replicate == 4 else one
+        for one in runs
+    ]
+    lows = [line(summary_frame(score_table(asked, some), asked), "KA-03")["competence_50_low"] for some in (bad_first, bad_last)]
+    assert lows == [0.0, line(looked, "KA-03")["competence_50_low"]]
+    assert lows[1] != 0.0
+
+
+def test_a_table_without_the_column_is_of_a_fixed_number_of_runs(asked: Decomposition) -> None:
+    """Tables written before, or elsewhere, are summed up as they were."""
+    table = score_table(asked, [run(f"r{i}", hard(asked), everything(asked)) for i in range(3)])
+    assert summary_frame(table.drop("until_settled"), asked).equals(summary_frame(table, asked))
