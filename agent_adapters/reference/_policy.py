@@ -16,7 +16,7 @@ BYSTANDER_SHARE = 0.3  # of the votes: an object that may well be a bystander is
 BYSTANDER_FRAMES = 2
 LONGEST_DRIFT_S = 15.0
 FAR_M = 500.0
-OWN_PLACE_M = 1.5  # one sigma of the agent's own place and of where the camera points
+OWN_PLACE_M = 1.0  # one sigma of the agent's own place (PX4 states 0.9 m of its GPS) and of where the camera points
 SAME_OBJECT_M = 3.0  # a second track this near to the target is the target under another label
 
 UnseenShare = Callable[[float, float, float, float], float]  # east, north, radius, since: see Perception.unseen_share

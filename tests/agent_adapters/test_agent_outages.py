@@ -79,8 +79,8 @@ def test_without_gps_it_waits_and_the_careful_one_states_larger_errors() -> None
     def jam(now: World) -> None:
         now.vehicle.gps = not 18.0 < now.vehicle.time_s < 30.0
 
-    calm, jammed = world().fly("bystander_aware"), world(each_beat=jam).fly("bystander_aware")
-    naive = world(each_beat=jam).fly("naive")
+    calm, jammed = world().fly("bystander_aware", 90.0), world(each_beat=jam).fly("bystander_aware", 90.0)
+    naive = world(each_beat=jam).fly("naive", 90.0)
     assert noticed(jammed, "gps") == pytest.approx([18.5, 30.5], abs=1.0)
     assert noticed(naive, "gps") == noticed(jammed, "gps")
     sigmas = [next(r.position_sigma_m for r in flown.reports if r.intelligence_id == "alpha") for flown in (calm, jammed)]
