@@ -8,6 +8,7 @@ flown = place(plans[0].simspec)                # the same, with every actor in i
 from __future__ import annotations
 
 from ._check import check_placement as check_placement
+from ._clash import PlacementInfeasible as PlacementInfeasible
 from ._covering import CoveringArray as CoveringArray
 from ._design import Design as Design
 from ._design import DesignPoint as DesignPoint
@@ -21,7 +22,6 @@ from ._factors import Range as Range
 from ._nested import Nested as Nested
 from ._orthogonal import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
 from ._orthogonal import OrthogonalLatinHypercube as OrthogonalLatinHypercube
-from ._placement import PlacementInfeasible as PlacementInfeasible
 from ._placement import place as place
 from ._quality import DesignQuality as DesignQuality
 from ._quality import design_quality as design_quality

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -10,9 +11,23 @@ import shapely
 import shapely.affinity
 
 from bench.errors import Fault
-from bench.simspec import ASSETS, ActorGroup, Near, PlacedActor, Polygon, Realized, SimSpec
+from bench.simspec import (
+    ASSETS,
+    ActorGroup,
+    Along,
+    CountRange,
+    Distance,
+    Near,
+    PlacedActor,
+    Polygon,
+    Realized,
+    Seen,
+    Sight,
+    SimSpec,
+)
 
 SLACK_M = 1e-6
+SLACK_DEG = 1e-5
 HOME_CLEARANCE_M = 3.0
 
 
@@ -28,6 +43,8 @@ def check_placement(simspec: SimSpec) -> list[Fault]:
         *_counts(simspec, simspec.realized),
         *_collisions(simspec, simspec.realized),
         *(fault for group in simspec.actors for fault in _group(simspec, group, members)),
+        *(fault for group in simspec.actors for fault in _more(simspec, group, members)),
+        *_routes(simspec, simspec.realized),
         *_reports(simspec, simspec.realized, members),
     ]
 
@@ -43,14 +60,22 @@ def _members(realized: Realized) -> Members:
 
 
 def _counts(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
-    wanted = {group.id: group.members(simspec.world.area.area_m2) for group in simspec.actors}
+    wanted = {group.id: _wanted_count(simspec, group) for group in simspec.actors}
     found = Counter(actor.group for actor in realized.actors)
-    for group in wanted.keys() | found.keys():
-        if wanted.get(group, 0) != found[group]:
-            yield Fault(f"realized: group {group}", f"has {found[group]} members", f"{wanted.get(group, 0)} are asked for")
+    for group in sorted(wanted.keys() | found.keys()):
+        low, high = wanted.get(group, (0, 0))
+        if not low <= found[group] <= high:
+            asked = f"{low} are" if low == high else f"{low} to {high} are"
+            yield Fault(f"realized: group {group}", f"has {found[group]} members", f"{asked} asked for")
     for actor, times in Counter(actor.id for actor in realized.actors).items():
         if times > 1:
             yield Fault(f"realized: {actor}", f"stands {times} times", "ids must be unique")
+
+
+def _wanted_count(simspec: SimSpec, group: ActorGroup) -> tuple[int, int]:
+    if isinstance(group.count, CountRange):
+        return group.count.low, group.count.high
+    return (group.members(simspec.world.area.area_m2),) * 2
 
 
 def _outline(simspec: SimSpec, actor: PlacedActor) -> shapely.Polygon | None:
@@ -114,6 +139,140 @@ def _group(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fa
                 f"has a mean distance of {found:.2f} m to {mean.of!r}",
                 f"{mean.mean_m:g} m within {mean.tolerance:.1%} are asked for",
             )
+
+
+def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fault]:
+    place = group.placement
+    own = members.get(group.id, [])
+    for actor in own:
+        where = f"realized: {actor.id}"
+        for distance in place.distances:
+            names = [distance.of] if distance.of in {one.id for one in simspec.actors} else _of_role(simspec, group, distance.of)
+            found = [_distance_m(actor, other) for name in names for other in members.get(name, [])]
+            keeps = [_in_band(distance, one) for one in found]
+            if not (any(keeps) if distance.whom == "some" else all(keeps)):
+                yield Fault(where, f"does not keep its distance from {distance.whom} member of {distance.of!r}", "see distances")
+        if place.along:
+            yield from _along(simspec, actor, place.along)
+        if place.bearing and (seen := _seen(place.bearing, members)):
+            angle = _bearing_deg(seen[0], (actor.east_m, actor.north_m))
+            span = (place.bearing.to_deg - place.bearing.from_deg) % 360.0
+            if not -SLACK_DEG <= (angle - place.bearing.from_deg + SLACK_DEG) % 360.0 - SLACK_DEG <= span + SLACK_DEG:
+                yield Fault(
+                    where, f"stands at {angle:.2f} degrees", f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} asked for"
+                )
+        if place.facing and (seen := _seen(place.facing, members)):
+            off = _turn_deg(actor.heading_deg, _bearing_deg((actor.east_m, actor.north_m), seen[0]))
+            if off > place.facing.within_deg + SLACK_DEG:
+                yield Fault(where, f"heads {off:.2f} degrees off whom it is to face", f"at most {place.facing.within_deg:g}")
+        if place.hidden_from and any(_sees(simspec, actor, eye, place.hidden_from) for eye in _seen(place.hidden_from, members)):
+            yield Fault(where, "can be seen from where it is to be hidden", "put something solid between them")
+        if place.visible_from and not any(
+            _sees(simspec, actor, eye, place.visible_from) for eye in _seen(place.visible_from, members)
+        ):
+            yield Fault(where, "cannot be seen from where it is to be visible", "clear the line of sight")
+    if place.spread_m:
+        for one, other in itertools.combinations(own, 2):
+            if _distance_m(one, other) < place.spread_m - SLACK_M:
+                yield Fault(f"realized: {one.id} and {other.id}", "are less spread than asked for", f"{place.spread_m:g} m")
+
+
+def _of_role(simspec: SimSpec, group: ActorGroup, role: str) -> list[str]:
+    return [one.id for one in simspec.actors if one.role == role and one.id != group.id]
+
+
+def _in_band(distance: Distance, found_m: float) -> bool:
+    most_m = math.inf if distance.max_m is None else distance.max_m
+    return distance.min_m - SLACK_M <= found_m <= most_m + SLACK_M
+
+
+Spot = tuple[float, float]
+
+
+def _seen(seen: Seen, members: Members) -> list[Spot]:
+    """The point, or all members, the first one first."""
+    if seen.point is not None:
+        return [(seen.point.east_m, seen.point.north_m)]
+    return [(one.east_m, one.north_m) for one in members.get(seen.of or "", [])]
+
+
+def _bearing_deg(start: Spot, end: Spot) -> float:
+    return math.degrees(math.atan2(end[0] - start[0], end[1] - start[1])) % 360.0
+
+
+def _turn_deg(one_deg: float, other_deg: float) -> float:
+    return abs((one_deg - other_deg + 180.0) % 360.0 - 180.0)
+
+
+def _along(simspec: SimSpec, actor: PlacedActor, along: Along) -> Iterator[Fault]:
+    road = next(one for one in simspec.world.roads if one.id == along.road)
+    line = shapely.LineString([(point.east_m, point.north_m) for point in road.points])
+    covered = line.buffer(road.width_m / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)
+    outline = _outline(simspec, actor)
+    if outline is None:
+        return
+    where = f"realized: {actor.id}"
+    gap = covered.distance(outline)
+    if along.where == "on" and not covered.buffer(SLACK_M).covers(outline):
+        yield Fault(where, f"does not stand on road {road.id!r}", "keep the whole footprint on it")
+    if along.where == "beside" and not 0.0 < gap <= along.within_m + SLACK_M:
+        yield Fault(where, f"is {gap:.3f} m from road {road.id!r}", f"stand off it, within {along.within_m:g} m")
+    if along.parallel_deg is not None:
+        spot = shapely.Point(actor.east_m, actor.north_m)
+        pieces = [shapely.LineString(pair) for pair in itertools.pairwise(line.coords)]
+        near = min(pieces, key=spot.distance)
+        # Where two stretches are equally near, either will do.
+        level = [piece for piece in pieces if piece.distance(spot) <= near.distance(spot) + SLACK_M]
+        off = min(_slant_deg(actor.heading_deg, _bearing_deg(*piece.coords)) for piece in level)
+        if off > along.parallel_deg + SLACK_DEG:
+            yield Fault(where, f"heads {off:.2f} degrees off road {road.id!r}", f"at most {along.parallel_deg:g}")
+
+
+def _slant_deg(one_deg: float, other_deg: float) -> float:
+    return min(_turn_deg(one_deg, other_deg), _turn_deg(one_deg + 180.0, other_deg))
+
+
+def _sees(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight) -> bool:
+    """Whether the middle of the actor's top is in sight: each solid outline cuts the line on the ground, and the line's height
+    over the cut tells whether it passes above."""
+    assert simspec.realized is not None
+    top_m = ASSETS[simspec.group(actor.group).asset].height_m
+    spot = (actor.east_m, actor.north_m)
+    line = shapely.LineString([eye, spot])
+    for other in simspec.realized.actors:
+        asset = ASSETS.get(simspec.group(other.group).asset)
+        if asset is None or not asset.solid or other.group == actor.group:
+            continue
+        outline = _outline(simspec, other)
+        if outline is None or outline.covers(shapely.Point(eye)):
+            continue
+        cut = line.intersection(outline)
+        if cut.length > SLACK_M:
+            shares = [line.project(shapely.Point(corner)) / line.length for corner in cut.coords]
+            if min(sight.height_m + share * (top_m - sight.height_m) for share in shares) < asset.height_m - SLACK_M:
+                return False
+    return True
+
+
+def _routes(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
+    """Patrols must be able to walk their loops: nothing solid that stands still may reach into them."""
+    walls = [
+        (actor, outline)
+        for actor in realized.actors
+        if (group := next((one for one in simspec.actors if one.id == actor.group), None))
+        and group.motion.kind == "still"
+        and group.asset in ASSETS
+        and ASSETS[group.asset].solid
+        and (outline := _outline(simspec, actor)) is not None
+    ]
+    walking = {actor.group for actor in realized.actors}
+    for group in simspec.actors:
+        if group.motion.kind == "patrol" and group.id in walking and group.asset in ASSETS:
+            route = shapely.LinearRing if len(group.motion.route) > 2 else shapely.LineString
+            loop = route([(point.east_m, point.north_m) for point in group.motion.route])
+            for actor, outline in walls:
+                if actor.group != group.id and loop.distance(outline) < ASSETS[group.asset].width_m / 2.0 - SLACK_M:
+                    yield Fault(f"realized: {actor.id}", f"closes the patrol route of {group.id!r}", "move one of them")
 
 
 def _polygon(polygon: Polygon) -> shapely.Polygon:

@@ -42,6 +42,9 @@ def rules_disagreements(rules: Rules) -> Iterator[Disagreement]:
 
 def situation_disagreements(simspec: SimSpec) -> Iterator[Disagreement]:
     """What the parts of a SimSpec contradict in one another."""
+    for index, one in enumerate(road.id for road in simspec.world.roads):
+        if one in [road.id for road in simspec.world.roads[:index]]:
+            yield ("world", "roads", index, "id"), f"road id {one!r} is used twice"
     yield from _actors(simspec)
     yield from _intelligence(simspec)
     yield from _orders(simspec)
@@ -67,6 +70,27 @@ def _actors(simspec: SimSpec) -> Iterator[Disagreement]:
                 yield where, f"group {group.id!r} relates to group {relation.of!r}, which is not among {groups}"
             elif relation and relation.of == group.id:
                 yield where, f"group {group.id!r} relates to itself"
+        yield from _more_relations(simspec, index)
+
+
+def _more_relations(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
+    group, groups = simspec.actors[index], [one.id for one in simspec.actors]
+    where = ("actors", index, "placement")
+    for number, distance in enumerate(group.placement.distances):
+        if distance.of == group.id:
+            yield (*where, "distances", number, "of"), f"group {group.id!r} relates to itself; spread_m keeps its members apart"
+        elif distance.of not in groups and distance.of not in {one.role for one in simspec.actors}:
+            what = f"group {group.id!r} relates to {distance.of!r}, which is neither among {groups} nor a role of any of them"
+            yield (*where, "distances", number, "of"), what
+    for name, seen in group.placement.seen.items():
+        if seen.of == group.id:
+            yield (*where, name, "of"), f"group {group.id!r} relates to itself"
+        elif seen.of is not None and seen.of not in groups:
+            yield (*where, name, "of"), f"group {group.id!r} relates to group {seen.of!r}, which is not among {groups}"
+    roads = [road.id for road in simspec.world.roads]
+    if group.placement.along and group.placement.along.road not in roads:
+        what = f"group {group.id!r} is to stand along road {group.placement.along.road!r}, which is not among {roads}"
+        yield (*where, "along", "road"), what
 
 
 def _intelligence(simspec: SimSpec) -> Iterator[Disagreement]:

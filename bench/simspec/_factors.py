@@ -45,7 +45,7 @@ def _bystander_density(simspec: SimSpec) -> float | None:
     if not groups:
         return None
     stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
-    counted = sum(group.count or 0 for group in groups if group.density_per_km2 is None)
+    counted = sum(group.members(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
     # A density stands for the whole population of its own; small counted groups come on top only when nothing states one.
     return sum(stated) if stated else counted / area_km2
 

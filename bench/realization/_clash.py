@@ -1,0 +1,453 @@
+"""Why a scene cannot be: proofs of impossibility, and the smallest set of the user's own constraints that they need.
+
+A proof works on a relaxation that every true arrangement also keeps, so what it refuses is impossible indeed:
+
+- *ground*: for each group the part of the ground in which centres can lie, narrowed relation by relation until nothing changes.
+  Where nothing is left, no arrangement exists.
+- *cases*: the same for each part of the ground on which a single member may stand whom several relations are about.
+- *mean distances* that the ground and the members' own sizes leave in reach.
+- *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces of ground in which
+  their groups may stand; CP-SAT decides that.
+
+What is not refused may still be impossible.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from math import ceil, floor, hypot, pi
+
+import numpy as np
+import shapely
+
+from bench.errors import RebarError
+from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight, SimSpec
+
+from ._footprint import Array, footprints
+from ._relations import (
+    EVERYWHERE,
+    HOME_CLEARANCE_M,
+    Geometry,
+    Tie,
+    field,
+    ground,
+    inner_radius_m,
+    members_of,
+    outer_radius_m,
+    region_of,
+    standing,
+    ties,
+    wide,
+)
+
+ROUNDS = 6
+PIECES = 200
+CASES = 48
+SMALLEST_PART_M = 2.0
+
+
+class PlacementInfeasible(RebarError):
+    """No place was found for somebody; the text names the relations that clash and the numbers found.
+
+    `proved` tells whether there is no arrangement at all; `clash` are the fields of a smallest set of constraints that
+    cannot hold together, empty where nothing is proved.
+    """
+
+    def __init__(self, text: str, proved: bool = True, clash: tuple[str, ...] = ()) -> None:
+        super().__init__(text)
+        self.proved, self.clash = proved, clash
+
+
+def check_areas(simspec: SimSpec) -> None:
+    """Refuse at once what no arrangement could hold: footprints grown by half their gap do not overlap, so their areas add up."""
+    needs: dict[Polygon, list[ActorGroup]] = {}
+    for group in simspec.actors:
+        if group.placement.at is None and members_of(simspec, group):
+            needs.setdefault(region_of(simspec, group), []).append(group)
+    for region, groups in needs.items():
+        gap = min(group.placement.separation_m for group in groups)
+        need = sum(members_of(simspec, group) * _grown_area_m2(group, gap) for group in groups)
+        room = max(region.area_m2, ground(region).buffer(gap / 2.0).area)  # buffers of almost nothing come out empty
+        if need > room:
+            names = ", ".join(f"{members_of(simspec, group)} of {group.id!r}" for group in groups)
+            raise PlacementInfeasible(
+                f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but their region of {region.area_m2:.0f} m2 "
+                f"offers {room:.0f} m2: lower the counts, lower separation_m or widen the region",
+                clash=tuple(f"actors[{group.id}].{_counted(group)}" for group in groups),
+            )
+    for group in simspec.actors:
+        if group.placement.near:
+            _check_room_near(simspec, group, group.placement.near)
+
+
+def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
+    """The same for whoever must stay near somebody: no footprint reaches further out than its centre's band, half of itself and
+    half of its gap."""
+    asset, gap = ASSETS[group.asset], group.placement.separation_m
+    reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
+    hole_m = max(0.0, near.min_m - reach_m)
+    room = members_of(simspec, simspec.group(near.of)) * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
+    need = members_of(simspec, group) * _grown_area_m2(group, gap)
+    if need > room:
+        raise PlacementInfeasible(
+            f"{members_of(simspec, group)} of {group.id!r} need at least {need:.0f} m2 with {gap:g} m between them, but within "
+            f"{near.min_m:g} to {near.max_m:g} m of {near.of!r} there are {room:.0f} m2: lower the count or separation_m, or raise max_m",
+            clash=(f"actors[{group.id}].{_counted(group)}", field(group, "near")),
+        )
+
+
+def _counted(group: ActorGroup) -> str:
+    return "count" if group.count is not None else "density_per_km2"
+
+
+def _grown_area_m2(group: ActorGroup, gap_m: float) -> float:
+    asset = ASSETS[group.asset]
+    return asset.length_m * asset.width_m + (asset.length_m + asset.width_m) * gap_m + pi * gap_m**2 / 4.0
+
+
+def find_clash(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
+    """The refusal of a scene that can be proved impossible, with a smallest clashing set; None where nothing is proved."""
+    terms = _terms(simspec, order)
+    proof: Callable[[_Scene], bool]
+    for proof in (_Scene.ground_fails, _Scene.areas_fail, _Scene.cases_fail):
+        if proof(_Scene(simspec, order, terms)):
+            core = _smallest(terms, lambda some, proof=proof: proof(_Scene(simspec, order, some)))  # type: ignore[misc]
+            scene = _Scene(simspec, order, core)
+            proof(scene)
+            said = "; ".join(f"{term.text} ({term.path})" for term in core)
+            noted = f" ({'; '.join(scene.notes)})" if scene.notes else ""
+            return PlacementInfeasible(
+                f"impossible, and proved so: not all of this can hold: {said}{noted}. Loosen one of these",
+                clash=tuple(term.path for term in core),
+            )
+    return None
+
+
+def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, Geometry]:
+    """For each group that has members, ground that holds every centre that any arrangement could have."""
+    scene = _Scene(simspec, order, _terms(simspec, order))
+    scene.ground_fails()
+    return scene.ground
+
+
+@dataclass(frozen=True, slots=True)
+class _Term:
+    """One constraint as its author wrote it: what it asks of which group, and where it stands.
+
+    Of the last five, one is there: ground that centres must lie in, a tie, a mean distance, the area that the members' sizes
+    and gaps need, or how far they are spread.
+    """
+
+    path: str
+    text: str
+    group: str
+    room: Geometry | None = None
+    tie: Tie | None = None
+    mean: MeanDistance | None = None
+    need_m2: float | None = None
+    spread_m: float | None = None
+
+
+def _terms(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[_Term]:
+    """Every constraint of the scene, those first that an explanation had best do without."""
+    peopled = [group for group in order if members_of(simspec, group)]
+    fixed = [group for group in peopled if group.placement.at]
+    free = [group for group in peopled if not group.placement.at]
+    terms = [_fixed_term(group) for group in fixed]
+    home = simspec.vehicle.home
+    terms += [_Term("vehicle.home", f"nobody within {HOME_CLEARANCE_M:g} m of the vehicle's home", _HOME, room=_point(home))]
+    for group in free:
+        terms += _own_terms(simspec, group)
+    return terms
+
+
+_HOME = "vehicle.home"
+
+
+def _point(place: object) -> Geometry:
+    return shapely.Point(place.east_m, place.north_m)  # type: ignore[attr-defined]
+
+
+def _fixed_term(group: ActorGroup) -> _Term:
+    at = group.placement.at
+    assert at is not None
+    return _Term(
+        field(group, "at"), f"{group.id!r} stands at {at.east_m:g} east, {at.north_m:g} north", group.id, room=_point(at)
+    )
+
+
+def _own_terms(simspec: SimSpec, group: ActorGroup) -> list[_Term]:
+    count, asset, gap = members_of(simspec, group), ASSETS[group.asset], group.placement.separation_m
+    size = f"of {asset.length_m:g} by {asset.width_m:g} m, with {gap:g} m between them"
+    found = [
+        _Term(
+            f"actors[{group.id}].{_counted(group)}",
+            f"{group.id!r} has {count} members {size}",
+            group.id,
+            need_m2=count * _grown_area_m2(group, gap),
+        )
+    ]
+    if spread_m := group.placement.spread_m:
+        text = f"the {count} members of {group.id!r} are to stand {spread_m:g} m from each other"
+        found.append(_Term(field(group, "spread_m"), text, group.id, spread_m=spread_m))
+    for relation in standing(simspec, group):
+        if (room := relation.room()) is not None:
+            found.append(_Term(relation.path, f"{group.id!r} is to {relation.text}", group.id, room=room))
+    for tie in ties(simspec, group):
+        text = f"{group.id!r} is to {tie.text}"
+        if tie.points is None:
+            found.append(_Term(tie.path, text, group.id, tie=tie))
+        elif (room := tie.bound(tie.points).room()) is not None:
+            found.append(_Term(tie.path, text, group.id, room=room))
+    if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
+        text = f"{group.id!r} is to stand out of sight, and no other group is of anything solid"
+        found.append(_Term(field(group, "hidden_from"), text, group.id, room=shapely.Polygon()))
+    if mean := group.placement.mean_distance:
+        text = f"the mean distance of {group.id!r} to {mean.of!r} is to be {mean.mean_m:g} m"
+        found.append(_Term(field(group, "mean_distance"), text, group.id, mean=mean))
+    return found
+
+
+def _anything_solid(simspec: SimSpec, group: ActorGroup) -> bool:
+    return any(ASSETS[one.asset].solid and members_of(simspec, one) for one in simspec.actors if one.id != group.id)
+
+
+def _smallest(terms: Sequence[_Term], fails: Callable[[list[_Term]], bool]) -> list[_Term]:
+    """Terms that fail together and of which none can be left out: deleted in ever smaller runs while the rest still fails."""
+    core = list(terms)
+    run = max(1, len(core) // 2)
+    while True:
+        start = 0
+        while start < len(core):
+            rest = core[:start] + core[start + run :]
+            if rest and fails(rest):
+                core = rest
+            else:
+                start += run
+        if run == 1:
+            return core
+        run //= 2
+
+
+@dataclass(slots=True)
+class _Scene:
+    """Some of a scene's constraints, and what follows from them."""
+
+    simspec: SimSpec
+    order: Sequence[ActorGroup]
+    terms: Sequence[_Term]
+    case: dict[str, Geometry] = dataclass_field(default_factory=dict)
+    ground: dict[str, Geometry] = dataclass_field(default_factory=dict)
+    notes: list[str] = dataclass_field(default_factory=list)
+
+    def ground_fails(self) -> bool:
+        """Whether some group has no ground left, or a mean distance is out of reach."""
+        peopled = [group for group in self.order if members_of(self.simspec, group)]
+        self.ground = {group.id: self._own_ground(group) for group in peopled}
+        bound = [term for term in self.terms if term.tie]
+        for _ in range(ROUNDS):
+            before = [shapely.area(one) for one in self.ground.values()]
+            for term in bound:
+                self._narrow(term.group, term.tie)
+            if any(one.is_empty for one in self.ground.values()):
+                return True
+            if np.allclose(before, [shapely.area(one) for one in self.ground.values()], rtol=1e-4):
+                break
+        return any(self._mean_fails(term.group, term.mean) for term in self.terms if term.mean)
+
+    def _own_ground(self, group: ActorGroup) -> Geometry:
+        """Where the group's relations to the ground and to what is fixed leave centres."""
+        rooms = [term.room for term in self.terms if term.group == group.id and term.room is not None]
+        rooms += [self.case[group.id]] if group.id in self.case else []
+        left = shapely.intersection_all(rooms) if rooms else EVERYWHERE
+        if group.placement.at or left.is_empty:
+            return left
+        inner = inner_radius_m(group)
+        for term in self.terms:
+            if term.group == _HOME:
+                left = left.difference(shapely.buffer(term.room, HOME_CLEARANCE_M + inner - 1e-6))
+            elif term.path.endswith(".at"):
+                other = self.simspec.group(term.group)
+                gap = max(group.placement.separation_m, other.placement.separation_m)
+                left = left.difference(shapely.buffer(_outline(other), gap + inner - 1e-6))
+        return left
+
+    def _narrow(self, own: str, tie: Tie | None) -> None:
+        """Keep of the ground on both sides what a tie between them can be kept on."""
+        assert tie is not None
+        if any(one.is_empty for one in self.ground.values()):
+            return
+        others = [name for name in tie.of if name in self.ground]
+        if tie.whom == "some":
+            room = tie.room(shapely.union_all([self.ground[name] for name in others])) if others else shapely.Polygon()
+            self._cut(own, room)
+        else:
+            for name in others:
+                self._cut(own, tie.room(self.ground[name]))
+        alone = len(others) == 1 and members_of(self.simspec, self.simspec.group(others[0])) == 1
+        for name in others if alone or tie.whom == "every" else []:
+            if not self.ground[own].is_empty:
+                self._cut(name, tie.back(self.ground[own]))
+
+    def _cut(self, name: str, room: Geometry | None) -> None:
+        if room is not None:
+            self.ground[name] = shapely.intersection(self.ground[name], room)
+
+    def _mean_fails(self, own: str, mean: MeanDistance | None) -> bool:
+        assert mean is not None
+        if mean.of not in self.ground:
+            return False
+        group, mine, theirs = self.simspec.group(own), self.ground[own], self.ground[mean.of]
+        nearest = np.full(members_of(self.simspec, group), shapely.distance(mine, theirs))
+        if any(term.group == own and term.need_m2 for term in self.terms):
+            nearest = np.maximum(nearest, _crowd_m(group, len(nearest)))
+        low, high = float(nearest.mean()), _farthest_m(mine, theirs)
+        if low > mean.mean_m * (1 + mean.tolerance) + 1e-3:
+            self.notes.append(f"no mean under {floor(10 * low) / 10:g} m is in reach")
+            return True
+        if high < mean.mean_m * (1 - mean.tolerance) - 1e-3:
+            self.notes.append(f"no mean over {ceil(10 * high) / 10:g} m is in reach")
+            return True
+        return False
+
+    def areas_fail(self) -> bool:
+        """Whether the members are more than the ground left to them holds."""
+        if self.ground_fails():
+            return True
+        if any(self._spread_fails(term.group, term.spread_m) for term in self.terms if term.spread_m):
+            return True
+        zones = {term.group: (self._zone(self.simspec.group(term.group)), term.need_m2) for term in self.terms if term.need_m2}
+        if not zones:
+            return False
+        areas = {name: zone.area for name, (zone, _) in zones.items()}
+        needs = {name: need for name, (_, need) in zones.items()}
+        if any(needs[name] > areas[name] + 1e-3 for name in zones):
+            return True
+        if sum(needs.values()) <= min(areas.values()):
+            return False
+        return not _shared_out({name: zone for name, (zone, _) in zones.items()}, needs)
+
+    def _spread_fails(self, own: str, spread_m: float) -> bool:
+        """Circles of half the spread round the centres do not overlap."""
+        count = members_of(self.simspec, self.simspec.group(own))
+        room = shapely.area(wide(self.ground[own], spread_m / 2.0))
+        return bool(count > 1 and count * pi * spread_m**2 / 4.0 > room)
+
+    def cases_fail(self) -> bool:
+        """Whether there is no ground left wherever one member stands whom others relate to, tried in ever smaller parts.
+
+        Ties to one member are narrowed one by one; only with the place of that member known do they add up.
+        """
+        self.ground_fails()
+        tied = Counter(name for term in self.terms if term.tie for name in term.tie.of)
+        split = [
+            name
+            for name, times in tied.items()
+            if times > 1 and name in self.ground and shapely.area(self.ground[name]) > 0.0 and self._alone(name)
+        ]
+        return any(self._always_fails(name) for name in split)
+
+    def _alone(self, name: str) -> bool:
+        return members_of(self.simspec, self.simspec.group(name)) == 1
+
+    def _always_fails(self, name: str) -> bool:
+        """Whether the scene fails wherever that member stands; parts in which it does not at once are halved."""
+        parts = [shapely.box(*shapely.bounds(self.ground[name]))]
+        for _ in range(CASES):
+            if not parts:
+                return True
+            part = parts.pop()
+            if not _Scene(self.simspec, self.order, self.terms, {name: part}).ground_fails():
+                west, south, east, north = shapely.bounds(part)
+                if max(east - west, north - south) < SMALLEST_PART_M:
+                    return False
+                middle = ((west + east) / 2.0, (south + north) / 2.0)
+                if east - west > north - south:
+                    parts += [shapely.box(west, south, middle[0], north), shapely.box(middle[0], south, east, north)]
+                else:
+                    parts += [shapely.box(west, south, east, middle[1]), shapely.box(west, middle[1], east, north)]
+        return False
+
+    def _zone(self, group: ActorGroup) -> Geometry:
+        """All ground that the group's footprints, grown by half their gap, can touch."""
+        half_gap = group.placement.separation_m / 2.0
+        zone = wide(self.ground[group.id], outer_radius_m(group) + half_gap)
+        if any(term.group == group.id and term.path in ("world.area", field(group, "region")) for term in self.terms):
+            zone = zone.intersection(wide(ground(region_of(self.simspec, group)), half_gap))
+        for term in self.terms:
+            if term.group == _HOME and half_gap < HOME_CLEARANCE_M:
+                zone = zone.difference(shapely.buffer(term.room, HOME_CLEARANCE_M - half_gap))
+            elif term.path.endswith(".at"):
+                zone = zone.difference(shapely.buffer(_outline(self.simspec.group(term.group)), half_gap))
+        return zone
+
+
+def _outline(group: ActorGroup) -> Geometry:
+    """The footprint of a fixed actor."""
+    at = group.placement.at
+    assert at is not None
+    one = footprints(ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0)
+    return shapely.polygons(one.corners())[0]
+
+
+def _crowd_m(group: ActorGroup, count: int) -> Array:
+    """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints that reach no
+    further than the k-th centre and their own outer radius must fit into that circle."""
+    gap = group.placement.separation_m
+    area = _grown_area_m2(group, gap)
+    least: Array = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0
+    return np.maximum(least, 0.0)
+
+
+def _farthest_m(one: Geometry, other: Geometry) -> float:
+    first, second = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (one, other))
+    return float(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)).max())
+
+
+def _shared_out(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
+    """Whether the pieces into which the zones cut each other can be shared out so that each group has the area that it needs.
+
+    In square decimetres, needs rounded down and pieces up; True where it is not decided.
+    """
+    pieces = _pieces(list(zones.values()))
+    if pieces is None:
+        return True
+    from ortools.sat.python import cp_model  # here, because it takes half a second
+
+    model = cp_model.CpModel()
+    names = list(zones)
+    taken: dict[str, list[cp_model.IntVar]] = {name: [] for name in names}
+    for piece, owners in pieces:
+        room = ceil(100.0 * piece.area) + 1
+        shares = [model.new_int_var(0, room, "") for _ in owners]
+        model.add(sum(shares) <= room)
+        for owner, share in zip(owners, shares, strict=True):
+            taken[names[owner]].append(share)
+    for name in names:
+        model.add(sum(taken[name]) >= floor(100.0 * needs[name]))
+    solver = cp_model.CpSolver()
+    solver.parameters.num_workers = 1
+    solver.parameters.max_deterministic_time = 0.5
+    return bool(solver.solve(model) != cp_model.INFEASIBLE)
+
+
+def _pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]] | None:
+    """The ground cut along the zones' edges, each piece with the zones that hold it; None where there are too many."""
+    pieces: list[tuple[Geometry, tuple[int, ...]]] = []
+    for index, zone in enumerate(zones):
+        rest, cut = zone, []
+        for piece, owners in pieces:
+            both = shapely.intersection(piece, zone)
+            if both.area > 0.0:
+                cut.append((both, (*owners, index)))
+                rest = rest.difference(both)
+                piece = piece.difference(both)
+            if piece.area > 0.0:
+                cut.append((piece, owners))
+        pieces = [*cut, (rest, (index,))] if rest.area > 0.0 else cut
+        if len(pieces) > PIECES:
+            return None
+    return pieces

@@ -1,0 +1,398 @@
+"""Seeded sampling: one group after the other, each place drawn at random and kept if it keeps every relation."""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
+
+from ._clash import PlacementInfeasible
+from ._footprint import Array, Footprints, crowded, footprints, joined, no_footprints
+from ._relations import (
+    Geometry,
+    Relation,
+    Solids,
+    aimed_deg,
+    clear,
+    common_room,
+    drawn_from,
+    ground,
+    home_of,
+    members_of,
+    region_of,
+    standing,
+    targets_of,
+    ties,
+)
+
+ROUNDS = 5
+POOL = 4096
+CROWD = 4
+"""Places for each missing member of which at least one in so many must bring somebody in, or the group is crowded."""
+
+Placed = dict[str, Footprints]
+
+
+class Stuck(Exception):
+    """This attempt found no place for somebody; `sentence` says for whom and why, from places tried afresh.
+
+    `crowded` tells that there were places enough, and that the members kept each other out of them.
+    """
+
+    def __init__(self, sentence: Callable[[], str], *, crowded: bool = False) -> None:
+        super().__init__()
+        self.sentence, self.crowded = sentence, crowded
+
+
+@dataclass(slots=True)
+class Budget:
+    """Candidates that may still be looked at, over all attempts: what bounds the time of a hopeless scene."""
+
+    left: int
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing is left."""
+        return self.left <= 0
+
+
+def sampled(simspec: SimSpec, order: Sequence[ActorGroup], attempt: int, budget: Budget) -> Placed:
+    """Places for every group. Raises Stuck."""
+    placed = fixed_places(order)
+    for group in order:
+        if group.placement.at:
+            continue
+        if not members_of(simspec, group):
+            placed[group.id] = no_footprints()
+        else:
+            # A stream for each group by its name: adding a group leaves the draws of the others as they were.
+            rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), attempt)
+            placed[group.id] = Sampler.of(simspec, group, placed, rng, budget).members()
+    return placed
+
+
+def fixed_places(order: Sequence[ActorGroup]) -> Placed:
+    """The groups whose author placed them. Raises PlacementInfeasible where two of them overlap."""
+    placed: Placed = {}
+    for group in order:
+        if group.placement.at:
+            placed[group.id] = _fixed(group, group.placement.at, placed)
+    return placed
+
+
+def _fixed(group: ActorGroup, at: Home, placed: Placed) -> Footprints:
+    centre = np.array([[at.east_m, at.north_m]])
+    one = footprints(ASSETS[group.asset], centre, np.array([at.heading_deg]), 0.0)
+    for other, footprint in placed.items():
+        # Two fixed actors stand where their author put them; they only must not overlap.
+        if crowded(one, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
+            raise PlacementInfeasible(
+                f"groups {other!r} and {group.id!r} are fixed at places where their footprints overlap",
+                clash=(f"actors[{other}].placement.at", f"actors[{group.id}].placement.at"),
+            )
+    return replace(one, gap_m=np.full(1, group.placement.separation_m))
+
+
+def solids_among(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
+    """What stands in the way of sight."""
+    groups = [group for group in simspec.actors if ASSETS[group.asset].solid and len(placed.get(group.id, ()))]
+    heights = [np.full(len(placed[group.id]), ASSETS[group.asset].height_m) for group in groups]
+    names = tuple(group.id for group in groups for _ in range(len(placed[group.id])))
+    return Solids(joined([placed[group.id] for group in groups]), np.concatenate([np.zeros(0), *heights]), names)
+
+
+def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
+    """All that the group must keep towards the ground and towards what stands, but for room."""
+    looks = group.placement.hidden_from or group.placement.visible_from
+    found = standing(simspec, group)
+    for tie in ties(simspec, group, solids_among(simspec, placed) if looks else None):
+        others = tie.points if tie.points is not None else joined([placed[name] for name in tie.of])
+        found.append(tie.bound(others))
+    return found
+
+
+def facing_target(group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
+    """What the group's members are to head towards."""
+    return targets_of(group.placement.facing, placed.__getitem__) if group.placement.facing else None
+
+
+@dataclass(frozen=True, slots=True)
+class Sampler:
+    """Finds the members of one group among what already stands."""
+
+    simspec: SimSpec
+    group: ActorGroup
+    count: int
+    region: Geometry
+    relations: tuple[Relation, ...]
+    ring: _Ring | None
+    room: Geometry | None
+    target_m: Array | None
+    facing: Footprints | None
+    rng: np.random.Generator
+    budget: Budget
+
+    @classmethod
+    def of(cls, simspec: SimSpec, group: ActorGroup, placed: Placed, rng: np.random.Generator, budget: Budget) -> Sampler:
+        """A sampler for a group whose relations are all to what is placed."""
+        region = ground(region_of(simspec, group))
+        where = group.placement
+        relations = [*kept_relations(simspec, group, placed), clear(group, joined([home_of(simspec), *placed.values()]))]
+        target = placed[where.mean_distance.of].centre_m[0] if where.mean_distance else None
+        rings = [_Ring(relation, placed[relation.of].centre_m) for relation in (where.near, where.away) if relation]
+        ring = min(rings, key=lambda one: one.area_m2, default=None)
+        if ring and ring.area_m2 > _box_area_m2(region):
+            ring = None
+        # Sectors, roads and the like leave so little of the box round the region that places are drawn where they can be kept.
+        room = common_room(relations) if where.along or where.bearing or where.distances else None
+        facing = facing_target(group, placed)
+        return cls(simspec, group, members_of(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget)
+
+    def members(self) -> Footprints:
+        """The group's members. Raises _Stuck."""
+        return self._anywhere() if self.target_m is None else self._at_mean_distance(self.target_m)
+
+    def _anywhere(self) -> Footprints:
+        crowd = _Crowd.of(self.count, self.group.placement.spread_m)
+        for pool in self._pools(4 * self.count + 60):
+            missing = self.count - crowd.count
+            if crowd.admit(pool, np.arange(len(pool)), self.count):
+                return crowd.members()
+            # Random places jam: when many bring few in, ever more would bring in ever fewer.
+            if len(pool) >= CROWD * missing and self.count - crowd.count > missing * (1.0 - 1.0 / CROWD):
+                raise Stuck(lambda: self._explain(crowd.count), crowded=True)
+        raise Stuck(lambda: self._explain(crowd.count))
+
+    def _at_mean_distance(self, target_m: Array) -> Footprints:
+        mean = self.group.placement.mean_distance
+        assert mean is not None
+        found = no_footprints()
+        sentence, crowded = "", False
+        for pool in self._pools(10 * self.count + 200):
+            found = joined([found, pool])
+            if len(found) < self.count:
+                continue
+            distance_m = np.hypot(*(found.centre_m - target_m).T)
+            low, high = _reachable(distance_m, self.count)
+            sentence = (
+                f"group {self.group.id!r}: the mean distance of its {self.count} members to {mean.of!r} is to be {mean.mean_m:g} m, "
+                f"but the places that keep its other relations allow means from {low:.1f} to {high:.1f} m "
+                f"({len(found)} places looked at): change mean_m, widen the region or move {mean.of!r}"
+            )
+            if not low <= mean.mean_m * (1 + mean.tolerance) or not high >= mean.mean_m * (1 - mean.tolerance):
+                continue
+            # Halfway into the tolerance, so that nobody's rounding decides whether it is kept.
+            crowd = _Crowd.of(self.count, self.group.placement.spread_m)
+            choice = _MeanChoice(found, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng)
+            members = choice.members()
+            if members is not None:
+                return members
+            sentence = sentence.replace("but the", "which crowding prevents; the")
+            if crowded := len(found) >= CROWD**2 * self.count:
+                break
+        raise Stuck(lambda: sentence or self._explain(len(found)), crowded=crowded)
+
+    def _pools(self, size: int) -> Iterator[Footprints]:
+        """Ever larger pools of places that keep every relation to what already stands."""
+        for turn in range(ROUNDS):
+            if self.budget.spent or (self.room is not None and self.room.area == 0.0):
+                return
+            wanted = min(size * 2**turn, 4 * POOL)
+            self.budget.left -= wanted
+            candidates = self._candidates(wanted, self.ring, self.room)
+            for relation in self.relations:
+                candidates = candidates[relation.keeps(candidates)]
+            yield candidates
+
+    def _candidates(self, count: int, ring: _Ring | None, room: Geometry | None = None) -> Footprints:
+        if room is not None:
+            centre = drawn_from(room, count, self.rng)
+        elif ring is None:
+            west, south, east, north = self.region.bounds
+            centre = self.rng.uniform((west, south), (east, north), (count, 2))
+        else:
+            centre = ring.draw(self.rng, count)
+        centre = np.round(centre, 3)
+        heading_deg = aimed_deg(self.simspec, self.group, centre, self.facing, self.rng)
+        return footprints(ASSETS[self.group.asset], centre, heading_deg, self.group.placement.separation_m)
+
+    def _explain(self, found: int) -> str:
+        """The smallest set of relations that no place of a fresh pool keeps together."""
+        pool = self._candidates(POOL, None)
+        if self.ring is not None:
+            pool = joined([pool, self._candidates(POOL, self.ring)])
+        if self.room is not None and self.room.area > 0.0:
+            pool = joined([pool, self._candidates(POOL, None, self.room)])
+        kept = {f"{relation.text} ({relation.path})": relation.keeps(pool) for relation in self.relations}
+        who = f"group {self.group.id!r}: {found} of {self.count} members found a place"
+        for size in range(1, len(kept) + 1):
+            for some in itertools.combinations(kept, size):
+                if not np.logical_and.reduce([kept[text] for text in some]).any():
+                    clash = "; ".join(f"{text}, {int(kept[text].sum())} places do" for text in some)
+                    return f"{who}; of {len(pool)} places tried none does all of this: {clash}. Loosen one of these"
+        free = int(np.logical_and.reduce(list(kept.values())).sum())
+        return (
+            f"{who}; of {len(pool)} places tried {free} keep the relations ({'; '.join(kept)}), but they crowd each other with a "
+            f"separation of {self.group.placement.separation_m:g} m: lower the count or the separation, or widen the region"
+        )
+
+
+def _box_area_m2(region: shapely.Polygon) -> float:
+    west, south, east, north = region.bounds
+    return float((east - west) * (north - south))
+
+
+class _Ring:
+    """The rings around the members of another group: where to look when a relation leaves little of the region."""
+
+    def __init__(self, relation: Near, centres_m: Array) -> None:
+        self._inner, self._outer, self._centres = relation.min_m, relation.max_m, centres_m
+
+    @property
+    def area_m2(self) -> float:
+        return pi * (self._outer**2 - self._inner**2) * len(self._centres)
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, 2) places, uniform over the ring of a member drawn for each."""
+        centre = self._centres[rng.integers(len(self._centres), size=count)]
+        radius = np.sqrt(rng.uniform(self._inner**2, self._outer**2, count))
+        angle = rng.uniform(0.0, 2 * pi, count)
+        places: Array = centre + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+        return places
+
+
+class _Crowd:
+    """The members found so far, who keep their distance from each other."""
+
+    def __init__(self, room: Footprints, spread_m: float) -> None:
+        self._room, self._spread_m = room, spread_m
+        self.count = 0
+
+    @classmethod
+    def of(cls, size: int, spread_m: float | None) -> _Crowd:
+        return cls(Footprints(np.zeros((size, 2)), np.zeros(size), np.zeros((size, 2)), np.zeros(size)), spread_m or 0.0)
+
+    def members(self) -> Footprints:
+        return self._room[np.arange(self.count)]
+
+    def fits(self, one: Footprints, but: int | None = None) -> bool:
+        """Whether a single footprint keeps clear of all members, of all but one where it is to take that one's place."""
+        room = self._room
+        offset = room.centre_m[: self.count] - one.centre_m[0]
+        reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + one.radius_m[0]
+        reach = reach + np.maximum(room.gap_m[: self.count], one.gap_m[0])
+        square = offset[:, 0] ** 2 + offset[:, 1] ** 2
+        if self._spread_m and np.any(np.delete(square, [] if but is None else but) < self._spread_m**2):
+            return False
+        close = np.nonzero(square < reach * reach)[0]
+        if but is not None:
+            close = close[close != but]
+        return len(close) == 0 or not bool(crowded(one, room[close])[0])
+
+    def put(self, index: int, one: Footprints) -> None:
+        room = self._room
+        room.centre_m[index], room.heading_rad[index] = one.centre_m[0], one.heading_rad[0]
+        room.half_m[index], room.gap_m[index] = one.half_m[0], one.gap_m[0]
+
+    def admit(self, pool: Footprints, order: NDArray[np.intp], until: int) -> list[int]:
+        """Admit from the pool in that order whoever fits; the pool's indices admitted, empty while fewer than `until` stand."""
+        admitted: list[int] = []
+        for index in order:
+            if self.count == until:
+                break
+            one = pool[np.array([index])]
+            if self.fits(one):
+                self.put(self.count, one)
+                self.count += 1
+                admitted.append(int(index))
+        return admitted if self.count == until else []
+
+
+def _reachable(distance_m: Array, count: int) -> tuple[float, float]:
+    """Least and greatest mean distance of `count` places out of those."""
+    ordered = np.sort(distance_m)
+    return float(ordered[:count].mean()), float(ordered[-count:].mean())
+
+
+class _MeanChoice:
+    """Members out of a pool of places whose mean distance comes out as wanted.
+
+    Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one (the least
+    change of the uniform distribution that has this mean); what is left of the error goes by exchanging members.
+    """
+
+    def __init__(
+        self,
+        pool: Footprints,
+        distance_m: Array,
+        crowd: _Crowd,
+        count: int,
+        mean_m: float,
+        tolerance: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._pool, self._distance_m, self._crowd, self._count = pool, distance_m, crowd, count
+        self._mean_m, self._tolerance, self._rng = mean_m, tolerance, rng
+
+    def members(self) -> Footprints | None:
+        """The members, None when crowding keeps the mean from being reached."""
+        crowd = self._crowd
+        chosen = crowd.admit(self._pool, self._lots(), self._count)
+        return crowd.members() if chosen and self._exchange(crowd, chosen) else None
+
+    def _lots(self) -> NDArray[np.intp]:
+        """All indices in the order of a weighted draw without replacement (Efraimidis and Spirakis 2006)."""
+        weight = _tilted(self._distance_m, self._mean_m)
+        return np.argsort(self._rng.exponential(size=len(weight)) / np.maximum(weight, 1e-300), kind="stable")
+
+    def _exchange(self, crowd: _Crowd, chosen: list[int]) -> bool:
+        distance = self._distance_m
+        by_distance = np.argsort(distance, kind="stable")
+        ordered = distance[by_distance]
+        stride = (ordered[-1] - ordered[0]) / 4.0
+        taken = set(chosen)
+        for _ in range(60 + 12 * self._count):
+            short = self._mean_m * self._count - float(distance[chosen].sum())
+            if abs(short) <= self._tolerance * self._mean_m * self._count:
+                return True
+            member = int(self._rng.integers(self._count))
+            wanted = distance[chosen[member]] + np.clip(short, -stride, stride)
+            if not ordered[0] <= wanted <= ordered[-1]:
+                # The last steps of an extreme mean: move this member by as much as there is.
+                wanted = np.clip(wanted, ordered[0], ordered[-1])
+            start = int(np.searchsorted(ordered, wanted))
+            for index in by_distance[max(start - 3, 0) : start + 3]:
+                closer = abs(short - (distance[index] - distance[chosen[member]])) < abs(short)
+                if closer and int(index) not in taken and crowd.fits(self._pool[np.array([index])], but=member):
+                    taken.symmetric_difference_update({chosen[member], int(index)})
+                    crowd.put(member, self._pool[np.array([index])])
+                    chosen[member] = int(index)
+                    break
+        return False
+
+
+def _tilted(distance_m: Array, mean_m: float) -> Array:
+    """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean is out of reach."""
+    centred = distance_m - distance_m.mean()
+    low, high = -0.5, 0.5
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        weight = _exponential(middle * centred)
+        if float((weight * distance_m).sum() / weight.sum()) < mean_m:
+            low = middle
+        else:
+            high = middle
+    return _exponential(low * centred)
+
+
+def _exponential(power: Array) -> Array:
+    weight: Array = np.exp(power - power.max())
+    return weight

@@ -1,0 +1,323 @@
+"""Places by CP-SAT, for scenes in which sampling stalls: which of many places to take, so that everything is kept at once.
+
+Every group gets a pool of places that keep its relations to the ground and to what stands: lattices that pack without a gap to
+spare, and random ones. One Boolean for each place; whoever would crowd another excludes it, and ties between groups are
+clauses over their places. The solver runs with one worker, a seed and a deterministic limit: same seed, same places.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from math import ceil
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from ortools.sat.python import cp_model
+
+from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
+
+from ._clash import narrowed_ground
+from ._footprint import Array, Footprints, footprints, gaps, joined, no_footprints
+from ._relations import (
+    Geometry,
+    Tie,
+    aimed_deg,
+    clear,
+    drawn_from,
+    ground,
+    home_of,
+    members_of,
+    region_of,
+    related,
+    standing,
+    targets_of,
+    ties,
+)
+from ._sampling import Placed, fixed_places, solids_among
+
+TRIES = 2
+EFFORT = 1.0
+"""CP-SAT's deterministic seconds for one try; about as many of a core."""
+
+CANDIDATES = 6000
+SLACK_M = 0.002
+"""Between neighbours of a lattice, since places are rounded to the millimetre."""
+
+Literal = cp_model.IntVar
+
+
+def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
+    """Places for every group, None where none were found."""
+    left = narrowed_ground(simspec, order)
+    for attempt in range(TRIES):
+        rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
+        placed: Placed | None = fixed_places(order)
+        for phase in _phases(simspec, order):
+            if placed is not None:
+                placed = _Phase(simspec, phase, placed, left, rng).placed()
+        if placed is not None:
+            return placed
+    return None
+
+
+def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGroup]]:
+    """Free groups that are placed together: all at once, but for sight, which is judged among solids that stand."""
+    stage: dict[str, int] = {}
+    for group in order:
+        looks = bool(group.placement.hidden_from or group.placement.visible_from)
+        stage[group.id] = max((stage[name] for name in related(simspec, group)), default=0) + looks
+    free = [group for group in order if not group.placement.at]
+    return [some for number in range(max(stage.values(), default=0) + 1) if (some := [g for g in free if stage[g.id] == number])]
+
+
+@dataclass(slots=True)
+class _Phase:
+    """Groups that are placed together among what stands."""
+
+    simspec: SimSpec
+    groups: Sequence[ActorGroup]
+    standing: Placed
+    left: Mapping[str, Geometry]
+    rng: np.random.Generator
+    model: cp_model.CpModel = field(default_factory=cp_model.CpModel)
+    pools: dict[str, Footprints] = field(default_factory=dict)
+    taken: dict[str, list[Literal]] = field(default_factory=dict)
+    first: dict[str, list[Literal]] = field(default_factory=dict)
+
+    def placed(self) -> Placed | None:
+        """What stands, and these groups with it; None where no choice of places was found."""
+        peopled = [group for group in self.groups if members_of(self.simspec, group)]
+        for group in peopled:
+            self.pools[group.id] = self._pool(group, len(peopled))
+            if len(self.pools[group.id]) < members_of(self.simspec, group):
+                return None
+        self._choose(peopled)
+        self._keep_clear(peopled)
+        for group in peopled:
+            for tie in self._ties(group):
+                if set(tie.of) & self.pools.keys():
+                    self._tie(group, tie)
+            self._mean(group)
+        solver = cp_model.CpSolver()
+        solver.parameters.num_workers = 1
+        solver.parameters.random_seed = seed_of(self.simspec.seeds, "placement") % 2**31
+        solver.parameters.max_deterministic_time = EFFORT
+        if solver.solve(self.model) not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
+            return None
+        return {**self.standing, **{group.id: self._members(group, solver) for group in self.groups}}
+
+    def _members(self, group: ActorGroup, solver: cp_model.CpSolver) -> Footprints:
+        """The chosen places in a drawn order, behind the one that relations to the first member were kept to."""
+        if group.id not in self.pools:
+            return no_footprints()
+        chosen = np.array([index for index, one in enumerate(self.taken[group.id]) if solver.boolean_value(one)])
+        chosen = self.rng.permutation(chosen)
+        if group.id in self.first:
+            leader = next(index for index, one in enumerate(self.first[group.id]) if solver.boolean_value(one))
+            chosen = np.array([leader, *chosen[chosen != leader]])
+        return self.pools[group.id][chosen]
+
+    def _ties(self, group: ActorGroup) -> list[Tie]:
+        looks = group.placement.hidden_from or group.placement.visible_from
+        return ties(self.simspec, group, solids_among(self.simspec, self.standing) if looks else None)
+
+    def _pool(self, group: ActorGroup, groups: int) -> Footprints:
+        """Places that keep whatever does not depend on the other members of this phase."""
+        count = members_of(self.simspec, group)
+        wanted = int(min(max(8 * count, 160), max(900, 1.5 * count), max(CANDIDATES / groups, 1.2 * count)))
+        relations = standing(self.simspec, group)
+        for tie in self._ties(group):
+            if not set(tie.of) & {one.id for one in self.groups}:
+                others = tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
+                relations.append(tie.bound(others))
+        relations.append(clear(group, joined([home_of(self.simspec), *self.standing.values()])))
+        found = no_footprints()
+        for some in self._candidates(group, wanted):
+            for relation in relations:
+                some = some[relation.keeps(some)]
+            if len(some) > wanted - len(found):  # any part of a lattice is one whose places do not crowd each other
+                some = some[np.sort(self.rng.permutation(len(some))[: wanted - len(found)])]
+            found = joined([found, some])
+            if len(found) >= wanted:
+                break
+        return found
+
+    def _candidates(self, group: ActorGroup, wanted: int) -> Iterator[Footprints]:
+        """Random places and lattices in turn, the random ones where the group's relations leave room for them."""
+        room = self.left[group.id]
+        lattices = [] if _aimed(group) else _lattices(self.simspec, group)
+        share = wanted // 4 if lattices else wanted
+        yield self._random(group, room, share)
+        yield from lattices
+        for _ in range(4):
+            yield self._random(group, room, wanted)
+
+    def _random(self, group: ActorGroup, room: Geometry, count: int) -> Footprints:
+        if shapely.area(room) == 0.0:
+            return no_footprints()
+        centre_m = np.round(drawn_from(room, count, self.rng), 3)
+        return footprints(ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m)
+
+    def _headings_deg(self, group: ActorGroup, centre_m: Array) -> Array:
+        facing = group.placement.facing
+        if facing and facing.of in {one.id for one in self.groups}:
+            # Whom they are to face has no place yet: aim at one of its candidates, so that each finds some who do.
+            pool = self.pools[facing.of].centre_m
+            target_m = pool[self.rng.integers(len(pool), size=len(centre_m))]
+            offset = target_m - centre_m
+            return np.asarray(np.round(np.degrees(np.arctan2(offset[:, 0], offset[:, 1])), 3) % 360.0, dtype=np.float64)
+        target = targets_of(facing, self.standing.__getitem__) if facing else None
+        return aimed_deg(self.simspec, group, centre_m, target, self.rng)
+
+    def _choose(self, groups: Sequence[ActorGroup]) -> None:
+        """One Boolean for each place, as many of them true as the group has members, and one for the first member."""
+        led = {name for group in groups for tie in self._ties(group) if tie.whom == "first" for name in tie.of}
+        led |= {group.placement.mean_distance.of for group in groups if group.placement.mean_distance}
+        for group in groups:
+            count = members_of(self.simspec, group)
+            own = [self.model.new_bool_var("") for _ in range(len(self.pools[group.id]))]
+            self.taken[group.id] = own
+            self.model.add(sum(own) == count)
+            if group.id in led:
+                self.first[group.id] = own if count == 1 else [self.model.new_bool_var("") for _ in own]
+                self.model.add_exactly_one(self.first[group.id])
+                if count > 1:
+                    for one, leads in zip(own, self.first[group.id], strict=True):
+                        self.model.add_implication(leads, one)
+
+    def _keep_clear(self, groups: Sequence[ActorGroup]) -> None:
+        """Whoever would crowd another, or stand nearer to a member of its group than the group is spread, excludes it."""
+        everywhere = joined([self.pools[group.id] for group in groups])
+        all_taken = [one for group in groups for one in self.taken[group.id]]
+        whose = np.concatenate([np.full(len(self.pools[group.id]), index) for index, group in enumerate(groups)])
+        spread_m = np.array([group.placement.spread_m or 0.0 for group in groups])[whose]
+        for index, others in enumerate(_conflicts(everywhere, whose, spread_m)):
+            self._exclude(all_taken[index], [all_taken[other] for other in others])
+
+    def _exclude(self, one: Literal, others: Sequence[Literal]) -> None:
+        if others:
+            self.model.add_bool_and([other.negated() for other in others]).only_enforce_if(one)
+
+    def _tie(self, group: ActorGroup, tie: Tie) -> None:
+        own, pool = self.taken[group.id], self.pools[group.id]
+        for name in tie.of if tie.whom != "some" else ():
+            others = self.pools.get(name, self.standing.get(name, no_footprints()))
+            matrix = tie.pairs(pool, others)
+            literals = (self.first if tie.whom == "first" else self.taken).get(name)
+            if literals is None:
+                kept = matrix[:, 0] if tie.whom == "first" else matrix.all(axis=1)
+                self._drop(own, np.logical_not(kept))
+                continue
+            for column, other in enumerate(literals):
+                self._exclude(other, [own[row] for row in np.flatnonzero(~matrix[:, column]).tolist()])
+        if tie.whom == "some":
+            self._some(own, pool, tie)
+
+    def _some(self, own: Sequence[Literal], pool: Footprints, tie: Tie) -> None:
+        """Each place that is taken has somebody who keeps the tie with it."""
+        met = np.zeros(len(pool), dtype=np.bool_)
+        helpers: list[list[Literal]] = [[] for _ in own]
+        for name in tie.of:
+            if name in self.pools:
+                matrix = tie.pairs(pool, self.pools[name])
+                for row, column in zip(*np.nonzero(matrix), strict=True):
+                    helpers[row].append(self.taken[name][column])
+            else:
+                met |= tie.pairs(pool, self.standing[name]).any(axis=1)
+        for row in np.flatnonzero(~met).tolist():
+            self.model.add_bool_or([own[row].negated(), *helpers[row]])
+
+    def _drop(self, own: Sequence[Literal], which: NDArray[np.bool_]) -> None:
+        for row in np.flatnonzero(which).tolist():
+            self.model.add_bool_and([own[row].negated()])
+
+    def _mean(self, group: ActorGroup) -> None:
+        """The members' distances add up to the mean that is wanted, halfway into its tolerance."""
+        mean = group.placement.mean_distance
+        if mean is None:
+            return
+        own, pool, count = self.taken[group.id], self.pools[group.id], members_of(self.simspec, group)
+        leaders = self.pools[mean.of] if mean.of in self.pools else self.standing[mean.of][np.arange(1)]
+        low = ceil(1000.0 * count * mean.mean_m * (1.0 - mean.tolerance / 2.0))
+        high = int(1000.0 * count * mean.mean_m * (1.0 + mean.tolerance / 2.0))
+        for index in range(len(leaders)):
+            distance_mm = np.round(1000.0 * np.hypot(*(pool.centre_m - leaders.centre_m[index]).T)).astype(int).tolist()
+            total = cp_model.LinearExpr.weighted_sum(own, distance_mm)
+            bounds = [self.model.add(total >= low), self.model.add(total <= high)]
+            if mean.of in self.pools:
+                for bound in bounds:
+                    bound.only_enforce_if(self.first[mean.of][index])
+
+
+def _aimed(group: ActorGroup) -> bool:
+    """Whether headings follow from relations, so that no lattice of one heading will do."""
+    along = group.placement.along
+    return group.placement.facing is not None or (along is not None and along.parallel_deg is not None)
+
+
+def _lattices(simspec: SimSpec, group: ActorGroup) -> list[Footprints]:
+    """Rows and columns along the region's longest side, from each corner, either way round; the largest first."""
+    asset, gap_m = ASSETS[group.asset], group.placement.separation_m
+    frame = _Frame.of(ground(region_of(simspec, group)))
+    found: dict[bytes, Footprints] = {}
+    for quarter, corner in product((0, 1), product((0, 1), repeat=2)):
+        size = np.array([asset.length_m, asset.width_m] if quarter == 0 else [asset.width_m, asset.length_m])
+        pitch = np.maximum(size + gap_m, group.placement.spread_m or 0.0) + SLACK_M
+        places = frame.rows(size, pitch, np.array(corner))
+        heading = np.full(len(places), (frame.heading_deg + 90.0 * quarter) % 360.0)
+        found.setdefault(places.tobytes(), footprints(asset, places, heading, gap_m))
+        if asset.length_m == asset.width_m and quarter:
+            break
+    return sorted(found.values(), key=len, reverse=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The smallest rectangle round a region: its corner, unit vectors (2, 2) along its sides, and their lengths."""
+
+    corner_m: Array
+    axes: Array
+    size_m: Array
+
+    @classmethod
+    def of(cls, region: Geometry) -> _Frame:
+        corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(region))[:4]
+        sides = np.array([corners[1] - corners[0], corners[3] - corners[0]])
+        size = np.hypot(sides[:, 0], sides[:, 1])
+        return cls(corners[0], sides / size[:, None], size)
+
+    @property
+    def heading_deg(self) -> float:
+        """Of the first side, to a microdegree as documents keep it."""
+        return round(float(np.degrees(np.arctan2(self.axes[0, 0], self.axes[0, 1]))) % 360.0, 6) % 360.0
+
+    def rows(self, member_m: Array, pitch_m: Array, corner: NDArray[np.int_]) -> Array:
+        """(n, 2) centres of as many rectangles as fit in rows and columns, pushed into one of the corners."""
+        times = np.maximum(np.floor((self.size_m - member_m - 2 * SLACK_M) / pitch_m).astype(int) + 1, 0)
+        ticks = [SLACK_M + member_m[side] / 2.0 + pitch_m[side] * np.arange(times[side]) for side in (0, 1)]
+        ticks = [self.size_m[side] - tick if corner[side] else tick for side, tick in enumerate(ticks)]
+        grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+        places: Array = np.round(self.corner_m + grid @ self.axes, 3)
+        return places
+
+
+def _conflicts(some: Footprints, whose: NDArray[np.int_], spread_m: Array) -> Iterator[list[int]]:
+    """For each place the later ones that cannot be taken with it."""
+    reach = some.radius_m
+    for start in range(0, len(some), 256):
+        rows = np.arange(start, min(start + 256, len(some)))
+        offset = some.centre_m[rows, None, :] - some.centre_m[None, start:, :]
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        later = rows[:, None] < np.arange(start, len(some))[None, :]
+        wanted = np.maximum(some.gap_m[rows, None], some.gap_m[None, start:])
+        near = later & (distance < reach[rows, None] + reach[None, start:] + wanted)
+        hit = later & (whose[rows, None] == whose[None, start:]) & (distance < spread_m[rows, None])
+        one, other = np.nonzero(near & ~hit)
+        gap = gaps(some[rows[one]], some[start + other])
+        hit[one, other] = (gap == 0.0) | (gap < wanted[one, other])
+        for row in hit:
+            yield (start + np.flatnonzero(row)).tolist()
