@@ -416,9 +416,18 @@ class Mission:
             self._meet_deadlines(self._order.report_deadline_s)
         for task in self._to_be_said():
             target = self._target(task)
-            if target is not None and not self._reports.closed(self._log.now_s):
+            if target is None:
+                self._drop(task)
+            elif not self._reports.closed(self._log.now_s):
                 why = "not said before" if task.state == "found" else "said again: the operator could not hear it"
                 self._report(task, target, self._judge(target), why=why)
+
+    def _drop(self, task: Task) -> None:
+        """Someone who walked off before it could be said that they were found is not reported as being there."""
+        self._reports.forget(task.id)
+        if task.state == "found":
+            task.state = "not_found"
+        self._log.decide("drop", task.id, "what was found is not there any more")
 
     def _to_be_said(self) -> list[Task]:
         """What was found while it was not allowed to report, and what was reported while the operator could not hear."""

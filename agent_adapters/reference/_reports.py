@@ -36,6 +36,10 @@ class Reports:
             return False
         return not self._windows or any(one.until_s > now_s and one.from_s < until_s for one in self._windows)
 
+    def forget(self, subject: str) -> None:
+        """It need not be said again."""
+        self.unheard = [one for one in self.unheard if one != subject]
+
     def say(
         self, subject: str, target: Track, judgement: Judgement, sigma_m: float | None, *, heard: bool, why: str = ""
     ) -> TargetReport:
@@ -66,7 +70,7 @@ class Reports:
             repeats=self._first.get(subject),
         )
         self._first.setdefault(subject, report_id)
-        self.unheard = [one for one in self.unheard if one != subject]
+        self.forget(subject)
         if not heard:
             self.unheard.append(subject)
         self._log.report(report)

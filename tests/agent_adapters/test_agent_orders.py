@@ -215,3 +215,16 @@ def test_after_an_abort_nothing_is_marked_and_no_return_softens_it() -> None:
     assert orders.refusal(ordered("soft", "return"), Situation())
     assert orders.refusal(ordered("m", "mark", "alpha"), Situation())
     assert not orders.refusal(ordered("down", "deactivate"), Situation())
+
+
+def test_whoever_walked_off_before_it_could_be_said_is_not_reported() -> None:
+    """A combatant is found while reports are stopped and leaves under the camera: nothing is said of them later."""
+    walker = Actor("combatant", 130.0, 70.0, gone_s=34.0)
+    told = {20.0: ordered("quiet", "stop_reporting"), 120.0: ordered("speak", "resume_reporting")}
+    lone = World([walker], {0.0: intelligence("alpha", "combatant", 110.0, 80.0)}, told)
+    lone.mission = order(target_classes=("combatant",))
+    flown = lone.fly("naive")
+    assert flown.decided("keep")
+    assert flown.decided("drop")
+    assert not flown.reports
+    assert flown.phase == "complete"
