@@ -65,11 +65,12 @@ def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
 
 
 def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGroup]]:
-    """Free groups that are placed together: all at once, but for sight, which is judged among solids that stand."""
+    """Free groups that are placed together: all at once, but for who must see, face or be at a mean distance from what stands."""
     stage: dict[str, int] = {}
     for group in order:
-        looks = bool(group.placement.hidden_from or group.placement.visible_from)
-        stage[group.id] = max((stage[name] for name in related(simspec, group)), default=0) + looks
+        place = group.placement
+        later = any((place.hidden_from, place.visible_from, place.facing, place.mean_distance))
+        stage[group.id] = max((stage[name] for name in related(simspec, group)), default=0) + later
     free = [group for group in order if not group.placement.at]
     return [some for number in range(max(stage.values(), default=0) + 1) if (some := [g for g in free if stage[g.id] == number])]
 
@@ -164,19 +165,12 @@ class _Phase:
 
     def _headings_deg(self, group: ActorGroup, centre_m: Array) -> Array:
         facing = group.placement.facing
-        if facing and facing.of in {one.id for one in self.groups}:
-            # Whom they are to face has no place yet: aim at one of its candidates, so that each finds some who do.
-            pool = self.pools[facing.of].centre_m
-            target_m = pool[self.rng.integers(len(pool), size=len(centre_m))]
-            offset = target_m - centre_m
-            return np.asarray(np.round(np.degrees(np.arctan2(offset[:, 0], offset[:, 1])), 3) % 360.0, dtype=np.float64)
         target = targets_of(facing, self.standing.__getitem__) if facing else None
         return aimed_deg(self.simspec, group, centre_m, target, self.rng)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
         """One Boolean for each place, as many of them true as the group has members, and one for the first member."""
         led = {name for group in groups for tie in self._ties(group) if tie.whom == "first" for name in tie.of}
-        led |= {group.placement.mean_distance.of for group in groups if group.placement.mean_distance}
         for group in groups:
             count = members_of(self.simspec, group)
             own = [self.model.new_bool_var("") for _ in range(len(self.pools[group.id]))]
@@ -241,16 +235,11 @@ class _Phase:
         if mean is None:
             return
         own, pool, count = self.taken[group.id], self.pools[group.id], members_of(self.simspec, group)
-        leaders = self.pools[mean.of] if mean.of in self.pools else self.standing[mean.of][np.arange(1)]
-        low = ceil(1000.0 * count * mean.mean_m * (1.0 - mean.tolerance / 2.0))
-        high = int(1000.0 * count * mean.mean_m * (1.0 + mean.tolerance / 2.0))
-        for index in range(len(leaders)):
-            distance_mm = np.round(1000.0 * np.hypot(*(pool.centre_m - leaders.centre_m[index]).T)).astype(int).tolist()
-            total = cp_model.LinearExpr.weighted_sum(own, distance_mm)
-            bounds = [self.model.add(total >= low), self.model.add(total <= high)]
-            if mean.of in self.pools:
-                for bound in bounds:
-                    bound.only_enforce_if(self.first[mean.of][index])
+        leader_m = self.standing[mean.of].centre_m[0]
+        distance_mm = np.round(1000.0 * np.hypot(*(pool.centre_m - leader_m).T)).astype(int).tolist()
+        total = cp_model.LinearExpr.weighted_sum(own, distance_mm)
+        self.model.add(total >= ceil(1000.0 * count * mean.mean_m * (1.0 - mean.tolerance / 2.0)))
+        self.model.add(total <= int(1000.0 * count * mean.mean_m * (1.0 + mean.tolerance / 2.0)))
 
 
 def _aimed(group: ActorGroup) -> bool:

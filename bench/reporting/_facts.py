@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.simspec import FACTORS, ActorGroup, SimSpec
+from bench.simspec import FACTORS, ActorGroup, CountRange, SimSpec
 
 from ._data import Configuration, ReportData
 from ._words import listed, plural
@@ -91,7 +91,8 @@ def _group(simspec: SimSpec, name: str) -> str:
 
 def _group_text(group: ActorGroup, area_m2: float) -> str:
     stated = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
-    text = f"{group.members(area_m2)} {group.asset}{stated}, {group.role.value}"
+    drawn = f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.members(area_m2)}"
+    text = f"{drawn} {group.asset}{stated}, {group.role.value}"
     if group.placement.mean_distance:
         text += f", {group.placement.mean_distance.mean_m:g} m from {group.placement.mean_distance.of} in the mean"
     if group.placement.near:
