@@ -64,16 +64,20 @@ if TYPE_CHECKING:
     from ._finish import read_runs as read_runs
     from ._finish import rescore_campaign as rescore_campaign
     from ._fly import fly_realization as fly_realization
+    from ._next import Proposal as Proposal
+    from ._next import propose_next as propose_next
     from ._rescore import rescore as rescore
 
 _HEAVY = {
     "CampaignRuns": "_finish",
+    "Proposal": "_next",
     "Finished": "_finish",
     "finish_campaign": "_finish",
     "fly_realization": "_fly",
     "is_campaign": "_finish",
     "load_asked": "_asked",
     "measures_of": "_asked",
+    "propose_next": "_next",
     "read_runs": "_finish",
     "rescore": "_rescore",
     "rescore_campaign": "_finish",

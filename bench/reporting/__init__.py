@@ -9,6 +9,7 @@ from __future__ import annotations
 from ._data import ReportData as ReportData
 from ._data import load_report_data as load_report_data
 from ._design import measure_design as measure_design
+from ._design import points_of as points_of
 from ._design import rating as rating
 from ._figures import configuration_figure as configuration_figure
 from ._figures import map_figure as map_figure

@@ -49,6 +49,7 @@ design:
                 "score",
                 "schema",
                 "difficulty",
+                "next",
                 "fly",
                 "doctor",
             ]

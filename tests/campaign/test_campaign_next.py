@@ -1,0 +1,172 @@
+"""What follows a finished campaign. The runs are made up, so that what matters in them is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.campaign import Campaign, load_asked, load_campaign, propose_next, realizations
+from bench.cli._app import run
+from bench.contracts import Observation, Outcome, SessionResult
+from bench.documents import dump_json, dump_yaml, read_document
+from bench.errors import SetupError
+from bench.scoring import ScoredRun, difficulty_of, score_table
+from bench.simspec import load_simspec
+
+BASE = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
+ASKED = load_asked("search-and-report")
+FOG = {"name": "fog", "unit": "level", "range": {"low": 0, "high": 8}, "sets": ["environment.fog_level"]}
+RAIN = {"name": "rain", "levels": [0, 1, 2, 3], "sets": ["environment.rain_level"]}
+WIND = {"name": "wind", "range": {"low": 0, "high": 6, "steps": 2}, "sets": ["environment.wind.speed_mps"]}
+SPEED = {"name": "speed", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
+
+Chance = Callable[[Mapping[str, Any]], float]
+
+
+def finished(folder: Path, chance: Chance, luck: int = 11, **design: Any) -> Path:
+    """A campaign's folder in which each run passes everything or nothing, with a chance that its levels decide."""
+    campaign = Campaign.model_validate(
+        {
+            "name": "made-up",
+            "base": BASE,
+            "agents": [{"manifest": "reference-naive"}],
+            "design": design,
+            "study": ["KA-03", "KA-20"],
+        }
+    )
+    draws = np.random.default_rng(luck)
+    difficulty = difficulty_of(ASKED, BASE)
+    runs = []
+    for plan in realizations(campaign):
+        x = 1.0 if draws.random() < chance(plan.levels) else 0.0
+        observations = tuple(Observation(observable=one, considered=True, x=x) for one in ASKED.observables)
+        result = SessionResult(realization=plan.id, outcome=Outcome.COMPLETED, observations=observations)
+        (folder / "runs" / plan.id).mkdir(parents=True)
+        (folder / "runs" / plan.id / "result.json").write_text(dump_json(result))
+        runs.append(ScoredRun(plan.id, plan.design_point, plan.replicate, plan.agent, result.outcome, difficulty, observations))
+    (folder / "campaign.yaml").write_text(dump_yaml(campaign))
+    (folder / "journal.sqlite").touch()
+    (folder / "decomposition.yaml").write_text(dump_yaml(ASKED.document))
+    score_table(ASKED, runs, campaign.study).write_parquet(folder / "scores.parquet")
+    return folder
+
+
+def steep(levels: Mapping[str, Any]) -> float:
+    """Passing turns to failing at fog 3, and at nothing else."""
+    return 1.0 / (1.0 + math.exp(3.0 * (float(levels["fog"]) - 3.0)))
+
+
+@pytest.fixture(scope="module")
+def foggy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    method = {"kind": "sobol", "points": 128}
+    return finished(tmp_path_factory.mktemp("foggy"), steep, factors=[FOG, WIND, SPEED], method=method, seed=11)
+
+
+def test_what_matters_stays_and_narrows_and_what_does_not_goes(foggy: Path) -> None:
+    """The boundary is in the proposed range, most of what is plainly passed or failed is not, and both idle factors are gone."""
+    proposal = propose_next(foggy)
+    (fog,) = proposal.campaign.design.factors
+
+    assert fog.name == "fog"
+    assert fog.range is not None
+    assert 0.5 < fog.range.low < 3.0 < fog.range.high < 5.5
+    assert {change.split(":")[0] for change in proposal.changes} == {"fog", "wind", "speed"}
+    assert proposal.campaign.design.seed == 12
+    assert proposal.campaign.name == "made-up-next"
+    assert proposal.campaign.base == BASE
+
+
+def test_the_file_says_why_and_is_what_was_proposed(foggy: Path) -> None:
+    """Reasons are comments; the rest of the text is the proposal, to the last number; the same folder proposes the same."""
+    proposal = propose_next(foggy)
+    comments = " ".join(line.strip().removeprefix("# ") for line in proposal.text.splitlines() if line.strip().startswith("#"))
+
+    assert read_document(proposal.text, Campaign) == proposal.campaign
+    assert "wind: goes: nothing that was tested follows it" in comments
+    assert "environment.wind.speed_mps stays as the base has it" in comments
+    assert "fog: confidence of KA-03 of reference-naive may follow fog (anova, adjusted p < 0.001)" in comments
+    assert propose_next(foggy).text == proposal.text
+
+
+def test_passing_that_rises_with_a_factor_narrows_too(tmp_path: Path) -> None:
+    """Levels keep their number within the narrower range, whole numbers stay whole."""
+    trees = {"name": "rain", "levels": [0, 1, 2, 3, 4, 5, 6, 7, 8], "sets": ["environment.rain_level"]}
+
+    def rising(levels: Mapping[str, Any]) -> float:
+        return 1.0 / (1.0 + math.exp(4.0 * (6.0 - float(levels["rain"]))))
+
+    (rain,) = propose_next(finished(tmp_path, rising, factors=[trees], replicates=12)).campaign.design.factors
+
+    assert all(isinstance(level, int) for level in rain.levels)
+    assert 3 <= min(map(int, rain.levels)) < 6 < max(map(int, rain.levels)) <= 8
+
+
+def test_little_known_asks_for_replicates_and_screening_is_left(tmp_path: Path) -> None:
+    """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what remains."""
+    folder = finished(
+        tmp_path,
+        lambda levels: 0.9 if levels["speed"] == 8.0 else 0.1,
+        factors=[SPEED, WIND],
+        method={"kind": "plackett_burman"},
+        replicates=3,
+    )
+    proposal = propose_next(folder)
+
+    assert proposal.campaign.design.method.kind == "full_factorial"
+    assert 3 < proposal.campaign.design.replicates <= 12
+    assert any("screening is done" in change for change in proposal.changes)
+    assert "points wide over" in " ".join(proposal.text.split())
+
+
+def test_nothing_tells_factors_apart_where_all_pass(tmp_path: Path) -> None:
+    """That no run failed is no evidence that factors are idle: they stay, and it is said why."""
+    proposal = propose_next(finished(tmp_path, lambda _: 1.0, factors=[RAIN, WIND], replicates=8))
+
+    assert [one.name for one in proposal.campaign.design.factors] == ["rain", "wind"]
+    assert "could not be tested" in " ".join(proposal.text.replace("#", "").split())
+
+
+def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
+    """Nothing follows wind, but what is forbidden names it."""
+    design = {"factors": [FOG, WIND, SPEED], "forbid": ["wind > 5 and fog > 7.5"], "method": {"kind": "sobol", "points": 128}}
+    proposal = propose_next(finished(tmp_path, steep, **design))
+
+    assert "wind" in [one.name for one in proposal.campaign.design.factors]
+    assert proposal.campaign.design.forbid == ("wind > 5 and fog > 7.5",)
+
+
+def test_command_writes_a_file_that_runs_and_never_another_s(
+    foggy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file loads as a campaign from where it lies; one that is there already is left alone; without --out it is printed."""
+    out = tmp_path / "deep" / "next.yaml"
+    out.parent.mkdir()
+
+    assert run(["next", str(foggy), "--out", str(out)]) == 0
+    assert "wind: goes" in capsys.readouterr().out
+    campaign = load_campaign(out)
+    assert load_asked(campaign.decomposition).digest == ASKED.digest
+    assert realizations(campaign)
+    written = out.read_bytes()
+    assert run(["next", str(foggy), "--out", str(out)]) == 2
+    assert "exists already, and is not overwritten" in capsys.readouterr().err
+    assert out.read_bytes() == written
+    assert run(["next", str(foggy)]) == 0
+    assert read_document(capsys.readouterr().out, Campaign).name == "made-up-next"
+
+
+def test_campaigns_from_which_nothing_follows(tmp_path: Path) -> None:
+    """Not finished, no factors, no campaign: refused with what to do."""
+    with pytest.raises(SetupError, match="is not a campaign's folder"):
+        propose_next(tmp_path)
+    whole = finished(tmp_path / "a", lambda _: 1.0, factors=[SPEED])
+    next((whole / "runs").rglob("result.json")).unlink()
+    with pytest.raises(SetupError, match="1 realizations without a result"):
+        propose_next(whole)
+    with pytest.raises(SetupError, match="varies no factor"):
+        propose_next(finished(tmp_path / "b", lambda _: 1.0))
