@@ -26,11 +26,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
     app.command()(schema)
     app.command()(difficulty)
-    for name, text in (
-        ("prose", "Turn a description into a base SimSpec."),
-        ("view", "Look into a campaign while it runs."),
-    ):
-        app.command(name=name, help=f"{text} (not there yet)")(_not_yet(name))
+    app.command(name="view", help="Look into a campaign while it runs. (not there yet)")(_not_yet("view"))
 
 
 def schema(

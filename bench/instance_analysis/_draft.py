@@ -1,0 +1,254 @@
+"""A base SimSpec in the making: fields with the words that they come from, ranges, questions, and what cannot be said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from bench.documents import Document, validate_document
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+from ._tokens import Span
+
+Path = tuple[str | int, ...]
+
+
+class Varied(Document):
+    """A field that the prose gives a range (`low`, `high`) or several values (`levels`), or fields that change together (`choices`)."""
+
+    name: str
+    paths: tuple[str, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    integer: bool = False
+    levels: tuple[float | str, ...] = ()
+    choices: dict[str, dict[str, float]] = {}
+    unit: Annotated[str | None, Field(description="None where the field's name states none.")] = None
+
+
+class Receipt(Document):
+    """Where one field's value comes from: characters `start` to `end` of the prose, or a default."""
+
+    path: str
+    value: Any
+    source: Literal["prose", "default", "answer", "model"]
+    quote: str = ""
+    start: int | None = None
+    end: int | None = None
+    note: str = ""
+
+
+class Question(Document):
+    """Something that the prose says in more than one way; `--accept K` takes the K-th reading, from 1."""
+
+    quote: str
+    start: int
+    end: int
+    ask: str
+    readings: tuple[str, ...]
+
+
+class Unread(Document):
+    """A stretch of the prose that is not in the SimSpec, and why."""
+
+    quote: str
+    start: int
+    end: int
+    why: str
+
+
+class BaseSimSpec(Document):
+    """What prose came to: a base SimSpec, what varies in it, where every field comes from, and what is left."""
+
+    format: Literal["rebar.prose/1"] = "rebar.prose/1"
+    prose: str
+    simspec: Annotated[SimSpec | None, Field(description="None while questions are open.")] = None
+    ranges: tuple[Varied, ...] = ()
+    receipts: tuple[Receipt, ...] = ()
+    questions: Annotated[tuple[Question, ...], Field(description="Open ones.")] = ()
+    not_expressible: tuple[Unread, ...] = ()
+    not_understood: tuple[Unread, ...] = ()
+    corrected: Annotated[dict[str, str], Field(description="Words taken for another that they are a letter or two off.")] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """The value of a field and its origin; no span means a default of the vocabulary."""
+
+    value: Any
+    span: Span | None
+    note: str = ""
+    answered: bool = False
+    model: bool = False
+
+
+class Draft:
+    """Fields, ranges and questions as they are gathered. `answers` are the readings chosen beforehand, in order, from 1."""
+
+    def __init__(self, text: str, answers: Sequence[int]) -> None:
+        self.text = text
+        self.answers = list(answers)
+        self.entries: dict[Path, Entry] = {}
+        self.ranges: list[Varied] = []
+        self.questions: list[Question] = []
+        self.not_expressible: list[Unread] = []
+        self.not_understood: list[Unread] = []
+        self.faults: list[Fault] = []
+        self._asked = 0
+
+    def quote(self, span: Span) -> str:
+        return self.text[span.start : span.end]
+
+    def fault(self, span: Span, what: str, mend: str) -> None:
+        self.faults.append(Fault(f"characters {span.start} to {span.end}", f"{self.quote(span)[:80]!r}: {what}", mend))
+
+    def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
+        (self.not_understood if expressible else self.not_expressible).append(
+            Unread(quote=self.quote(span), start=span.start, end=span.end, why=why)
+        )
+
+    def ask(self, span: Span, question: str, readings: Sequence[str]) -> int:
+        """Index of the reading that was chosen beforehand; otherwise the question stays open, and the first goes on."""
+        self._asked += 1
+        if self._asked <= len(self.answers):
+            chosen = self.answers[self._asked - 1]
+            if 1 <= chosen <= len(readings):
+                return chosen - 1
+            self.fault(span, f"question {self._asked} has {len(readings)} readings, and not a {chosen}.", "accept one of them")
+        self.questions.append(
+            Question(quote=self.quote(span), start=span.start, end=span.end, ask=question, readings=tuple(readings))
+        )
+        return 0
+
+    def put(self, path: Path, value: Any, span: Span | None, note: str = "") -> None:
+        """Set a field. What the prose says twice and differently is asked."""
+        before = self.entries.get(path)
+        if before is not None and before.span is not None and span is not None and before.value != value:
+            readings = [f"{dotted(path)} = {one}" for one in (before.value, value)]
+            said = f"{self.quote(before.span)!r} and {self.quote(span)!r} say two things"
+            if self.ask(before.span.joined(span), f"{said}; which holds?", readings) == 0:
+                return
+            self.ranges = [one for one in self.ranges if dotted(path) not in one.paths]
+        if span is not None or before is None:
+            self.entries[path] = Entry(value, span, note)
+
+    def vary(
+        self, path: Path, low: float, high: float, span: Span | None, *, unit: str | None, integer: bool = False, note: str = ""
+    ) -> None:
+        """Set a field to a number or a range; the SimSpec itself holds the range's lower end."""
+        if low > high and span is not None:
+            self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
+        clean = (lambda one: int(one)) if integer else float
+        if integer and (low != int(low) or high != int(high)) and span is not None:
+            self.fault(span, "is counted in whole numbers", "write a whole number")
+        spanned = "" if low == high else f"{low:g} to {high:g}"
+        self.put(path, clean(low), span, ", ".join(filter(None, (note, spanned))))
+        if low < high and self.entries[path].span == span:
+            name = "-".join(str(one) for one in path[-3:] if one not in ("actors", "placement")).replace("_", "-").lower()
+            where = dotted(path)
+            self.ranges = [one for one in self.ranges if where not in one.paths]
+            self.ranges.append(Varied(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
+
+    def document(self, changed: dict[Path, Any] | None = None) -> dict[str, Any]:
+        """Plain values of the SimSpec, groups and other lists in the order in which they came up."""
+        root: dict[str, Any] = {}
+        lists: dict[int, dict[str | int, dict[str, Any]]] = {}
+        for path, value in ({path: one.value for path, one in self.entries.items()} | (changed or {})).items():
+            _set(root, path, value, lists)
+        return root
+
+    def checked(self) -> SimSpec:
+        """The SimSpec, valid at both ends of every range. Raises SetupError with every fault."""
+        paths = {dotted(path): path for path in self.entries}
+        ends = {
+            paths[one]: varied.high for varied in self.ranges if varied.high is not None for one in varied.paths if one in paths
+        }
+        whole = {path: int(high) if isinstance(self.entries[path].value, int) else high for path, high in ends.items() if high}
+        found = validate_document(self.document(), SimSpec, source="prose")
+        for path, high in whole.items():
+            validate_document(self.document({path: high}), SimSpec, source=f"prose, {dotted(path)} at {high:g}")
+        return found
+
+    def receipts(self, simspec: SimSpec) -> Iterator[Receipt]:
+        """One for every field of the SimSpec that has a value: the words, or `default`."""
+        by_path = {dotted(path): entry for path, entry in self.entries.items()}
+        for where, value in _leaves(simspec.model_dump(mode="json"), ""):
+            entry = next((by_path[one] for one in _prefixes(where) if one in by_path), None)
+            if entry is None:
+                yield Receipt(path=where, value=value, source="default")
+            elif entry.model or entry.span is None:
+                source: Literal["model", "default"] = "model" if entry.model else "default"
+                span = entry.span
+                quote = self.quote(span) if span else ""
+                at = (span.start, span.end) if span else (None, None)
+                yield Receipt(path=where, value=value, source=source, quote=quote, start=at[0], end=at[1], note=entry.note)
+            else:
+                quote, start, end = self.quote(entry.span), entry.span.start, entry.span.end
+                yield Receipt(path=where, value=value, source="prose", quote=quote, start=start, end=end, note=entry.note)
+
+
+def dotted(path: Path) -> str:
+    """A path as campaigns write it: actors[radar].count. Members of a list are named by what follows the list's name."""
+    text, after_list = "", False
+    for part in path:
+        if after_list or isinstance(part, int):
+            text += f"[{part}]"
+            after_list = False
+            continue
+        text += f".{part}" if text else str(part)
+        after_list = part in LISTS
+    return text
+
+
+LISTS = ("actors", "intelligence", "orders", "outages", "failures", "roads", "distances")
+
+
+def _set(root: dict[str, Any], path: Path, value: Any, lists: dict[int, dict[str | int, dict[str, Any]]]) -> None:
+    here: Any = root
+    index = 0
+    while index < len(path) - 1:
+        part = path[index]
+        if part in LISTS:
+            rows = here.setdefault(part, [])
+            known = lists.setdefault(id(rows), {})
+            key = path[index + 1]
+            if key not in known:
+                known[key] = {} if isinstance(key, int) else {"id": key}
+                rows.append(known[key])
+            here = known[key]
+            index += 2
+        else:
+            here = here.setdefault(part, {})
+            index += 1
+    here[path[-1]] = value
+
+
+def _leaves(value: Any, where: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict) and value:
+        for name, one in value.items():
+            yield from _leaves(one, f"{where}.{name}" if where else name)
+    elif isinstance(value, list) and value and isinstance(value[0], dict):
+        for index, one in enumerate(value):
+            yield from _leaves(one, f"{where}[{one.get('id', index)}]")
+    else:
+        yield where, value
+
+
+def _prefixes(where: str) -> Iterator[str]:
+    yield where
+    while where:
+        cut = max(where.rfind("."), where.rfind("["))
+        if cut < 0:
+            return
+        where = where[:cut]
+        yield where
+
+
+def refuse(faults: Sequence[Fault]) -> None:
+    """Raise SetupError where there are faults."""
+    if faults:
+        raise SetupError(list(faults))

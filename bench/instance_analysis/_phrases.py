@@ -1,0 +1,214 @@
+"""Words to phrases: at every word, the longest phrase of the grammar that begins there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+from lark import Lark, Token, Tree
+from lark.exceptions import UnexpectedInput
+from lark.parsers.lalr_interactive_parser import InteractiveParser
+
+from ._tokens import Span, Word
+from ._vocabulary import Meaning
+
+PHRASES = (
+    *("nomark", "noreport", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean", "bearing", "within"),
+    *("atleast", "exact", "away", "near", "road", "inside", "behind", "facing", "hidden", "visible", "between", "apart"),
+    *("spread", "part", "group", "density", "concealment", "motion", "weather", "clear", "calm", "wind", "gusts", "sun", "clock"),
+    *("date", "area", "set", "limit", "altitude", "speed"),
+)
+"""Rules that may stand by themselves; of two that are equally long the earlier one holds."""
+LONGEST = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number or a range of numbers in SI units, and what it measures."""
+
+    kind: str
+    low: float
+    high: float
+    vague: bool = False
+
+    @property
+    def single(self) -> bool:
+        return self.low == self.high
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A word of a phrase in the meaning that the phrase gives it."""
+
+    kind: str
+    value: object
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Phrase:
+    """A phrase with its parts in order; a `ref` is a phrase inside one."""
+
+    rule: str
+    parts: tuple[Part | Phrase, ...]
+    span: Span
+
+    def first(self, kind: str) -> Part | None:
+        """The first part of a kind; None when there is none."""
+        return next((one for one in self.parts if isinstance(one, Part) and one.kind == kind), None)
+
+    def every(self, kind: str) -> list[Part]:
+        return [one for one in self.parts if isinstance(one, Part) and one.kind == kind]
+
+    @property
+    def refs(self) -> list[Phrase]:
+        return [one for one in self.parts if isinstance(one, Phrase) and one.rule == "ref"]
+
+
+@cache
+def _grammar() -> Lark:
+    text = resources.files(__package__).joinpath("grammar.lark").read_text(encoding="utf-8")
+    return Lark(text, parser="lalr", lexer="basic", start=["quantity", *PHRASES])
+
+
+def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], int] | None:
+    """The longest run of words from `begin` on that the rule takes, and where it ends; None when it takes none.
+
+    A word with several meanings is tried in each of them that the rule takes at its place.
+    """
+    states: list[InteractiveParser] = [_grammar().parse_interactive(start=rule)]
+    found: tuple[Tree[Token], int] | None = None
+    for index in range(begin, min(len(words), begin + LONGEST)):
+        word = words[index]
+        if word.filler:
+            continue
+        following: list[InteractiveParser] = []
+        for state in states:
+            taken = state.choices()  # type: ignore[no-untyped-call]
+            for number, meaning in enumerate(word.meanings):
+                if meaning.kind not in taken or (word.comma and index > begin and meaning.kind == "COUNT"):
+                    continue
+                branch = state.copy()  # type: ignore[no-untyped-call]
+                try:
+                    branch.feed_token(Token(meaning.kind, f"{index}:{number}"))
+                except UnexpectedInput:
+                    continue
+                following.append(branch)
+        if not following:
+            break
+        states = following[:16]
+        for state in states:
+            if "$END" not in state.choices():  # type: ignore[no-untyped-call]
+                continue
+            try:
+                found = state.copy().feed_eof(), index + 1  # type: ignore[no-untyped-call]
+                break
+            except UnexpectedInput:
+                continue
+    return found
+
+
+def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> list[Word]:
+    """The words with numbers and their units read as quantities. A number before a word that can only be a unit that
+    nobody knows is added to `unknown`."""
+    read: list[Word] = []
+    index = 0
+    while index < len(words):
+        word = words[index]
+        found = longest("quantity", words, index) if any(one.kind in _BEGINS for one in word.meanings) else None
+        if found is None:
+            read.append(word)
+            index += 1
+            continue
+        tree, end = found
+        quantity = _quantity(tree, words)
+        others = tuple(one for one in word.meanings if one.kind not in _BEGINS) if end == index + 1 else ()
+        span = word.span.joined(words[end - 1].span)
+        if quantity is None:
+            read.append(word)
+            index += 1
+            continue
+        read.append(Word(word.text, span, (Meaning(quantity.kind, quantity), *others), comma=word.comma, mended=word.mended))
+        if quantity.kind == "COUNT" and word.text not in ("a", "an") and _no_unit(words, end):
+            unknown.append((word, words[end]))
+        index = end
+    return read
+
+
+_BEGINS = {"NUM", "VAGUE", "LBR", "BETWEEN", "FROM"}
+
+
+def _no_unit(words: Sequence[Word], at: int) -> bool:
+    """Whether a word that nobody knows stands where a unit would: before `from`, `away`, `of` or another relation."""
+    if at + 1 >= len(words) or words[at].meanings or words[at].filler:
+        return False
+    return any(one.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER") for one in words[at + 1].meanings)
+
+
+def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
+    numbers: list[float] = []
+    units: list[tuple[str, float] | None] = []
+    by = False
+    for token in tree.scan_values(lambda one: isinstance(one, Token)):
+        value = _meaning(token, words).value
+        if token.type == "VAGUE" and isinstance(value, tuple):
+            return Quantity("COUNT", float(value[0]), float(value[1]), vague=True)
+        if token.type == "NUM" and isinstance(value, float | int):
+            numbers.append(float(value))
+            units.append(None)
+        elif token.type == "UNIT" and isinstance(value, tuple):
+            units[-1] = value
+        elif token.type == "BY":
+            by = True
+    last = units[-1]
+    filled = [one or last for one in units]
+    kinds = {one[0] if one else "COUNT" for one in filled}
+    if len(kinds) != 1:
+        return None
+    values = [number * (one[1] if one else 1.0) for number, one in zip(numbers, filled, strict=True)]
+    values = [round(value, 9) for value in values]
+    if by:
+        return Quantity("DIM", values[0], values[1]) if kinds == {"LENGTH"} else None
+    return Quantity(kinds.pop(), values[0], values[-1])
+
+
+def _meaning(token: Token, words: Sequence[Word]) -> Meaning:
+    index, number = (int(one) for one in str(token).split(":"))
+    return words[index].meanings[number]
+
+
+def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
+    """The phrases of a text, in order, and every word between them that belongs to none."""
+    index = 0
+    while index < len(words):
+        best: tuple[str, Tree[Token], int] | None = None
+        for rule in PHRASES if words[index].meanings else ():
+            found = longest(rule, words, index)
+            if found and (best is None or found[1] > best[2]):
+                best = (rule, *found)
+        if best is None:
+            yield words[index]
+            index += 1
+            continue
+        rule, tree, end = best
+        yield _phrase(rule, tree, words)
+        index = end
+
+
+def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
+    parts: list[Part | Phrase] = []
+    for child in tree.children:
+        if isinstance(child, Token):
+            index = int(str(child).split(":")[0])
+            word, value = words[index], _meaning(child, words).value
+            if child.type == "FIELD":  # one word may be of several fields; the quantity's kind decides
+                value = tuple(one.value for one in word.meanings if one.kind == "FIELD")
+            parts.append(Part(child.type, value, word.span))
+        elif str(child.data) in ("ref", "state"):
+            parts.append(_phrase(str(child.data), child, words))
+        else:
+            parts += _phrase(str(child.data), child, words).parts
+    spans = [one.span for one in parts]
+    return Phrase(rule, tuple(parts), Span(min(s.start for s in spans), max(s.end for s in spans)))

@@ -1,0 +1,66 @@
+"""From prose to a base SimSpec, by grammar and vocabulary alone: the same text always comes to the same document."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+from ._draft import BaseSimSpec, Draft, refuse
+from ._phrases import phrases_of, with_quantities
+from ._reading import Reader
+from ._tokens import Span, Word, words_of
+from ._vocabulary import Vocabulary
+
+MAX_CHARACTERS = 20_000
+
+
+def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
+    """What the text says, as a base SimSpec with ranges and a receipt for every field.
+
+    `answers` choose readings for the text's questions, in order, from 1; while one is open the result has no SimSpec.
+    Raises SetupError with every fault: ranges that run downwards, units that do not fit, a text in which nothing is a
+    scenario, a text of more than 20,000 characters.
+    """
+    draft, corrected = draft_of(text, vocabulary, answers)
+    return finished(draft, corrected)
+
+
+def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> tuple[Draft, dict[str, str]]:
+    """The draft of a text, and the words that were taken for another. Raises as `read_prose` does, but for what is not valid."""
+    if len(text) > MAX_CHARACTERS:
+        raise SetupError(Fault("prose", f"has {len(text)} characters, more than {MAX_CHARACTERS}", "describe one situation"))
+    draft = Draft(text, answers)
+    words = words_of(text, vocabulary)
+    unknown: list[tuple[Word, Word]] = []
+    quantified = with_quantities(words, unknown)
+    for number, word in unknown:
+        span = Span(number.span.start, word.span.end)
+        draft.fault(span, f"there is no unit {word.text!r}", "use metres, kilometres, feet, seconds, minutes, m/s, knots")
+    reader = Reader(draft, vocabulary)
+    reader.read(list(phrases_of(quantified)))
+    if not draft.entries.keys() - {("world", "area", "corners")} and not draft.faults and not draft.not_expressible:
+        raise SetupError(
+            Fault("prose", "nothing in it is a scenario", "say who is where: 'a radar vehicle, five civilians within 50 m of it'")
+        )
+    return draft, {word.span_text(text): word.mended for word in quantified if word.mended}
+
+
+def finished(draft: Draft, corrected: dict[str, str]) -> BaseSimSpec:
+    """The result that a draft comes to."""
+    refuse(draft.faults)
+    name: tuple[str | int, ...] = ("name",)
+    draft.put(name, "prose", None)
+    draft.put(("description",), draft.text.strip(), Span(0, len(draft.text)))
+    simspec: SimSpec | None = None if draft.questions else draft.checked()
+    return BaseSimSpec(
+        prose=draft.text,
+        simspec=simspec,
+        ranges=tuple(draft.ranges),
+        receipts=tuple(draft.receipts(simspec)) if simspec else (),
+        questions=tuple(draft.questions),
+        not_expressible=tuple(draft.not_expressible),
+        not_understood=tuple(draft.not_understood),
+        corrected=corrected,
+    )

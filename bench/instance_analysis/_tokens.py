@@ -1,0 +1,212 @@
+"""Prose to words with meanings: numbers, clock times, phrases of the vocabulary, and words that are a letter off."""
+
+from __future__ import annotations
+
+import datetime as dt
+import itertools
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from ._vocabulary import Meaning, Vocabulary
+
+MONTHS = (
+    "january",
+    "february",
+    "march",
+    "april",
+    "may",
+    "june",
+    "july",
+    "august",
+    "september",
+    "october",
+    "november",
+    "december",
+)
+_MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
+_PATTERN = re.compile(
+    rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
+    |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
+    |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
+    |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&])
+    |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
+    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?:])""",
+    re.VERBOSE | re.IGNORECASE,
+)
+SHORTEST_MENDED, LONG = 4, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Characters of the prose, the end not included."""
+
+    start: int
+    end: int
+
+    def joined(self, other: Span) -> Span:
+        return Span(min(self.start, other.start), max(self.end, other.end))
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A word or phrase and what it may mean; no meaning where nobody knows it."""
+
+    text: str
+    span: Span
+    meanings: tuple[Meaning, ...]
+    comma: bool = False
+    filler: bool = False
+    mended: str = ""
+
+    def span_text(self, text: str) -> str:
+        """The word as it stands in the text."""
+        return text[self.span.start : self.span.end]
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """A time of day; `zoned` when the prose gives UTC."""
+
+    at: dt.time
+    zoned: bool
+
+
+def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
+    """All words of a text, in order, phrases taken as long as they come. Time grows with the length of the text alone."""
+    raw = list(_PATTERN.finditer(text))
+    found: list[Word] = []
+    comma, mended_as = False, dict[str, str]()
+    index = 0
+    while index < len(raw):
+        match = raw[index]
+        span = Span(match.start(), match.end())
+        if match.lastgroup == "comma" and not _in_brackets(raw, index):
+            comma, index = True, index + 1
+            continue
+        if match.lastgroup in ("word", "unit", "times"):
+            word, used = _phrase(raw, index, vocabulary, mended_as)
+        else:
+            word, used = Word(match.group(), span, _plain(match)), 1
+        found.append(replace(word, comma=comma))
+        comma, index = False, index + used
+    return list(_articles(found))
+
+
+def _in_brackets(raw: list[re.Match[str]], index: int) -> bool:
+    return index >= 2 and any(raw[back].lastgroup == "left" for back in range(max(0, index - 3), index))
+
+
+def _plain(match: re.Match[str]) -> tuple[Meaning, ...]:
+    text = match.group()
+    match match.lastgroup:
+        case "number":
+            return (Meaning("NUM", float(text.replace(",", ""))),)
+        case "clock":
+            clock = _clock(text)
+            return (Meaning("CLOCK", clock),) if clock else ()
+        case "iso" | "date":
+            day = _date(text)
+            return (Meaning("DATE", day),) if day else ()
+        case "left" | "right" | "comma" | "dash" | "stop":
+            return (Meaning({"left": "LBR", "right": "RBR", "comma": "COMMA", "dash": "DASH", "stop": "STOP"}[match.lastgroup]),)
+    return ()
+
+
+def _clock(text: str) -> Clock | None:
+    lower = text.lower().replace(".", "")
+    digits = re.findall(r"\d+", lower)
+    if len(digits) == 1 and len(digits[0]) == 4:
+        digits = [digits[0][:2], digits[0][2:]]
+    hour, minute = int(digits[0]), int(digits[1]) if len(digits) > 1 else 0
+    if "pm" in lower and hour < 12:
+        hour += 12
+    if "am" in lower and hour == 12:
+        hour = 0
+    try:
+        return Clock(dt.time(hour, minute), any(zone in lower for zone in ("z", "utc", "gmt")))
+    except ValueError:
+        return None
+
+
+def _date(text: str) -> dt.date | None:
+    try:
+        if text[4:5] == "-":
+            return dt.date.fromisoformat(text)
+        parts = re.findall(r"[a-z]+|\d+", re.sub(r"(\d)(st|nd|rd|th)", r"\1", text.lower()).replace(" of ", " "))
+        month = next(part for part in parts if part.isalpha())
+        day, year = (int(part) for part in parts if part.isdigit())
+        return dt.date(year, 1 + next(i for i, name in enumerate(MONTHS) if name.startswith(month)), day)
+    except ValueError:
+        return None
+
+
+def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, mended_as: dict[str, str]) -> tuple[Word, int]:
+    run = list(
+        itertools.takewhile(lambda one: one.lastgroup in ("word", "unit", "times"), raw[index : index + vocabulary.longest])
+    )
+    texts = [_spelled(one.group(), vocabulary, mended_as) for one in run]
+    for length in range(len(run), 0, -1):
+        phrase = " ".join(texts[:length])
+        span = Span(run[0].start(), run[length - 1].end())
+        given = " ".join(one.group().lower().replace("’", "'") for one in run[:length])
+        mended = "" if given == phrase else phrase
+        if phrase in vocabulary.meanings:
+            return Word(phrase, span, vocabulary.meanings[phrase], mended=mended), length
+        if phrase in vocabulary.fillers:
+            return Word(phrase, span, (), filler=True, mended=mended), length
+    return Word(run[0].group(), Span(run[0].start(), run[0].end()), ()), 1
+
+
+def _spelled(text: str, vocabulary: Vocabulary, mended_as: dict[str, str]) -> str:
+    """The word as the vocabulary spells it: itself, or the one word that it is a letter or two off."""
+    lower = re.sub(r"\s+", " ", text.lower().replace("’", "'"))
+    if lower in vocabulary.plain or not lower.isalpha() or len(lower) < SHORTEST_MENDED:
+        return lower
+    if lower not in mended_as:
+        most = 2 if len(lower) >= LONG else 1
+        near = {
+            other: off
+            for other in sorted(vocabulary.single)
+            if len(other) >= SHORTEST_MENDED
+            and abs(len(other) - len(lower)) <= most
+            and (off := edits(lower, other, most)) <= most
+        }
+        best = [other for other, off in near.items() if off == min(near.values())]
+        # The first letter is rarely the wrong one: it parts words that are equally near.
+        best = [one for one in best if one[0] == lower[0]] or best
+        same = {vocabulary.meanings.get(one, one) for one in best}
+        mended_as[lower] = best[0] if len(same) == 1 else lower
+    return mended_as[lower]
+
+
+def edits(a: str, b: str, most: int) -> int:
+    """Letters dropped, added, changed or swapped with their neighbour between two words; most + 1 where it is more."""
+    before, row = list[int](), list(range(len(b) + 1))
+    for i, x in enumerate(a, start=1):
+        earlier, before, row = before, row, [i]
+        for j, y in enumerate(b, start=1):
+            cost = min(before[j] + 1, row[-1] + 1, before[j - 1] + (x != y))
+            if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
+                cost = min(cost, earlier[j - 2] + 1)
+            row.append(cost)
+        if min(row) > most:
+            return most + 1
+    return row[-1]
+
+
+_COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
+
+
+def _articles(words: list[Word]) -> Iterator[Word]:
+    """`a truck`, `an hour` are one of it; other articles change nothing."""
+    for index, word in enumerate(words):
+        following = words[index + 1] if index + 1 < len(words) else None
+        while following is not None and following.filler and index + 2 < len(words):
+            index += 1
+            following = words[index + 1] if index + 1 < len(words) else None
+        if word.text in ("a", "an") and following is not None and any(one.kind in _COUNTED for one in following.meanings):
+            yield replace(word, meanings=(Meaning("NUM", 1.0),), filler=False)
+        else:
+            yield word

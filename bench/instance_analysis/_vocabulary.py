@@ -1,0 +1,203 @@
+"""The words that prose is read by: a document that users extend, and what each word may mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bench.documents import Document, load_document, read_document
+from bench.errors import Fault, SetupError
+from bench.simspec import ASSETS, Identifier, Role
+
+Words = tuple[str, ...]
+Kind = Literal["NUMBER", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA"]
+
+
+class AssetWords(Document):
+    """What a group is made of, by its words; the key is the group's id in the SimSpec."""
+
+    asset: Identifier
+    role: Role
+    words: Words
+
+
+class WeatherWords(Document):
+    """A level of the environment; `level` where the word alone says how much."""
+
+    path: str
+    level: float | None = None
+    words: Words
+
+
+class MotionWords(Document):
+    """A way to move, and the speed that the word alone means."""
+
+    kind: Literal["still", "wander"]
+    speed_mps: float | None = None
+    words: Words
+
+
+class FieldWords(Document):
+    """Words beside which a quantity of that kind goes into a field of the SimSpec."""
+
+    kind: Kind
+    path: str
+    words: Words
+
+
+class SetWords(Document):
+    """A phrase that gives fields their values by itself."""
+
+    set: dict[str, float | bool | str]
+    words: Words
+
+
+class EventWords(Document):
+    """Something that happens at a moment of the flight."""
+
+    part: Literal["vehicle.failures", "outages", "orders"]
+    kind: str
+    words: Words
+
+
+class Defaults(Document):
+    """Numbers that stand in where the prose gives none; each use of one is shown as a default."""
+
+    near_m: Annotated[float, Field(gt=0.0)] = 50.0
+    exact_share: Annotated[float, Field(gt=0.0, lt=1.0, description="A distance without a range may be off by this share.")] = 0.1
+    road_width_m: Annotated[float, Field(gt=0.0)] = 6.0
+    area_east_m: Annotated[float, Field(gt=0.0)] = 600.0
+    area_north_m: Annotated[float, Field(gt=0.0)] = 250.0
+
+
+class VocabularyDocument(Document):
+    """A vocabulary as it is written; every part may be left out."""
+
+    assets: dict[Identifier, AssetWords] = {}
+    ambiguous: Annotated[dict[str, Words], Field(description="A word, and the assets that it may be.")] = {}
+    numbers: dict[str, float] = {}
+    vague: dict[str, tuple[int, int]] = {}
+    units: dict[Kind, dict[str, float]] = {}
+    per_area: dict[str, float] = {}
+    directions: dict[str, float] = {}
+    intensities: dict[str, float] = {}
+    winds: dict[str, float] = {}
+    weather: dict[str, WeatherWords] = {}
+    suns: dict[str, Literal["rise", "set", "noon", "midnight"]] = {}
+    motions: dict[str, MotionWords] = {}
+    concealments: dict[str, float] = {}
+    words: Annotated[dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")] = {}
+    fields: tuple[FieldWords, ...] = ()
+    sets: tuple[SetWords, ...] = ()
+    events: tuple[EventWords, ...] = ()
+    defaults: Defaults | None = None
+    fillers: Annotated[Words, Field(description="Words that change nothing.")] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """One thing that a word may be: the grammar's name for it, and its value."""
+
+    kind: str
+    value: object = None
+
+
+class Vocabulary:
+    """What each phrase may mean, from one document or several; what an earlier one says of a phrase as an asset goes first."""
+
+    def __init__(self, documents: list[VocabularyDocument]) -> None:
+        self.assets: dict[str, AssetWords] = {}
+        self.defaults = next((one.defaults for one in documents if one.defaults), Defaults())
+        self.meanings: dict[str, tuple[Meaning, ...]] = {}
+        for document in documents:
+            self.assets = document.assets | self.assets
+            added: dict[str, list[Meaning]] = {}
+            for phrase, meaning in _meanings(document):
+                if meaning not in added.setdefault(phrase, []):
+                    added[phrase].append(meaning)
+            for phrase, meanings in added.items():
+                before = self.meanings.get(phrase, ())
+                known = {one.kind for one in before}
+                self.meanings[phrase] = before + tuple(one for one in meanings if one.kind not in known or one.kind == "FIELD")
+        fillers = {word.lower() for one in documents for word in one.fillers}
+        self.fillers = frozenset(fillers - set(self.meanings))
+        self.longest = max(len(phrase.split()) for phrase in (*self.meanings, *self.fillers))
+        self.single = frozenset(word for phrase in self.meanings for word in phrase.split() if word.isalpha())
+        self.plain = self.single | {word for phrase in self.fillers for word in phrase.split()}
+
+    def role(self, group: str) -> Role:
+        return self.assets[group].role
+
+
+def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
+    """The bench's own vocabulary, after that of a file where one is given. Raises SetupError with every fault of the file."""
+    own = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
+    documents = [read_document(own, VocabularyDocument, source="vocabulary.yaml")]
+    if extra is not None:
+        documents.insert(0, load_document(extra, VocabularyDocument))
+    faults = [
+        Fault(f"{extra}: assets.{name}.asset", f"there is no asset {one.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
+        for document in documents
+        for name, one in document.assets.items()
+        if one.asset not in ASSETS
+    ]
+    known = set(documents[-1].assets) | set(documents[0].assets)
+    faults += [
+        Fault(f"{extra}: ambiguous.{word}", f"there is no asset {one!r}", f"known: {', '.join(sorted(known))}")
+        for word, ones in documents[0].ambiguous.items()
+        for one in ones
+        if one not in known
+    ]
+    if faults:
+        raise SetupError(faults)
+    return Vocabulary(documents)
+
+
+def _plurals(word: str) -> Iterator[str]:
+    yield word
+    if word.endswith(("s", "x", "ch", "sh")):
+        yield f"{word}es"
+    elif word.endswith("y") and word[-2:-1] not in "aeiou":
+        yield f"{word[:-1]}ies"
+    yield f"{word}s"
+    if word.endswith("man"):
+        yield f"{word[:-3]}men"
+
+
+def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
+    for group, asset in document.assets.items():
+        yield from ((form, Meaning("ASSET", group)) for word in asset.words for form in _plurals(word.lower()))
+    for word, groups in document.ambiguous.items():
+        meaning = Meaning("ASSET", groups[0]) if len(groups) == 1 else Meaning("AMBIGUOUS", groups)
+        yield from ((form, meaning) for form in _plurals(word.lower()))
+    yield from ((word, Meaning("NUM", number)) for word, number in document.numbers.items())
+    yield from ((word, Meaning("VAGUE", ends)) for word, ends in document.vague.items())
+    for kind, units in document.units.items():
+        yield from ((word, Meaning("UNIT", (kind, factor))) for word, factor in units.items())
+    tables: dict[str, Mapping[str, object]] = {
+        "PERAREA": document.per_area,
+        "DIR": document.directions,
+        "INTENSITY": document.intensities,
+        "WINDS": document.winds,
+        "SUN": document.suns,
+        "CONCEAL": document.concealments,
+    }
+    for name, table in tables.items():
+        yield from ((word, Meaning(name, value)) for word, value in table.items())
+    for weather in document.weather.values():
+        yield from ((word, Meaning("WEATHER", weather)) for word in weather.words)
+    for motion in document.motions.values():
+        yield from ((word, Meaning("MOTION", motion)) for word in motion.words)
+    for name, words in document.words.items():
+        yield from ((word.lower(), Meaning(name)) for word in words)
+    for field in document.fields:
+        yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
+    for one in document.sets:
+        yield from ((word.lower(), Meaning("SET", one)) for word in one.words)
+    for event in document.events:
+        yield from ((word.lower(), Meaning("EVENT", event)) for word in event.words)
