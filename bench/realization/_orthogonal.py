@@ -20,10 +20,13 @@ from bench.documents import Document
 from ._factors import Levels, Space
 
 Whole = NDArray[np.int64]
-MOST_ORTHOGONAL = 4097
+MOST_ORTHOGONAL = 1025
 MOST_NEARLY = 500
 STARTS = 4
 """Searches for a nearly orthogonal one, from as many drawn hypercubes; the one with the best result is kept."""
+CHOICES = 60
+"""Choices of columns of an orthogonal one that are compared; fewer above MOST_COMPARED points, where comparing takes long."""
+MOST_COMPARED = 300
 ROUNDS = 60
 ENOUGH = 500
 """A correlation below one over this is not lowered further: a nearly orthogonal one has 0.03 by custom."""
@@ -44,10 +47,7 @@ class OrthogonalLatinHypercube(Document):
     def combinations(self, space: Space, seed: int) -> list[Levels]:
         factors = len(space.free)
         points = self.points or least_points(factors)
-        square = orthogonal_latin_hypercube(points, factors)
-        turns = np.random.default_rng(seed)
-        # Which column a factor gets, and which way round it runs, is free: no correlation changes.
-        kept = square[:, turns.permutation(square.shape[1])[:factors]] * turns.choice([-1, 1], factors)
+        kept = _spread_out(points, factors, seed)
         return space.every([space.at(row) for row in _shares(kept)], self.kind)
 
 
@@ -74,24 +74,49 @@ def orthogonal_latin_hypercube(points: int, factors: int) -> Whole:
     With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises ValueError where the
     construction has none.
     """
-    centred = points % 2
-    size = points - centred
-    least = _exponent(factors)
-    exponent = next((c for c in range(12, least - 1, -1) if size and size % 2 ** (c + 1) == 0), None)
-    if exponent is None:
-        step = 2 ** (least + 1)
+    exponents = _exponents(points, factors)
+    if not exponents:
+        step = 2 << _exponent(factors)
         near = max(step, round(points / step) * step)
         raise ValueError(
             f"no orthogonal Latin hypercube of {points} points carries {factors} factors; {near} and {near + 1} points do, "
             "and nearly_orthogonal_latin_hypercube takes any number"
         )
+    return _constructed(points, exponents[-1])
+
+
+def _exponents(points: int, factors: int) -> list[int]:
+    """Every c with which the construction gives so many points, and 2**c columns enough; rising."""
+    size = points - points % 2
+    return [c for c in range(_exponent(factors), 12) if size and size % (2 << c) == 0]
+
+
+def _constructed(points: int, exponent: int) -> Whole:
     signs, places = _halves(exponent)
-    blocks = [places + step * 2**exponent * signs for step in range(size // 2 ** (exponent + 1))]
-    if centred:
+    blocks = [places + (step << exponent) * signs for step in range((points - points % 2) // (2 << exponent))]
+    if points % 2:
         upper = np.vstack(blocks)
         return np.vstack([upper, np.zeros((1, upper.shape[1]), dtype=np.int64), -upper])
     upper = np.vstack([2 * block - signs for block in blocks])
     return np.vstack([upper, -upper])
+
+
+@lru_cache(maxsize=16)
+def _spread_out(points: int, factors: int, seed: int) -> Whole:
+    """Of some drawn choices of columns the one whose closest points are farthest apart.
+
+    Which column a factor gets, and which way round it runs, is free: no correlation changes.
+    """
+    draws = np.random.default_rng(seed)
+    squares = [_constructed(points, one) for one in _exponents(points, factors)] or [orthogonal_latin_hypercube(points, factors)]
+    best, farthest = squares[0], -1
+    for turn in range(CHOICES if points <= MOST_COMPARED else len(squares)):
+        square = squares[turn % len(squares)]
+        kept = square[:, draws.permutation(square.shape[1])[:factors]] * draws.choice([-1, 1], factors)
+        closest = _closest(kept)
+        if closest > farthest:
+            best, farthest = kept, closest
+    return best
 
 
 def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Whole:

@@ -9,13 +9,15 @@ from pydantic import ValidationError
 
 from bench.errors import SetupError
 from bench.realization import Design, DesignPoint, DesignQuality, Rating, design_pairs, design_quality, situations
-from bench.scoring import configuration_of, difficulty_of, studied
+from bench.scoring import configuration_of, difficulty_of, studied, tension
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
 from ._data import ReportData
 
 Pairs = Sequence[tuple[DesignPoint, int]]
+MOST_NAMED = 20
+"""Of more configurations than this hardly any has two points; they are counted by the tensions of their nodes instead."""
 
 
 def rating(decomposition: Decomposition, study: Sequence[str] = ()) -> Rating:
@@ -33,7 +35,11 @@ def measure_design(base: SimSpec, design: Design, decomposition: Decomposition, 
     """A design over a base SimSpec, measured before anything is flown. Raises SetupError where the design does not fit the base."""
     pairs = design_pairs(base, design, rating(decomposition, study))
     rated = [difficulty_of(decomposition, one) for one in situations(base, design, _flown(pairs))]
-    return _measured(design, pairs, [configuration_of(decomposition, one, study) for one in rated])
+    configurations = [configuration_of(decomposition, one, study) for one in rated]
+    if len(set(configurations)) > MOST_NAMED:
+        nodes = studied(decomposition, study)
+        configurations = [" ".join(f"{node}={tension(one.of(node))}" for node in nodes) + " (tensions)" for one in rated]
+    return _measured(design, pairs, configurations)
 
 
 def points_of(data: ReportData) -> list[DesignPoint] | None:
