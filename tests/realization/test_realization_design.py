@@ -226,3 +226,35 @@ def test_agents_need_names_of_their_own() -> None:
     ):
         with pytest.raises(SetupError, match=said):
             realize(BASE, design(FOG), agents)
+
+
+def test_pairs_of_fidelities_share_their_scene() -> None:
+    """A point flown at high fidelity has the seeds of its twin at low, and so the same scene; formulas reach their fields."""
+    factors = [
+        {"name": "rate", "levels": [2.0, 5.0], "sets": ["vehicle.camera.rate_hz"]},
+        {"name": "wind", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]},
+        {"name": "gusts", "formula": "wind / 2", "unit": "m/s", "sets": ["environment.wind.turbulence_mps"]},
+    ]
+    plans = realize(
+        BASE, design(*factors, method={"kind": "nested", "points": 6, "high": 3, "fidelity": "rate"}, replicates=2), AGENTS[:1]
+    )
+
+    low = {(plan.levels["wind"], plan.replicate): plan for plan in plans if plan.levels["rate"] == 2.0}
+    high = [plan for plan in plans if plan.levels["rate"] == 5.0]
+    assert (len(low), len(high)) == (12, 6)
+    for plan in high:
+        twin = low[plan.levels["wind"], plan.replicate].simspec
+        assert plan.simspec.seeds == twin.seeds
+        assert (plan.simspec.vehicle.camera.rate_hz, twin.vehicle.camera.rate_hz) == (5.0, 2.0)
+    wind = plans[0].simspec.environment.wind
+    assert wind.turbulence_mps == wind.speed_mps / 2
+    assert len({plan.simspec.seeds.root for plan in plans}) == 12
+
+
+def test_inactive_factors_change_nothing() -> None:
+    """Where its condition fails a conditional factor leaves the base alone."""
+    rain = {"name": "rain", "levels": [2.0, 3.0], "when": "fog > 1", "sets": ["environment.rain_level"]}
+    plans = realize(BASE, design(FOG, rain), AGENTS[:1])
+
+    found = [(plan.simspec.environment.fog_level, plan.simspec.environment.rain_level) for plan in plans]
+    assert found == [(0.0, BASE.environment.rain_level), (2.0, 2.0), (2.0, 3.0), (4.5, 2.0), (4.5, 3.0)]
