@@ -32,6 +32,7 @@ from ._relations import (
     HOME_CLEARANCE_M,
     Geometry,
     Tie,
+    coarse,
     field,
     ground,
     inner_radius_m,
@@ -282,15 +283,16 @@ class _Scene:
             return
         others = [name for name in tie.of if name in self.ground]
         if tie.whom == "some":
-            room = tie.room(shapely.union_all([self.ground[name] for name in others])) if others else shapely.Polygon()
+            theirs = shapely.union_all([coarse(self.ground[name]) for name in others])
+            room = tie.room(coarse(theirs)) if others else shapely.Polygon()
             self._cut(own, room)
         else:
             for name in others:
-                self._cut(own, tie.room(self.ground[name]))
+                self._cut(own, tie.room(coarse(self.ground[name])))
         alone = len(others) == 1 and members_of(self.simspec, self.simspec.group(others[0])) == 1
         for name in others if alone or tie.whom == "every" else []:
             if not self.ground[own].is_empty:
-                self._cut(name, tie.back(self.ground[own]))
+                self._cut(name, tie.back(coarse(self.ground[own])))
 
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
@@ -356,7 +358,8 @@ class _Scene:
     def _always_fails(self, name: str) -> bool:
         """Whether the scene fails wherever that member stands; parts in which it does not at once are halved."""
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
-        for _ in range(CASES):
+        bound = sum(term.tie is not None for term in self.terms)
+        for _ in range(min(CASES, 8 + 8 * CASES // bound)):
             if not parts:
                 return True
             part = parts.pop()

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 import shapely
+import shapely.affinity
 from numpy.typing import NDArray
 
 from bench.simspec import (
@@ -338,7 +339,7 @@ def _distance(path: str, text: str, of: tuple[str, ...], whom: Whom, min_m: floa
             return None
         reach = wide(others, max_m) if max_m is not None else None
         if min_m > 0.0:
-            corners = shapely.get_coordinates(shapely.convex_hull(others))
+            corners = shapely.get_coordinates(_octagon(others))
             near = shapely.intersection_all(shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=_ARC))
             reach = (EVERYWHERE if reach is None else reach).difference(near)
         return reach
@@ -346,6 +347,27 @@ def _distance(path: str, text: str, of: tuple[str, ...], whom: Whom, min_m: floa
     return Tie(path, text, of, whom, pairs, room, room)
 
 
+def _octagon(geometry: Geometry) -> Geometry:
+    """The geometry's hull, or something with at most eight corners that holds it."""
+    hull = shapely.convex_hull(geometry)
+    if shapely.get_num_coordinates(hull) <= 9:
+        return hull
+    turned = shapely.affinity.rotate(hull, 45.0, origin=(0.0, 0.0)).envelope
+    return shapely.intersection(
+        hull.envelope.buffer(1e-6, join_style="mitre"),
+        shapely.affinity.rotate(turned, -45.0, origin=(0.0, 0.0)).buffer(1e-6, join_style="mitre"),
+    )
+
+
+def coarse(geometry: Geometry) -> Geometry:
+    """The geometry, or something with fewer corners that holds it: the time of a proof goes by them."""
+    if shapely.get_num_coordinates(geometry) <= FINE:
+        return geometry
+    return shapely.buffer(shapely.simplify(geometry, COARSE_M), COARSE_M * 1.1, quad_segs=2)
+
+
+FINE = 64
+COARSE_M = 0.1
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 """More ground than any document can name."""
 
