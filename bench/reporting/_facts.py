@@ -117,7 +117,8 @@ def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
     if isinstance(levels, list) and levels:
         text = ", ".join(str(one) for one in levels)
     else:
-        text = f"{span.get('low')} to {span.get('high')}" if isinstance(span, Mapping) else "–"
+        text = f"{span.get('low')} to {span.get('high')}" if isinstance(span, Mapping) else str(stated.get("formula") or "–")
+    text += f" when {stated['when']}" if stated.get("when") else ""
     unit = f" {stated['unit']}" if stated.get("unit") else ""
     paths = list(map(str, sets)) if isinstance(sets, list) else []
     patches = stated.get("patches")

@@ -71,3 +71,16 @@ def test_levels_of_a_design_drawn_by_difficulty_are_found_again(tmp_path: Path) 
 
     assert found is not None
     assert [(one.id, dict(one.levels)) for one in found] == [(plan.design_point, dict(plan.levels)) for plan in plans]
+
+
+def test_formulas_conditions_stand_among_the_factors(data: ReportData) -> None:
+    """A factor that follows from others is shown by its formula, a conditional one with its condition."""
+    factors = [
+        *data.campaign["design"]["factors"],
+        {"name": "haze", "formula": "fog / 2", "sets": ["environment.rain_level"]},
+        {"name": "wind", "levels": [1, 2], "when": "fog > 1", "sets": ["environment.wind.speed_mps"]},
+    ]
+    page = render_report(replace(data, campaign={**data.campaign, "design": {**data.campaign["design"], "factors": factors}}))
+
+    assert "fog / 2" in page
+    assert "1, 2 when fog &gt; 1" in page
