@@ -1,0 +1,156 @@
+"""What the camera sees from places on the ground plan, and how well: docs/detection.md's odds without terrain or hiding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._detector import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
+from ._batch import Batch, Bools
+from ._draws import Counts, Floats
+
+Narrow = NDArray[np.float32]
+
+BLOCK = 24
+"""Missions looked at together, so that the pairs stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A flown piece of some missions: `rows` (r,), and at j moments of each where it was, which way it looked, how high."""
+
+    rows: Counts
+    time_s: Floats  # (r, j)
+    place_m: Floats  # (r, j, 2)
+    heading_rad: Floats  # (r, j)
+    height_m: Floats  # (r, j)
+    frames: Floats  # (r,) that stand behind one moment
+
+
+@dataclass(frozen=True, slots=True)
+class Views:
+    """Pairs of moment and actor in the picture, flat: mission, moment, actor, frames, and how clear a view it was."""
+
+    row: Counts
+    moment: Counts
+    actor: Counts
+    time_s: Floats
+    bearing_rad: Floats
+    away_m: Floats
+    frames: Floats
+    height_px: Floats
+    detection: Floats
+    mislabel: Floats
+
+    @staticmethod
+    def joined(many: list[Views]) -> Views:
+        """All of them as one."""
+        names = Views.__slots__
+        return Views(*(np.concatenate([getattr(one, name) for one in many]) for name in names))
+
+    def where(self, chosen: Bools) -> Views:
+        """Some of them."""
+        return Views(*(getattr(self, name)[chosen] for name in Views.__slots__))
+
+
+def look(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
+    """Who is in the picture on a stretch, while everybody stands at `places_m` (r, a, 2)."""
+    rows, place_m = stretch.rows, stretch.place_m
+    sine, cosine = np.sin(stretch.heading_rad), np.cos(stretch.heading_rad)
+    own = place_m[:, :, 0] * sine + place_m[:, :, 1] * cosine
+    aside = place_m[:, :, 0] * cosine - place_m[:, :, 1] * sine
+    widens = batch.tan_half[rows] * np.cos(batch.tilt_rad[rows])
+    half_m = (batch.tan_half[rows] * np.sin(batch.tilt_rad[rows]))[:, None] * stretch.height_m
+    frame = _Frame(
+        sine=_narrow(sine),
+        cosine=_narrow(cosine),
+        near=_narrow(own + batch.near[rows][:, None] * stretch.height_m),
+        far=_narrow(own + batch.far[rows][:, None] * stretch.height_m),
+        widens=_narrow(widens)[:, :, None],
+        right=_narrow(aside + half_m - widens[:, None] * own),
+        left=_narrow(aside - half_m + widens[:, None] * own),
+    )
+    east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
+    found = [_in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows))) for begin in range(0, len(rows), BLOCK)]
+    at, moment, actor = (np.concatenate(one) for one in zip(*found, strict=True))
+    away = places_m[at, actor] - place_m[at, moment]
+    return _clear(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The picture's edges on the ground, (r, j, 1) each: limits of coordinates along and across the way it looks."""
+
+    sine: Narrow
+    cosine: Narrow
+    near: Narrow
+    far: Narrow
+    widens: Narrow
+    right: Narrow
+    left: Narrow
+
+
+def _narrow(values: Floats) -> Narrow:
+    return values.astype(np.float32)[..., None]
+
+
+def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int) -> tuple[Counts, Counts, Counts]:
+    """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time goes."""
+    some = slice(begin, end)
+    east, north, sine, cosine = east[some], north[some], frame.sine[some], frame.cosine[some]
+    ahead = east * sine
+    ahead += north * cosine
+    across = east * cosine
+    across -= north * sine
+    seen = ahead > frame.near[some]
+    seen &= ahead < frame.far[some]
+    ahead *= frame.widens[some]
+    seen &= across - ahead < frame.right[some]
+    across += ahead
+    seen &= across > frame.left[some]
+    at, moment, actor = np.nonzero(seen)
+    return at + begin, moment, actor
+
+
+def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east: Floats, north: Floats) -> Views:
+    row, up = stretch.rows[at], stretch.height_m[at, moment]
+    range_m = np.sqrt(east * east + north * north + up * up)
+    middle = up - 0.5 * batch.tall_m[row, actor]
+    heading = stretch.heading_rad[at, moment]
+    ahead = east * np.sin(heading) + north * np.cos(heading)
+    depth = np.maximum(ahead * np.cos(batch.tilt_rad[row]) + middle * np.sin(batch.tilt_rad[row]), 1.0)
+    # By how much a picture's row changes with height and with distance: f ahead / depth^2, and f up / depth^2.
+    height_px = batch.focal_px[row] * (batch.tall_m[row, actor] * ahead + batch.wide_m[row, actor] * middle) / depth**2
+    contrast = np.exp(-batch.extinction_per_m[row] * range_m) * batch.light[row]
+    contrast *= 1.0 - batch.concealment_weight[row] * batch.concealment[row, actor]
+    above = np.maximum((contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST), 0.0)
+    ratio = np.maximum(height_px * above / batch.half_height_px[row], 1e-9) ** batch.slope[row]
+    share = ratio / (1.0 + ratio)
+    perfect = batch.perfect[row]
+    wrong = np.minimum(1.0, 2.0 * batch.mislabel[row] * (1.0 - share)) * batch.mistakable[row, actor]
+    return Views(
+        row=row,
+        moment=moment,
+        actor=actor,
+        time_s=stretch.time_s[at, moment],
+        bearing_rad=np.arctan2(-east, -north),
+        away_m=np.hypot(east, north),
+        frames=stretch.frames[at],
+        height_px=height_px,
+        detection=np.where(perfect, 1.0, batch.ceiling[row] * share),
+        mislabel=np.where(perfect, 0.0, wrong),
+    )
+
+
+def rightly(views: Views, min_confidence: float = 0.0) -> Floats:
+    """Chance that one frame of each view holds the actor with its own class, no less sure than that."""
+    right: Floats = views.detection * (1.0 - views.mislabel)
+    if min_confidence <= 0.0:
+        return right
+    prior = np.clip(views.mislabel, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
+    edge = (np.log(prior / (1.0 - prior)) - np.log(1.0 / min_confidence - 1.0)) / LABEL_EVIDENCE - 0.5 * LABEL_EVIDENCE
+    # The logistic curve for the normal one: within 0.01, and sooner worked out.
+    kept = right / (1.0 + np.exp(np.clip(1.702 * edge, -50.0, 50.0)))
+    return np.where(views.detection < 1.0, kept, right)  # what misses nothing doubts nothing
