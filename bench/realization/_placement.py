@@ -51,7 +51,7 @@ def place(simspec: SimSpec) -> SimSpec:
     stuck: Stuck | None = None
     for attempt in range(ATTEMPTS):
         try:
-            return _with_places(simspec, sampled(simspec, order, attempt, budget), "sampling")
+            return with_places(simspec, sampled(simspec, order, attempt, budget), "sampling")
         except Stuck as reason:
             if stuck is None and (clash := find_clash(simspec, order)):
                 raise clash from None
@@ -69,13 +69,14 @@ def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: Stuck) -> SimSpec:
     placed = solved(simspec, order)
     if placed is None:
         raise PlacementInfeasible(f"no places were found, which proves nothing: {stuck.sentence()}", proved=False)
-    found = _with_places(simspec, placed, "cp-sat")
+    found = with_places(simspec, placed, "cp-sat")
     if faults := check_placement(found):
         raise AssertionError("the solver broke its own rules: " + "; ".join(map(str, faults)))
     return found
 
 
-def _with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
+def with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
+    """The SimSpec with those places, and how they were found."""
     return simspec.model_copy(update={"realized": _realized(simspec, placed, method)})
 
 

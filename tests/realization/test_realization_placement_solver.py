@@ -12,6 +12,8 @@ import pytest
 
 from bench.documents import dump_json, validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
+from bench.realization._placement import placement_order, with_places
+from bench.realization._solver import solved
 from bench.simspec import SimSpec
 
 
@@ -24,10 +26,10 @@ def group(name: str, asset: str, count: Any = 1, role: str = "clutter", **placem
     return {"id": name, "asset": asset, "role": role, "count": count, "placement": placement}
 
 
-def scene(*groups: dict[str, Any], seed: int = 1, area: dict[str, Any] | None = None, size_m: float = 100.0) -> SimSpec:
+def scene(*groups: dict[str, Any], seed: int = 1, area: Any = None, size_m: float = 100.0, roads: Any = ()) -> SimSpec:
     document = {
         "name": "yard",
-        "world": {"area": area or corners(0.0, 0.0, size_m, size_m)},
+        "world": {"area": area or corners(0.0, 0.0, size_m, size_m), "roads": list(roads)},
         "actors": list(groups),
         "seeds": {"root": seed},
     }
@@ -113,3 +115,40 @@ def test_not_found_is_not_called_impossible() -> None:
     assert not refused.value.proved
     assert refused.value.clash == ()
     assert time.process_time() - began < 10.0
+
+
+def everything(seed: int) -> SimSpec:
+    """Every relation that there is, in a yard with a bay and two roads."""
+    bay = {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (0, 40))]}
+    lane = {"id": "lane", "width_m": 6, "points": [{"east_m": e, "north_m": n} for e, n in ((0, 10), (50, 20), (100, 15))]}
+    return scene(
+        group("houses", "house", 4, along={"road": "lane", "where": "beside", "within_m": 12, "parallel_deg": 10}),
+        group("radar", "radar-vehicle", 2, role="adversary", region=bay),
+        group("post", "shed", at={"east_m": 90.0, "north_m": 90.0}),
+        group("guards", "soldier", 5, role="adversary", near={"of": "radar", "min_m": 4, "max_m": 25}, spread_m=3),
+        group(
+            "cars", "civilian-car", 3, along={"road": "lane", "parallel_deg": 8}, away={"of": "post", "min_m": 20, "max_m": 150}
+        ),
+        group("people", "civilian", 8, role="bystander", bearing={"of": "radar", "from_deg": 200, "to_deg": 160}),
+        group("crowd", "child", 9, role="bystander", mean_distance={"of": "radar", "mean_m": 35.0}),
+        group("watch", "soldier", 3, role="adversary", facing={"of": "houses", "within_deg": 4}),
+        group("hiders", "soldier", 3, role="adversary", hidden_from={"of": "post", "height_m": 2}),
+        group("witness", "civilian", 2, role="bystander", visible_from={"of": "guards"}),
+        group("far", "tree", 4, distances=[{"of": "radar", "min_m": 6}, {"of": "houses", "whom": "some", "max_m": 60}]),
+        seed=seed,
+        roads=[lane],
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_solver_keeps_every_relation(seed: int) -> None:
+    """Asked although sampling would do, the solver's places pass the check, whatever the relation; so do sampled ones."""
+    simspec = everything(seed)
+    placed = solved(simspec, placement_order(simspec))
+
+    assert placed is not None
+    assert check_placement(with_places(simspec, placed, "cp-sat")) == []
+    sampled = place(simspec)
+    assert sampled.realized is not None
+    assert sampled.realized.method == "sampling"
+    assert check_placement(sampled) == []
