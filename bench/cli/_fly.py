@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,17 +46,28 @@ def fly(
     if autopilot not in ("px4", "ardupilot"):
         raise SetupError(Fault("--autopilot", f"{autopilot!r} is not known", "px4 or ardupilot"))
     links: Sequence[LinkSpec] = [parse_link(one, index) for index, one in enumerate(mavlink or ())]
-    run_standalone(
-        autopilot,
-        links=signed(links or DEFAULT_LINKS[autopilot], signing_key, signing),
-        home=parse_home(home),
-        speed=speed,
-        duration_s=duration,
-        camera=camera,
-        parameter_file=params,
-        say=partial(print, flush=True),  # whoever reads it through a pipe waits for it
-        model=vehicle,
-    )
+    with terminated_as_interrupted():
+        run_standalone(
+            autopilot,
+            links=signed(links or DEFAULT_LINKS[autopilot], signing_key, signing),
+            home=parse_home(home),
+            speed=speed,
+            duration_s=duration,
+            camera=camera,
+            parameter_file=params,
+            say=partial(print, flush=True),  # whoever reads it through a pipe waits for it
+            model=vehicle,
+        )
+
+
+@contextmanager
+def terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM ends what runs here in good order, as Ctrl-C does: it is what containers and services are stopped by."""
+    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, former)
 
 
 def parse_home(text: str) -> tuple[float, float, float, float]:

@@ -66,7 +66,7 @@ def flying(autopilot: str, speed: float, options: Sequence[str]) -> Iterator[int
             yield port
             assert vehicle.poll() is None, vehicle.stdout.read()
         finally:
-            vehicle.send_signal(signal.SIGINT)
+            vehicle.send_signal(signal.SIGTERM)  # heard also where Ctrl-C is ignored, as in a job in the background
             said, _ = vehicle.communicate(timeout=20)
     assert vehicle.returncode == 0, said
 
