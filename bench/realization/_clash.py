@@ -57,7 +57,7 @@ class PlacementInfeasible(RebarError):
     cannot hold together, empty where nothing is proved.
     """
 
-    def __init__(self, text: str, proved: bool = True, clash: tuple[str, ...] = ()) -> None:
+    def __init__(self, text: str, *, proved: bool = True, clash: tuple[str, ...] = ()) -> None:
         super().__init__(text)
         self.proved, self.clash = proved, clash
 
