@@ -53,6 +53,10 @@ class Campaign(Document):
     decomposition: Annotated[str, Field(description="Name of a decomposition, or a file beside the campaign's.")] = (
         "search-and-report"
     )
+    fidelity: Annotated[
+        Literal["full", "overhead"],
+        Field(description="full co-simulation, or the overhead one: surrogates of the reference agents on a ground plan."),
+    ] = "full"
     study: Annotated[
         tuple[str, ...], Field(description="Nodes that the report is about; the decomposition's own when empty.")
     ] = ()

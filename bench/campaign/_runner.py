@@ -27,6 +27,7 @@ from ._events import (
 )
 from ._folder import RESULT, CampaignFolder, digest_of, open_lock, read_result, write_manifest, write_result
 from ._journal import Journal, State, open_journal
+from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
 from ._planning import plan_campaign, unflyable
 from ._pool import Executor, OpenExecutor, open_local_pool
 from ._settled import Key, Question, check_stopping, outcome_name
@@ -104,6 +105,7 @@ def run_campaign(
     with open_lock(folder), open_journal(place.journal) as journal:
         told = _Told(on_event)
         journal.release()
+        check_fidelity(campaign, journal)
         plans = plan_campaign(campaign, place, journal, decomposition.digest)
         _reconcile(place, journal)
         _fly_again(place, journal, again)
@@ -111,10 +113,12 @@ def run_campaign(
         told(CampaignPlanned(run.total, run.done))
         for result in unflyable(plans, place, journal):
             run.tell_finished(result)
+        for result in flown_overhead(place, journal, decomposition) if campaign.fidelity == OVERHEAD else ():
+            run.tell_finished(result)
         run.settle_all()
         if run.waiting:
             limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
-            shared = WorkerPlan(job, decomposition)
+            shared = WorkerPlan(job_at(campaign.fidelity, job), decomposition)
             with open_stop() as stop, open_executor(shared, min(limit, len(run.waiting)), folder) as executor:
                 run.fly(executor, stop, _deadline(campaign, began))
             journal.release()  # what was ended with the executor is planned again

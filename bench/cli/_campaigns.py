@@ -145,7 +145,10 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
     from bench.reporting import score_table
 
     console = Console(width=None if Console().is_terminal else 140)
-    console.print(score_table(scores.summary, scores.study))
+    table = score_table(scores.summary, scores.study)
+    if campaign.fidelity == "overhead":
+        table.title = f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
+    console.print(table)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
     print(f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
     print(f"report: {scores.report}")

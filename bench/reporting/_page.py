@@ -22,6 +22,7 @@ from . import _words as words
 from ._data import ALL, ReportData, Run, Tally, load_report_data
 from ._design import quality_of
 from ._facts import describe, factor_levels, factor_rows, provenance_of
+from ._fidelity import fidelity_note, told_in_tables
 from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, curve_figure, looks, map_figure, pairs_figure
 from ._map import RunMap, choose_runs, draw_map
 from ._offline import data_text, environment, policy, script_text, template_text
@@ -57,6 +58,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     names, counts = _outcome_counts(data, shown)
     context: dict[str, Any] = {
         "data": data,
+        "fidelity": fidelity_note(data.campaign),
         "looks": shown,
         "css": Markup(template_text("report.css")),
         "policy": policy(plotly, script),
@@ -91,7 +93,8 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "plotly": Markup(plotly),
         "script": Markup(script),
     }
-    return _environment().get_template("report.html.j2").render(context)
+    page = _environment().get_template("report.html.j2").render(context)
+    return told_in_tables(page, context["fidelity"])
 
 
 def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
