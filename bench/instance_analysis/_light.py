@@ -32,5 +32,5 @@ def sun_moment(
     for minutes in range(721):
         at = noon + minutes * step
         if sun_at(at, latitude_deg, longitude_deg).elevation_rad < HORIZON_RAD:
-            return at
+            return at - step if what == "rise" else at
     return None

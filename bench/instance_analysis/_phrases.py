@@ -22,6 +22,8 @@ PHRASES = (
 )
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
 LONGEST = 24
+CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", "but", "because", "if", "though"})
+"""Words that begin another clause: no phrase goes on past them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,22 +75,34 @@ def _grammar() -> Lark:
     return Lark(text, parser="lalr", lexer="basic", start=["quantity", *PHRASES])
 
 
+@cache
+def _beginnings(rule: str) -> frozenset[str]:
+    """What a phrase may begin with."""
+    return frozenset(_grammar().parse_interactive(start=rule).choices())  # type: ignore[no-untyped-call]
+
+
 def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], int] | None:
     """The longest run of words from `begin` on that the rule takes, and where it ends; None when it takes none.
 
     A word with several meanings is tried in each of them that the rule takes at its place.
     """
+    if not any(one.kind in _beginnings(rule) for one in words[begin].meanings):
+        return None
     states: list[InteractiveParser] = [_grammar().parse_interactive(start=rule)]
     found: tuple[Tree[Token], int] | None = None
+    comma = False
     for index in range(begin, min(len(words), begin + LONGEST)):
         word = words[index]
+        comma = (comma or word.comma) and index > begin
         if word.filler:
+            if word.text.lower() in CLAUSES and index > begin:
+                break
             continue
         following: list[InteractiveParser] = []
         for state in states:
             taken = state.choices()  # type: ignore[no-untyped-call]
             for number, meaning in enumerate(word.meanings):
-                if meaning.kind not in taken or (word.comma and index > begin and meaning.kind == "COUNT"):
+                if meaning.kind not in taken or (comma and meaning.kind == "COUNT"):
                     continue
                 branch = state.copy()  # type: ignore[no-untyped-call]
                 try:
@@ -98,7 +112,7 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
                 following.append(branch)
         if not following:
             break
-        states = following[:16]
+        states, comma = following[:16], False
         for state in states:
             if "$END" not in state.choices():  # type: ignore[no-untyped-call]
                 continue

@@ -122,7 +122,7 @@ class Reader:
         self.sun: tuple[str, Quantity | None, int, Span] | None = None
         self.parts: list[tuple[str, float, Span]] = []
         self.road: Span | None = None
-        self.understood = 0
+        self.meant: dict[Span, list[str] | None] = {}
 
     def read(self, found: Sequence[Phrase | Word]) -> None:
         """Read everything; the draft then has all but what `finish` adds."""
@@ -141,10 +141,11 @@ class Reader:
         joins = False
         for index, one in enumerate(sentence):
             if isinstance(one, Word):
-                joins = any(m.kind == "AND" for m in one.meanings) or (joins and one.filler)
-                self._word(one)
+                # After a comma, `and` begins another clause.
+                joins = (not one.comma and any(m.kind == "AND" for m in one.meanings)) or (joins and one.filler)
+                if not self._late_count(one, sentence[index - 1] if index else None):
+                    self._word(one)
                 continue
-            self.understood += 1
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
             if one.rule in OF_A_GROUP and not self.here and later and one.rule != "density":
                 self.waiting.append(one)
@@ -158,7 +159,7 @@ class Reader:
                 self.waiting = []
             elif one.rule in OF_A_GROUP:
                 self._of_group(one)
-                self.joined = list(self.subject)
+                self.joined = []
             else:
                 handler: Callable[[Phrase], None] = getattr(self, f"_{one.rule}")
                 handler(one)
@@ -166,6 +167,19 @@ class Reader:
             joins = False
         for waiting in self.waiting:
             self._of_group(waiting)
+
+    def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
+        """A number right after a group that has none says how many: `soldiers: 4`, `medics, two`."""
+        count = next((one.value for one in word.meanings if one.kind == "COUNT"), None)
+        if not isinstance(count, Quantity) or not isinstance(before, Phrase) or before.rule != "group" or len(self.subject) != 1:
+            return False
+        path: Path = ("actors", self.subject[0], "count")
+        entry = self.draft.entries.get(path)
+        if entry is None or entry.span is not None:
+            return False
+        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{self.subject[0]}].count" not in one.paths]
+        self.draft.vary(path, count.low, count.high, before.span.joined(word.span), unit=None, integer=True)
+        return True
 
     def _word(self, word: Word) -> None:
         kinds = {one.kind for one in word.meanings}
@@ -296,6 +310,11 @@ class Reader:
     def _ref(self, phrase: Phrase) -> list[str] | None:
         """Ids of the groups that a relation is to; None for the vehicle's start."""
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
+        if ref.span not in self.meant:  # one phrase said of several groups is to one and the same
+            self.meant[ref.span] = self._meant(ref)
+        return self.meant[ref.span]
+
+    def _meant(self, ref: Phrase) -> list[str] | None:
         if ref.first("HOME"):
             return None
         if target := ref.first("TARGET"):
@@ -451,6 +470,7 @@ class Reader:
 
     def _inside(self, group: str, phrase: Phrase) -> None:
         if phrase.refs:
+            self._ref(phrase)
             self.draft.unread(phrase.span, "actors' footprints never overlap: nobody can stand inside another")
 
     def _behind(self, group: str, phrase: Phrase) -> None:

@@ -32,7 +32,7 @@ _PATTERN = re.compile(
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&])
     |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
-    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?:])""",
+    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
 SHORTEST_MENDED, LONG = 4, 8
@@ -176,8 +176,10 @@ def _spelled(text: str, vocabulary: Vocabulary, mended_as: dict[str, str]) -> st
         best = [other for other, off in near.items() if off == min(near.values())]
         # The first letter is rarely the wrong one: it parts words that are equally near.
         best = [one for one in best if one[0] == lower[0]] or best
-        same = {vocabulary.meanings.get(one, one) for one in best}
-        mended_as[lower] = best[0] if len(same) == 1 else lower
+        # A word that means something by itself goes before one that is only part of a phrase.
+        best = [one for one in best if one in vocabulary.meanings] or best
+        same = best and all(vocabulary.meanings.get(one, one) == vocabulary.meanings.get(best[0], best[0]) for one in best)
+        mended_as[lower] = best[0] if same else lower
     return mended_as[lower]
 
 
