@@ -57,6 +57,8 @@ from ._versions import versions as versions
 if TYPE_CHECKING:
     from ._asked import load_asked as load_asked
     from ._asked import measures_of as measures_of
+    from ._estimate import CampaignEstimate as CampaignEstimate
+    from ._estimate import estimate_campaign as estimate_campaign
     from ._finish import CampaignRuns as CampaignRuns
     from ._finish import Finished as Finished
     from ._finish import finish_campaign as finish_campaign
@@ -69,9 +71,11 @@ if TYPE_CHECKING:
     from ._rescore import rescore as rescore
 
 _HEAVY = {
+    "CampaignEstimate": "_estimate",
     "CampaignRuns": "_finish",
     "Proposal": "_next",
     "Finished": "_finish",
+    "estimate_campaign": "_estimate",
     "finish_campaign": "_finish",
     "fly_realization": "_fly",
     "is_campaign": "_finish",

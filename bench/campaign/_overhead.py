@@ -36,7 +36,7 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
         raise SetupError(Fault("fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", mend))
     if campaign.fidelity == OVERHEAD:
         check_surrogates(campaign)
-        journal.note("fidelity", OVERHEAD)
+    journal.note("fidelity", campaign.fidelity)
 
 
 def check_surrogates(campaign: Campaign) -> None:

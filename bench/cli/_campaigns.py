@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign
+    from bench.campaign import Campaign, CampaignEstimate
 
 
 def register(app: typer.Typer) -> None:
@@ -24,7 +25,7 @@ def demo(
     workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once; as many as there are cores by default")] = None,
 ) -> None:
     """Fly the demo campaign: twelve scenes, each by both reference agents, to its report. Example: rebar demo"""
-    _run(_demo_campaign(), out, workers, dry=False, as_json=False)
+    _run(_demo_campaign(), out, workers, as_json=False)
 
 
 def run(
@@ -35,7 +36,12 @@ def run(
     again: Annotated[
         list[str] | None, typer.Option(metavar="OUTCOME", help="Fly once more what ended so, bench_error for one; repeatable")
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be flown, and fly nothing")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be flown and, by surrogates, what to expect of it; fly nothing")
+    ] = False,
+    session_s: Annotated[
+        float | None, typer.Option("--session-s", min=0.001, help="Host seconds of a core for one session, for --dry-run's cost")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores for a machine to read")] = False,
 ) -> None:
     """Fly a campaign, or go on with one that was interrupted. Example: rebar run campaigns/paper.yaml --out out/paper"""
@@ -43,7 +49,10 @@ def run(
 
     if executor != "local":
         raise SetupError(Fault("--executor", f"{executor!r} is not there yet", "use local; docs/scope.md says what is there"))
-    _run(campaign, out, workers, dry=dry_run, as_json=as_json, again=tuple(again or ()))
+    if dry_run:
+        _say_plan(campaign, workers, session_s, as_json=as_json)
+        return
+    _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()))
 
 
 def realize(
@@ -110,7 +119,7 @@ def _demo_campaign() -> Path:
     return packaged if packaged.is_file() else Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
 
-def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_json: bool, again: tuple[str, ...] = ()) -> None:
+def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, again: tuple[str, ...] = ()) -> None:
     from bench.campaign import Finished, finish_campaign, load_asked, load_campaign, outcomes_named, run_campaign
 
     from ._progress import open_progress
@@ -118,9 +127,6 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
 
     campaign = load_campaign(path)
     asked = load_asked(campaign.decomposition)
-    if dry:
-        _say_plan(campaign, as_json=as_json)
-        return
     folder = out or Path("out") / campaign.name
     finished: list[Finished] = []
     with open_progress(campaign.name, quiet=as_json) as progress:
@@ -154,18 +160,37 @@ def _run(path: Path, out: Path | None, workers: int | None, *, dry: bool, as_jso
     print(f"report: {scores.report}")
 
 
-def _say_plan(campaign: Campaign, *, as_json: bool) -> None:
-    from bench.campaign import campaign_quality, realizations
+def _say_plan(path: Path, workers: int | None, session_s: float | None, *, as_json: bool) -> None:
+    from bench.campaign import campaign_quality, load_asked, load_campaign, realizations
 
+    campaign = load_campaign(path)
+    load_asked(campaign.decomposition)  # its faults, before anything is said
     plans = realizations(campaign)
     points = {plan.design_point for plan in plans}
     limit_s = campaign.situation.mission.time_limit_s
     quality = campaign_quality(campaign)
     if as_json:
         told = {"campaign": campaign.name, "realizations": len(plans), "most_simulated_s": len(plans) * limit_s}
-        print(json.dumps({**told, "design": quality.model_dump(mode="json")}, indent=1))
+        estimate, why_not = _expected(campaign, workers, session_s)
+        expected = {"estimate": estimate.model_dump(mode="json")} if estimate else {"estimate": None, "no_estimate": why_not}
+        print(json.dumps({**told, "design": quality.model_dump(mode="json"), **expected}, indent=1))
         return
     print(f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)")
     print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")
     for line in quality.lines():
         print(line)
+    estimate, why_not = _expected(campaign, workers, session_s)
+    for line in estimate.lines() if estimate else [f"no estimate: {why}" for why in why_not]:
+        print(line)
+
+
+def _expected(campaign: Campaign, workers: int | None, session_s: float | None) -> tuple[CampaignEstimate | None, list[str]]:
+    """What surrogates expect of a campaign, or why they cannot say."""
+    from bench.campaign import estimate_campaign
+    from bench.errors import SetupError
+
+    count = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
+    try:
+        return estimate_campaign(campaign, count, session_s), []
+    except SetupError as error:
+        return None, [str(fault) for fault in error.faults]

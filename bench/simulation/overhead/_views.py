@@ -121,8 +121,13 @@ def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Co
     heading = stretch.heading_rad[at, moment]
     ahead = east * np.sin(heading) + north * np.cos(heading)
     depth = np.maximum(ahead * np.cos(batch.tilt_rad[row]) + middle * np.sin(batch.tilt_rad[row]), 1.0)
-    # By how much a picture's row changes with height and with distance: f ahead / depth^2, and f up / depth^2.
-    height_px = batch.focal_px[row] * (batch.tall_m[row, actor] * ahead + batch.wide_m[row, actor] * middle) / depth**2
+    across = np.abs(east * np.cos(heading) - north * np.sin(heading))
+    tall_m, wide_m = batch.tall_m[row, actor], batch.wide_m[row, actor]
+    # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance by f up / depth^2,
+    # a column with height by f across sin(tilt) / depth^2 and with what lies across by f / depth.
+    down = (tall_m * ahead + wide_m * middle) / depth
+    over = tall_m * across * np.sin(batch.tilt_rad[row]) / depth + wide_m
+    height_px = batch.focal_px[row] / depth * np.maximum(down, over)
     contrast = np.exp(-batch.extinction_per_m[row] * range_m) * batch.light[row]
     contrast *= 1.0 - batch.concealment_weight[row] * batch.concealment[row, actor]
     above = np.maximum((contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST), 0.0)

@@ -1,0 +1,163 @@
+"""How fast the overhead simulation is, and how well it foretells the full one.
+
+    python benchmarks/overhead_speed.py                      # missions of the demo's scenes for each CPU second of one core
+    python benchmarks/overhead_speed.py --against out/demo   # and rank correlations with a campaign that was flown in full
+
+Correlations are over realizations, with the 2.5 and 97.5 percentiles of 2000 bootstrap samples of scenes: both agents of a
+scene are drawn together.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from bench.campaign import load_asked, load_campaign, measures_of, read_runs, realizations
+from bench.contracts import SessionResult
+from bench.realization import place
+from bench.scoring import score_table
+from bench.simspec import SimSpec
+from bench.simulation.overhead import computed, observe, pack
+
+DEMO = Path(__file__).parents[1] / "campaigns" / "demo.yaml"
+MISSIONS = 1920
+SAMPLES = 2000
+SEED = 2026
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--against", type=Path, help="folder of a campaign that was flown in full")
+    parser.add_argument("--rounds", type=int, default=5, help="the fastest counts")
+    asked = parser.parse_args()
+    told = foretells(asked.against) if asked.against else speed(asked.rounds)
+    print(json.dumps(told, indent=1))
+
+
+def speed(rounds: int) -> dict[str, float]:
+    """Missions for each CPU second: flown and measured, and with packing and the observations as documents."""
+    campaign = load_campaign(DEMO)
+    measures = measures_of(load_asked(campaign.decomposition))
+    placed = [place(plan.simspec) for plan in realizations(campaign)]
+    simspecs = [placed[k % len(placed)] for k in range(MISSIONS)]
+    batch = pack(simspecs)
+
+    def whole() -> None:
+        observed = observe(pack(simspecs), measures)
+        for row in range(MISSIONS):
+            observed.of(row)
+
+    times_s = {
+        "flown and measured": min(_cpu_s(lambda: observe(batch, measures)) for _ in range(rounds)),
+        "from SimSpecs to observations": min(_cpu_s(whole) for _ in range(rounds)),
+    }
+    return {name: round(MISSIONS / time_s) for name, time_s in times_s.items()}
+
+
+def _cpu_s(work: object) -> float:
+    assert callable(work)
+    began_s = time.process_time()
+    work()
+    return time.process_time() - began_s
+
+
+def foretells(folder: Path) -> dict[str, object]:
+    """Correlations of what was flown in full with the same SimSpecs flown overhead."""
+    full = read_runs(folder)
+    measures = measures_of(full.decomposition)
+    names = [run.realization for run in full.runs]
+    simspecs = [SimSpec.model_validate_json((folder / "simspecs" / f"{name}.json").read_bytes()) for name in names]
+    observed = observe(pack(simspecs), measures)
+    from dataclasses import replace
+
+    over = [replace(run, observations=observed.of(row)) for row, run in enumerate(full.runs)]
+    scenes = np.unique([f"{run.design_point}-{run.replicate}" for run in full.runs], return_inverse=True)[1]
+    tables = [score_table(full.decomposition, list(runs), full.study) for runs in (full.runs, over)]
+    ended_s = [
+        SessionResult.model_validate_json((folder / "runs" / name / "result.json").read_bytes()).simulated_s for name in names
+    ]
+    said: dict[str, object] = {
+        "realizations": len(names),
+        "not computed": observed.missing,
+        "length of the mission": _correlation(np.array(ended_s), observed.end_s, scenes),
+    }
+    for node in full.study:
+        said[node] = _node(*(table.filter(table["node"] == node).sort("realization") for table in tables), names, scenes)
+    said["mean score of each agent and node"] = _means(tables, full.study)
+    for index, name in enumerate(observed.observables):
+        if name in computed(measures):
+            truth = np.array([next(one.x for one in run.observations if one.observable == name) for run in full.runs], float)
+            both = np.isfinite(truth) & observed.considered[:, index]
+            said[name] = _correlation(truth[both], observed.x[both, index], scenes[both])
+    return said
+
+
+def _node(full: object, over: object, names: Sequence[str], scenes: np.ndarray) -> dict[str, object]:
+    order = np.argsort(names)
+    columns = {}
+    for label, frame in (("full", full), ("overhead", over)):
+        columns[label] = {
+            column: frame[column].to_numpy().astype(float)  # type: ignore[attr-defined]
+            for column in ("score", "confidence", "difficulty")
+        }
+    one, other = columns["full"], columns["overhead"]
+    scored = np.isfinite(one["score"]) & np.isfinite(other["score"])
+    asked = np.isfinite(one["confidence"]) & np.isfinite(other["confidence"])
+    own = scenes[order]
+    passes = (one["confidence"][asked] >= 1.0) == (other["confidence"][asked] >= 1.0)
+    return {
+        "score": _correlation(one["score"][scored], other["score"][scored], own[scored]),
+        "score less difficulty": _correlation(
+            (one["score"] - one["difficulty"])[scored], (other["score"] - other["difficulty"])[scored], own[scored]
+        ),
+        "same verdict": f"{int(passes.sum())} of {len(passes)}",
+        "scored alike": f"{int((np.isfinite(one['score']) == np.isfinite(other['score'])).sum())} of {len(names)}",
+    }
+
+
+def _means(tables: Sequence[object], study: Sequence[str]) -> dict[str, object]:
+    """Over the pairs of agent and node that have a mean score in both."""
+    import polars as pl
+
+    found = [
+        table.filter(pl.col("node").is_in(study)).group_by("agent", "node").agg(pl.col("score").mean()).sort("agent", "node")  # type: ignore[attr-defined]
+        for table in tables
+    ]
+    one, other = (frame["score"].to_numpy().astype(float) for frame in found)
+    both = np.isfinite(one) & np.isfinite(other)
+    return _correlation(one[both], other[both], np.arange(int(both.sum())))
+
+
+def _correlation(full: np.ndarray, over: np.ndarray, scenes: np.ndarray) -> dict[str, object]:
+    told: dict[str, object] = {"n": len(full), "mean full": _rounded(full.mean()), "mean overhead": _rounded(over.mean())}
+    if len(set(full)) < 2 or len(set(over)) < 2:
+        return told | {"rank correlation": "none: one of both never changes"}
+    told["spearman"] = _rounded(stats.spearmanr(full, over).statistic)
+    told["kendall"] = _rounded(stats.kendalltau(full, over).statistic)
+    told["spearman 95 %"] = _interval(full, over, scenes)
+    return told
+
+
+def _interval(full: np.ndarray, over: np.ndarray, scenes: np.ndarray) -> list[float]:
+    rng = np.random.Generator(np.random.PCG64(SEED))
+    members = [np.flatnonzero(scenes == scene) for scene in np.unique(scenes)]
+    found = []
+    for _ in range(SAMPLES):
+        rows = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
+        if len(set(full[rows])) > 1 and len(set(over[rows])) > 1:
+            found.append(stats.spearmanr(full[rows], over[rows]).statistic)
+    return [_rounded(value) for value in np.percentile(found, [2.5, 97.5])]
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 3)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""What a dry run foretells: outcomes, cost and power by surrogates, or why it cannot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.cli._app import run
+
+DEMO = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
+
+
+def test_dry_run_foretells_outcome_cost_and_power(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign = tmp_path / "some.yaml"
+    campaign.write_text(DEMO.read_text().replace("take: 12", "take: 5"))
+
+    assert run(["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30"]) == 0
+    said = capsys.readouterr().out
+    assert "OVERHEAD FIDELITY (10 realizations): 10 completed" in said
+    assert "30.0 s a session, about 2 min on 2 worker(s)" in said
+    assert "not computed at this fidelity: OBS-093" in said
+    assert run(["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["estimate"]
+    assert (told["realizations"], told["flown"], told["wall_s"]) == (10, 10, 150.0)
+    marking = {one["agent"]: one["pass_rate"] for one in told["nodes"] if one["node"] == "KA-18"}
+    assert marking["reference-naive"] < marking["reference-bystander-aware"]
+    (pair,) = (one for one in told["pairs"] if one["node"] == "KA-18")
+    assert pair["only_second"] > pair["only_first"] == 0.0
+    assert pair["power"] < 0.8 < 1.0 == pair["only_second"]  # five pairs cannot settle it, however they end
+    assert pair["pairs"] == 5 < pair["pairs_needed"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_dry_run_says_why_nothing_can_be_foretold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign = tmp_path / "mine.yaml"
+    campaign.write_text(DEMO.read_text().replace("reference-naive", "mine").replace("take: 12", "take: 2"))
+
+    assert run(["run", str(campaign), "--dry-run"]) == 0
+
+    assert "no estimate: agents: 'mine' has no surrogate" in capsys.readouterr().out
