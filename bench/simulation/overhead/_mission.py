@@ -369,7 +369,8 @@ class _Hunt:
         seen = uniform(seeds, _LUCK_SEEN + self._looks, moments) < detection
         label = np.repeat(uniform(seeds, _LUCK_LABEL + self._looks, -(-moments // 4)), 4, axis=1)[:, :moments]
         sway_m = SWAY_M * normal(seeds, _LUCK_SWAY + self._looks, moments)[at]
-        bearing[at], time_s[at] = own.bearing_rad + np.arctan2(sway_m, own.away_m), own.time_s
+        away_m = np.hypot(own.east_m, own.north_m)
+        bearing[at], time_s[at] = np.arctan2(-own.east_m, -own.north_m) + np.arctan2(sway_m, away_m), own.time_s
         self._looks += 1
         self._follow(seen, label >= wrong, frames, bearing, time_s)
 

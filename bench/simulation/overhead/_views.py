@@ -31,14 +31,14 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Pairs of moment and actor in the picture, flat: mission, moment, actor, frames, and how clear a view it was."""
+    """Pairs of moment and actor in the picture, flat: mission, moment, actor, how far away it is, frames, and how clear a view."""
 
     row: Counts
     moment: Counts
     actor: Counts
     time_s: Floats
-    bearing_rad: Floats
-    away_m: Floats
+    east_m: Floats
+    north_m: Floats
     frames: Floats
     height_px: Floats
     detection: Floats
@@ -116,17 +116,18 @@ def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
 
 def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east: Floats, north: Floats) -> Views:
     row, up = stretch.rows[at], stretch.height_m[at, moment]
+    sine, cosine = np.sin(stretch.heading_rad)[at, moment], np.cos(stretch.heading_rad)[at, moment]
+    tilt_sine, tilt_cosine = np.sin(batch.tilt_rad)[row], np.cos(batch.tilt_rad)[row]
     range_m = np.sqrt(east * east + north * north + up * up)
-    middle = up - 0.5 * batch.tall_m[row, actor]
-    heading = stretch.heading_rad[at, moment]
-    ahead = east * np.sin(heading) + north * np.cos(heading)
-    depth = np.maximum(ahead * np.cos(batch.tilt_rad[row]) + middle * np.sin(batch.tilt_rad[row]), 1.0)
-    across = np.abs(east * np.cos(heading) - north * np.sin(heading))
     tall_m, wide_m = batch.tall_m[row, actor], batch.wide_m[row, actor]
+    middle = up - 0.5 * tall_m
+    ahead = east * sine + north * cosine
+    across = np.abs(east * cosine - north * sine)
+    depth = np.maximum(ahead * tilt_cosine + middle * tilt_sine, 1.0)
     # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance by f up / depth^2,
     # a column with height by f across sin(tilt) / depth^2 and with what lies across by f / depth.
     down = (tall_m * ahead + wide_m * middle) / depth
-    over = tall_m * across * np.sin(batch.tilt_rad[row]) / depth + wide_m
+    over = tall_m * across * tilt_sine / depth + wide_m
     height_px = batch.focal_px[row] / depth * np.maximum(down, over)
     contrast = np.exp(-batch.extinction_per_m[row] * range_m) * batch.light[row]
     contrast *= 1.0 - batch.concealment_weight[row] * batch.concealment[row, actor]
@@ -140,8 +141,8 @@ def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Co
         moment=moment,
         actor=actor,
         time_s=stretch.time_s[at, moment],
-        bearing_rad=np.arctan2(-east, -north),
-        away_m=np.hypot(east, north),
+        east_m=east,
+        north_m=north,
         frames=stretch.frames[at],
         height_px=height_px,
         detection=np.where(perfect, 1.0, batch.ceiling[row] * share),
