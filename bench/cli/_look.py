@@ -38,6 +38,7 @@ def schema(
     from bench import contracts
     from bench.campaign import Campaign
     from bench.errors import Fault, SetupError
+    from bench.instance_analysis import BaseSimSpec, VocabularyDocument
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import SimSpec
     from decompositions import decomposition_schema
@@ -58,6 +59,8 @@ def schema(
         "session-result": contracts.SessionResult,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
+        "prose": BaseSimSpec,
+        "vocabulary": VocabularyDocument,
     }
     if name == "decomposition":
         print(json.dumps(decomposition_schema(), indent=2))
