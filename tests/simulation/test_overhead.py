@@ -144,10 +144,13 @@ def test_what_no_surrogate_flies_is_refused_all_at_once() -> None:
     stranger = scene().model_copy(update={"agent": AgentSpec(manifest="my-agent")})
     ordered = scene(orders=[{"id": "home", "kind": "return", "at_s": 50.0}])
 
-    with pytest.raises(SetupError) as refused:
-        pack([stranger, ordered])
+    ruled = scene(rules={"report_deadline_s": 60.0, "bystander_standoff_m": 20.0, "no_mark_within_m": 30.0})
 
-    assert {fault.where for fault in refused.value.faults} == {"agents", "orders"}
+    with pytest.raises(SetupError) as refused:
+        pack([stranger, ordered, ruled])
+
+    where = {fault.where for fault in refused.value.faults}
+    assert where == {"agents", "orders", "rules.report_deadline_s", "rules.bystander_standoff_m"}
 
 
 def test_values_lie_in_their_range_in_the_scenes_of_the_demo() -> None:

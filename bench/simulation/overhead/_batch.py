@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, Role, SimSpec, seed_of, sun_of
+from bench.simspec import ASSETS, Role, Rules, SimSpec, seed_of, sun_of
 
 from .._detector import light_of
 from ._draws import Counts, Floats, Seeds, uniform
@@ -20,6 +20,21 @@ Bools = NDArray[np.bool_]
 
 SURROGATES = {"reference-naive": False, "reference-bystander-aware": True}
 """Agents that have a surrogate, and whether it looks out for bystanders."""
+
+MODELS = ("x500",)
+"""Vehicles whose climb, descent and braking the surrogates have."""
+
+RULES = (
+    "no_mark_within_m",
+    "min_report_confidence",
+    "max_altitude_m",
+    "battery_reserve_fraction",
+    "link_lost",
+    "link_lost_after_s",
+)
+"""Rules that the surrogates keep, or that nothing in what they fly brings up; any other is refused."""
+
+_USUAL = Rules()
 
 EPOCHS = 6
 EPOCH_S = 50.0
@@ -101,7 +116,15 @@ def unfit(simspec: SimSpec) -> list[Fault]:
     if simspec.agent.label not in SURROGATES:
         known = " or ".join(SURROGATES)
         faults.append(Fault("agents", f"{simspec.agent.label!r} has no surrogate", f"fly {known}, or fidelity: full"))
-    beyond = {"orders": simspec.orders, "outages": simspec.outages, "vehicle.failures": simspec.vehicle.failures}
+    rules = simspec.rules
+    beyond: dict[str, object] = {
+        "orders": simspec.orders,
+        "outages": simspec.outages,
+        "vehicle.failures": simspec.vehicle.failures,
+        "vehicle.model": simspec.vehicle.model not in MODELS,
+        "agent.options": simspec.agent.options,
+    }
+    beyond |= {f"rules.{name}": getattr(rules, name) != getattr(_USUAL, name) for name in Rules.model_fields if name not in RULES}
     faults += [
         Fault(name, "is beyond the overhead simulation", "leave it out, or fidelity: full")
         for name, asked in beyond.items()
