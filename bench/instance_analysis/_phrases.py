@@ -17,7 +17,22 @@ from ._vocabulary import Meaning
 PHRASES = (
     *("nomark", "noreport", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean", "bearing", "within"),
     *("atleast", "exact", "away", "near", "road", "inside", "behind", "facing", "hidden", "visible", "between", "apart"),
-    *("spread", "part", "group", "density", "concealment", "motion", "weather", "clear", "calm", "wind", "gusts", "sun", "clock"),
+    *(
+        "spread",
+        "part",
+        "group",
+        "density",
+        "concealment",
+        "motion",
+        "radius",
+        "weather",
+        "clear",
+        "calm",
+        "wind",
+        "gusts",
+        "sun",
+        "clock",
+    ),
     *("date", "area", "set", "limit", "altitude", "speed"),
 )
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
@@ -90,7 +105,7 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
         return None
     states: list[InteractiveParser] = [_grammar().parse_interactive(start=rule)]
     found: tuple[Tree[Token], int] | None = None
-    comma = False
+    comma, apart = False, {"COUNT", "ASSET", "AMBIGUOUS"} if rule == "group" else {"COUNT"}
     for index in range(begin, min(len(words), begin + LONGEST)):
         word = words[index]
         comma = (comma or word.comma) and index > begin
@@ -102,7 +117,7 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
         for state in states:
             taken = state.choices()  # type: ignore[no-untyped-call]
             for number, meaning in enumerate(word.meanings):
-                if meaning.kind not in taken or (comma and meaning.kind == "COUNT"):
+                if meaning.kind not in taken or (comma and meaning.kind in apart):
                     continue
                 branch = state.copy()  # type: ignore[no-untyped-call]
                 try:

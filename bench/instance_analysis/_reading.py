@@ -35,7 +35,7 @@ RELATIONS = frozenset(
         "spread",
     ]
 )
-OF_A_GROUP = RELATIONS | {"motion", "concealment", "density"}
+OF_A_GROUP = RELATIONS | {"motion", "radius", "concealment", "density"}
 PLURALS = frozenset(
     [
         "people",
@@ -98,6 +98,7 @@ WEAK = frozenset(
         "ONAVERAGE",
     ]
 )
+OWN_SPEED = "the word's own speed"
 NO_SUCH_FIELD = "a SimSpec has no relation for this yet"
 
 
@@ -143,6 +144,7 @@ class Reader:
             if isinstance(one, Word):
                 # After a comma, `and` begins another clause.
                 joins = (not one.comma and any(m.kind == "AND" for m in one.meanings)) or (joins and one.filler)
+                self._relative(one, sentence[index - 1] if index else None)
                 if not self._late_count(one, sentence[index - 1] if index else None):
                     self._word(one)
                 continue
@@ -167,6 +169,13 @@ class Reader:
             joins = False
         for waiting in self.waiting:
             self._of_group(waiting)
+
+    def _relative(self, word: Word, before: Phrase | Word | None) -> None:
+        """`near a truck that is camouflaged` speaks of the truck from then on."""
+        if word.text.lower() in ("that", "which", "who") and isinstance(before, Phrase) and before.refs:
+            meant = self.meant.get(before.refs[-1].span)
+            if meant:
+                self.subject, self.here, self.joined = meant, True, []
 
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
         """A number right after a group that has none says how many: `soldiers: 4`, `medics, two`."""
@@ -193,7 +202,7 @@ class Reader:
                 self.subject, self.here, self.mission = self._one_of(adversaries, word.span), True, False
         if "FLY" in kinds:
             self.mission = True
-        if word.filler or kinds & WEAK:
+        if word.filler or kinds & WEAK or word.text in ("a", "an"):
             return
         self.draft.unread(word.span, "nobody knows this here" if not kinds else "stands by itself", expressible=True)
 
@@ -236,6 +245,10 @@ class Reader:
         known = [one for one, other in self.groups.items() if other == name]
         if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
             return self._one_of(known, span)
+        if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
+            several = [one for one in known if one in self.plural]
+            if several:  # near a crate, where there are crates: near some member
+                return self._one_of(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             return []
         return [self._new(phrase, name, span, count)]
@@ -348,7 +361,7 @@ class Reader:
         if not subject:
             self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
             return
-        if len(self.joined) > 1 and phrase.rule not in ("road",) and self.joined[-1:] == subject[-1:]:
+        if len(self.joined) > 1 and phrase.rule not in ("road", "spread") and self.joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(self.joined)]
             if self.draft.ask(phrase.span, "of whom is this said?", readings) == 1:
                 subject = list(self.joined)
@@ -524,19 +537,32 @@ class Reader:
         assert motion is not None
         speed = phrase.first("SPEED")
         self._moves(group, motion, speed)
-        if radius := phrase.first("LENGTH"):
-            assert isinstance(radius.value, Quantity)
-            path: Path = ("actors", group, "motion", "radius_m")
-            self.draft.vary(path, radius.value.low, radius.value.high, phrase.span, unit="m")
+
+    def _radius(self, group: str, phrase: Phrase) -> None:
+        base: Path = ("actors", group, "motion")
+        kind = self.draft.entries.get((*base, "kind"))
+        if kind is None or kind.value != "wander":
+            self.draft.unread(phrase.span, "it is not said of what", expressible=True)
+            return
+        length = self._length(phrase)
+        self.draft.vary((*base, "radius_m"), length.low, length.high, phrase.span, unit="m")
+
+    def _say_speed(self, group: str, quantity: Quantity, span: Span) -> None:
+        """A speed that is said goes before the one that `driving` has by itself."""
+        path: Path = ("actors", group, "motion", "speed_mps")
+        before = self.draft.entries.get(path)
+        if before is not None and before.note == OWN_SPEED:
+            del self.draft.entries[path]
+        self.draft.vary(path, quantity.low, quantity.high, span, unit="m/s")
 
     def _moves(self, group: str, part: Part, speed: Part | None) -> None:
         assert isinstance(part.value, MotionWords)
         base: Path = ("actors", group, "motion")
         self.draft.put((*base, "kind"), part.value.kind, part.span)
         if speed is not None and isinstance(speed.value, Quantity):
-            self.draft.vary((*base, "speed_mps"), speed.value.low, speed.value.high, speed.span, unit="m/s")
+            self._say_speed(group, speed.value, speed.span)
         elif part.value.speed_mps is not None and (*base, "speed_mps") not in self.draft.entries:
-            self.draft.put((*base, "speed_mps"), part.value.speed_mps, part.span, "the word's own speed")
+            self.draft.put((*base, "speed_mps"), part.value.speed_mps, part.span, OWN_SPEED)
 
     def _concealment(self, group: str, phrase: Phrase) -> None:
         path: Path = ("actors", group, "concealment")
@@ -587,7 +613,11 @@ class Reader:
         self.draft.vary(path, quantity.low, quantity.high, span, unit=unit, integer=name == "priority")
 
     def _intelligence(self, phrase: Phrase) -> None:
-        for group in self._ref(phrase) or []:
+        of_subject = self.subject and phrase.refs[0].first("THEM")
+        groups = self.subject if of_subject else self._ref(phrase) or []
+        if not self.here:
+            self.subject = groups
+        for group in groups:
             if self.vocabulary.role(self.groups[group]) is Role.CLUTTER:
                 self.draft.unread(phrase.span, "intelligence here is about adversaries or bystanders")
                 continue
@@ -611,8 +641,7 @@ class Reader:
         if self.here and self.subject and not self.mission and not phrase.first("FLY"):
             for group in self.subject:
                 self.draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
-                path: Path = ("actors", group, "motion", "speed_mps")
-                self.draft.vary(path, part.value.low, part.value.high, phrase.span, unit="m/s")
+                self._say_speed(group, part.value, phrase.span)
             return
         self.draft.vary(("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s")
 
