@@ -53,6 +53,9 @@ PLURALS = frozenset(
         "schoolchildren",
     ]
 )
+DENIALS = frozenset(
+    ["not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't", "if", "unless"]
+)
 DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
 UNITS = {
     "LENGTH": {"m": 1.0, "ft": 0.3048},
@@ -148,6 +151,9 @@ class Reader:
                 if not self._late_count(one, sentence[index - 1] if index else None):
                     self._word(one)
                 continue
+            if self._denied(sentence[:index]):
+                self.draft.unread(one.span, "what is denied, or only perhaps so, is not read", expressible=True)
+                continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
             if one.rule in OF_A_GROUP and not self.here and later and one.rule != "density":
                 self.waiting.append(one)
@@ -169,6 +175,17 @@ class Reader:
             joins = False
         for waiting in self.waiting:
             self._of_group(waiting)
+
+    def _denied(self, before: Sequence[Phrase | Word]) -> bool:
+        """Whether what follows is said not to be so, or only perhaps: taking it at its word would say something else."""
+        for one in reversed(before):
+            if not isinstance(one, Word):
+                return False
+            if one.text.lower() in DENIALS or any(meaning.kind == "NONE" for meaning in one.meanings):
+                return True
+            if not one.filler and one.text not in ("a", "an", "it"):
+                return False
+        return False
 
     def _relative(self, word: Word, before: Phrase | Word | None) -> None:
         """`near a truck that is camouflaged` speaks of the truck from then on."""
@@ -228,7 +245,10 @@ class Reader:
         if len(known) == 1 and self._definite(part.span):
             return known[0], part.span
         readings = [f"{self.vocabulary.assets[one].asset} ({self.vocabulary.assets[one].role})" for one in part.value]
-        return str(part.value[self.draft.ask(part.span, f"what is meant by {quote!r}?", readings)]), part.span
+        if self._definite(part.span):
+            readings.append("the drone under test")
+        chosen = self.draft.ask(part.span, f"what is meant by {quote!r}?", readings)
+        return (str(part.value[chosen]) if chosen < len(part.value) else ""), part.span
 
     def _definite(self, span: Span) -> bool:
         before = self.draft.text[: span.start].rstrip().lower().split()
@@ -241,6 +261,9 @@ class Reader:
     def _named(self, phrase: Phrase) -> list[str]:
         """The group or groups that a phrase names: those there are, or a new one."""
         name, span = self._thing(phrase)
+        if not name:
+            self.mission = True
+            return []
         count, none = phrase.first("COUNT"), phrase.first("NONE")
         known = [one for one, other in self.groups.items() if other == name]
         if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
@@ -310,7 +333,9 @@ class Reader:
         self.draft.vary(("actors", group, "density_per_km2"), low, high, span, unit="1/km2")
 
     def _group(self, phrase: Phrase) -> None:
-        self.subject, self.here, self.mission = self._named(phrase), True, False
+        self.mission = False
+        self.subject = self._named(phrase)
+        self.here = bool(self.subject)
         for group in self.subject:
             self._adjectives(group, phrase)
 

@@ -54,6 +54,37 @@ def test_the_longest_prose_takes_bounded_time(word: str) -> None:
     assert time.process_time() - begin < 20.0
 
 
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [
+        ("One truck. The truck is not camouflaged.", "camouflaged"),
+        ("One truck without a gimbal.", "gimbal"),
+        ("One truck. It isn't raining.", "raining"),
+        ("One truck, light fog if it rains.", "rains"),
+        ("One truck, never parked.", "parked"),
+    ],
+)
+def test_what_is_denied_is_left_and_listed(text: str, quote: str) -> None:
+    """A phrase after a denial changes no field and is listed as not understood."""
+    found = read_prose(text, VOCABULARY)
+    assert quote in [one.quote for one in found.not_understood]
+    assert found.simspec is not None
+    [truck] = found.simspec.actors
+    assert (truck.concealment, truck.motion.kind) == (0.0, "still")
+    assert not found.simspec.vehicle.camera.gimbal
+    assert found.simspec.environment.rain_level == 0.0
+    assert not [one for one in found.receipts if one.source == "prose" and one.quote == quote]
+
+
+def test_relations_that_cannot_be_said_are_listed() -> None:
+    """What a SimSpec has no field for is listed with the reason, and the rest stands."""
+    text = "A radar between a house and a shed. Two civilians inside the house. A truck facing north."
+    found = read_prose(text, VOCABULARY)
+    assert [one.quote for one in found.not_expressible] == ["between a house and a shed", "inside the house", "facing north"]
+    assert found.simspec is not None
+    assert [group.id for group in found.simspec.actors] == ["radar", "house", "shed", "civilian", "truck"]
+
+
 def test_a_megabyte_is_refused_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A file that no person wrote as a description is not read."""
     (tmp_path / "large.txt").write_text("a truck " * 131_072)
