@@ -12,10 +12,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from scipy import stats
 
 from bench.campaign import load_asked, load_campaign, measures_of, read_runs, realizations
@@ -60,8 +62,7 @@ def speed(rounds: int) -> dict[str, float]:
     return {name: round(MISSIONS / time_s) for name, time_s in times_s.items()}
 
 
-def _cpu_s(work: object) -> float:
-    assert callable(work)
+def _cpu_s(work: Callable[[], object]) -> float:
     began_s = time.process_time()
     work()
     return time.process_time() - began_s
@@ -74,8 +75,6 @@ def foretells(folder: Path) -> dict[str, object]:
     names = [run.realization for run in full.runs]
     simspecs = [SimSpec.model_validate_json((folder / "simspecs" / f"{name}.json").read_bytes()) for name in names]
     observed = observe(pack(simspecs), measures)
-    from dataclasses import replace
-
     over = [replace(run, observations=observed.of(row)) for row, run in enumerate(full.runs)]
     scenes = np.unique([f"{run.design_point}-{run.replicate}" for run in full.runs], return_inverse=True)[1]
     tables = [score_table(full.decomposition, list(runs), full.study) for runs in (full.runs, over)]
@@ -98,14 +97,11 @@ def foretells(folder: Path) -> dict[str, object]:
     return said
 
 
-def _node(full: object, over: object, names: Sequence[str], scenes: np.ndarray) -> dict[str, object]:
+def _node(full: pl.DataFrame, over: pl.DataFrame, names: Sequence[str], scenes: np.ndarray) -> dict[str, object]:
     order = np.argsort(names)
     columns = {}
     for label, frame in (("full", full), ("overhead", over)):
-        columns[label] = {
-            column: frame[column].to_numpy().astype(float)  # type: ignore[attr-defined]
-            for column in ("score", "confidence", "difficulty")
-        }
+        columns[label] = {column: frame[column].to_numpy().astype(float) for column in ("score", "confidence", "difficulty")}
     one, other = columns["full"], columns["overhead"]
     scored = np.isfinite(one["score"]) & np.isfinite(other["score"])
     asked = np.isfinite(one["confidence"]) & np.isfinite(other["confidence"])
@@ -121,12 +117,10 @@ def _node(full: object, over: object, names: Sequence[str], scenes: np.ndarray) 
     }
 
 
-def _means(tables: Sequence[object], study: Sequence[str]) -> dict[str, object]:
+def _means(tables: Sequence[pl.DataFrame], study: Sequence[str]) -> dict[str, object]:
     """Over the pairs of agent and node that have a mean score in both."""
-    import polars as pl
-
     found = [
-        table.filter(pl.col("node").is_in(study)).group_by("agent", "node").agg(pl.col("score").mean()).sort("agent", "node")  # type: ignore[attr-defined]
+        table.filter(pl.col("node").is_in(study)).group_by("agent", "node").agg(pl.col("score").mean()).sort("agent", "node")
         for table in tables
     ]
     one, other = (frame["score"].to_numpy().astype(float) for frame in found)
