@@ -210,7 +210,7 @@ def _decomposition(name: str) -> Decomposition:
 
 
 def tension(
-    node: Annotated[str, typer.Argument(help="Node of the decomposition")],
+    node: Annotated[str, typer.Argument(help="Node of the decomposition, or words of a key attribute's title")],
     wanted: Annotated[int, typer.Argument(min=1, max=5, help="Tension, 1 to 5")],
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
     as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False,
@@ -218,11 +218,11 @@ def tension(
     """Which ranges of the key factors give a node a tension.
 
     Example: rebar tension KA-03 4
-    """
-    from ._scores import known_node
 
+    Example: rebar tension "bystander classification" 4
+    """
     asked = _decomposition(decomposition)
-    known_node("NODE", asked, node)
+    node = _node(asked, node)
     rows = list(_bounds(asked, node, wanted))
     if as_json:
         print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
@@ -236,6 +236,27 @@ def tension(
     if unreached:
         print(f"No situation has it: the tables of {', '.join(unreached)} end before.")
         raise typer.Exit(1)
+
+
+def _node(asked: Decomposition, words: str) -> str:
+    """The node of that id, or the one key attribute whose title has all of these words."""
+    from bench.errors import Fault, SetupError
+    from decompositions import Level
+
+    from ._scores import known_node
+
+    if words in asked.nodes or " " not in words.strip():
+        known_node("NODE", asked, words)
+        return words
+    sought = [word.lower() for word in words.split()]
+    attributes = asked.at_level(Level.KEY_ATTRIBUTE)
+    found = [one for one in attributes if all(word in asked.nodes[one].title.lower() for word in sought)]
+    if len(found) != 1:
+        fitting = ", ".join(f"{one} {asked.nodes[one].title}" for one in found) or "none"
+        raise SetupError(
+            Fault("NODE", f"{len(found)} key attributes have {words!r} in their title", f"name one; fitting: {fitting}")
+        )
+    return found[0]
 
 
 def _told(value: float | None, past: bool) -> str:

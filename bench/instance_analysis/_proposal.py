@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from bench.documents import Document
 from bench.errors import SetupError
 
-from ._draft import BaseSimSpec, Draft, Entry, Path, Unread, dotted
+from ._draft import LISTS, BaseSimSpec, Draft, Entry, Path, Unread, dotted
 from ._phrases import Quantity, with_quantities
 from ._prose import draft_of, finished
 from ._tokens import Span, words_of
@@ -90,7 +90,7 @@ def propose(text: str, vocabulary: Vocabulary, ask: Ask, *, model: str, answers:
             {"role": "user", "content": f"These are wrong; answer anew:\n{told}"},
         ]
     if _invalid(draft, accepted):
-        accepted = {}
+        accepted = _tenable(draft, accepted)
     draft.entries |= accepted
     spans = [entry.span for entry in accepted.values() if entry.span]
     draft.not_understood = [
@@ -178,9 +178,23 @@ def _invalid(draft: Draft, accepted: dict[Path, Entry]) -> list[Unread]:
     tried.entries = {("name",): Entry("prose", None)} | draft.entries | accepted
     try:
         tried.checked()
-    except (SetupError, TypeError, AttributeError) as error:
+    except SetupError as error:
         return [Unread(quote="the SimSpec", start=0, end=0, why=str(error)[:500])] if accepted else []
+    except (TypeError, AttributeError):
+        return [Unread(quote="the SimSpec", start=0, end=0, why="a path leads through what has no fields, or ends before them")]
     return []
+
+
+def _tenable(draft: Draft, accepted: dict[Path, Entry]) -> dict[Path, Entry]:
+    """Those fields, member by member of a list and else one by one, with which the SimSpec is valid."""
+    wholes: dict[Path, dict[Path, Entry]] = {}
+    for path, entry in accepted.items():
+        wholes.setdefault(path[:2] if path[0] in LISTS else path, {})[path] = entry
+    kept: dict[Path, Entry] = {}
+    for whole in wholes.values():
+        if not _invalid(draft, kept | whole):
+            kept |= whole
+    return kept
 
 
 def _path(text: str) -> Path | None:

@@ -82,6 +82,10 @@ def test_what_is_quoted_rightly_is_taken() -> None:
         (fields(("agent.manifest", "evil", "A radar")), "prose says nothing of this"),
         (fields(("mission..x", 1, "A radar")), "prose says nothing of this"),
         (fields(("vehicle.camera.tilt_deg", 45, "")), "does not stand in the description"),
+        (fields(("mission.altitude_m.x", 45, "say 45 degrees")), "dict is not valid"),
+        (fields(("actors", 45, "say 45 degrees")), "45 is not valid"),
+        (fields(("actors[radar]", 45, "say 45 degrees")), "unknown field 'radar'"),
+        (fields(("environment", 45, "say 45 degrees")), "45 is not valid"),
         (fields(("vehicle.camera.roll_deg", 45, "say 45 degrees")), "unknown field 'roll_deg'"),
     ],
 )
@@ -96,6 +100,18 @@ def test_lies_are_sent_back_and_refused(answer: str, why: str) -> None:
     assert found.result.simspec is not None
     assert found.result.simspec.agent.manifest == "reference-naive"
     assert [group.id for group in found.result.simspec.actors] == ["radar"]
+
+
+def test_one_bad_field_does_not_cost_the_good_ones() -> None:
+    """What makes the document invalid is left out by itself."""
+    both = json.dumps(
+        {"fields": [*json.loads(GOOD)["fields"], {"path": "vehicle.camera.roll_deg", "value": 45, "quote": "45 degrees"}]}
+    )
+    with recorded(both) as (url, _):
+        found = propose(TEXT, VOCABULARY, ModelEndpoint("m", url).ask, model="m")
+    assert found.decided_by_model == ("vehicle.camera.tilt_deg",)
+    assert found.result.simspec is not None
+    assert found.result.simspec.vehicle.camera.tilt_deg == 45.0
 
 
 def test_a_repaired_answer_counts() -> None:

@@ -192,6 +192,15 @@ def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(lines) - len(heads) == 4
 
 
+def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(capsys: pytest.CaptureFixture[str]) -> None:
+    """Words of a title name the node; words that fit none or several are said."""
+    assert run(["tension", "bystander classification", "4"]) == 0
+    assert capsys.readouterr().out.startswith("KA-03 Classification of civilian bystanders has tension 4")
+    assert run(["tension", "purple classification", "4"]) == 2
+    assert "0 key attributes" in capsys.readouterr().err
+    assert run(["tension", "KA-99", "4"]) == 2
+
+
 @pytest.mark.parametrize("wanted", [1, 2, 3, 4, 5])
 def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixture[str]) -> None:
     """The harder end of what is told has the tension; a little beyond the easier end it begins."""
