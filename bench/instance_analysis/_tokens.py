@@ -166,11 +166,13 @@ def _spelled(text: str, vocabulary: Vocabulary, mended_as: dict[str, str]) -> st
         return lower
     if lower not in mended_as:
         most = 2 if len(lower) >= LONG else 1
+        letters = set(lower)
         near = {
             other: off
             for other in sorted(vocabulary.single)
             if len(other) >= SHORTEST_MENDED
             and abs(len(other) - len(lower)) <= most
+            and len(letters.symmetric_difference(other)) <= 2 * most  # an edit changes two letters at the most
             and (off := edits(lower, other, most)) <= most
         }
         best = [other for other, off in near.items() if off == min(near.values())]

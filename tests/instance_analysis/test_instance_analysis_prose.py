@@ -54,6 +54,15 @@ def test_the_longest_prose_takes_bounded_time(word: str) -> None:
     assert time.process_time() - begin < 20.0
 
 
+def test_many_words_that_nobody_knows_take_bounded_time() -> None:
+    """Each unknown word is compared with the vocabulary, and all of them are listed."""
+    words = [f"{a}{b}{c}qqxz" for a in "abcdefghijkl" for b in "mnopqrstuv" for c in "wxyzabcdefg"]
+    begin = time.process_time()
+    found = read_prose(f"A radar. {' '.join(words)}", VOCABULARY)
+    assert len(found.not_understood) == len(words)
+    assert time.process_time() - begin < 20.0
+
+
 @pytest.mark.parametrize(
     ("text", "quote"),
     [
