@@ -117,6 +117,7 @@ class Reader:
         self.joined: list[str] = []
         self.here = False
         self.mission = False
+        self.reporting = False
         self.report: str | None = None
         self.pending: list[tuple[str, Quantity, Span]] = []
         self.waiting: list[Phrase] = []
@@ -142,6 +143,7 @@ class Reader:
 
     def _sentence(self, sentence: list[Phrase | Word]) -> None:
         self.here, self.joined, self.waiting = False, [], []
+        self.reporting = any(isinstance(one, Word) and one.text.lower().startswith("report") for one in sentence)
         joins = False
         for index, one in enumerate(sentence):
             if isinstance(one, Word):
@@ -274,7 +276,22 @@ class Reader:
                 return self._one_of(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             return []
+        if phrase.rule == "group" and count and (earlier := self._uncounted(known)) and not phrase.first("PERAREA"):
+            readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
+            if self.draft.ask(phrase.span, "who is this?", readings) == 0:
+                self._recount(earlier, phrase, count, span)
+                return [earlier]
         return [self._new(phrase, name, span, count)]
+
+    def _uncounted(self, known: Sequence[str]) -> str | None:
+        """The one group of these whose number has not been said; None where there is none, or more."""
+        counts = [(one, self.draft.entries.get(("actors", one, "count"))) for one in known]
+        uncounted = [one for one, count in counts if count is not None and count.span is None]
+        return uncounted[0] if len(uncounted) == 1 else None
+
+    def _recount(self, group: str, phrase: Phrase, count: Part, span: Span) -> None:
+        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{group}].count" not in one.paths]
+        self._count(group, phrase, count, span)
 
     def _new(self, phrase: Phrase, name: str, span: Span, count: Part | None) -> str:
         words = self.vocabulary.assets[name]
@@ -674,6 +691,10 @@ class Reader:
         part = phrase.first("TIME")
         assert part is not None
         assert isinstance(part.value, Quantity)
+        readings = ["the time limit of the mission", "the time from intelligence to the report on it"]
+        if self.reporting and self.draft.ask(phrase.span, "which time is this?", readings) == 1:
+            self.draft.vary(("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s")
+            return
         self.draft.vary(("mission", "time_limit_s"), part.value.low, part.value.high, phrase.span, unit="s")
 
     def _set(self, phrase: Phrase) -> None:
