@@ -156,6 +156,8 @@ class _Likelihood:
     def p(self, place: slice) -> float | None:
         part = self.beta[place]
         statistic = float(part @ np.linalg.pinv(self.covariance[place, place]) @ part)
+        if np.isinf(self.left):  # Wald's chi squared, which F is with no end of clusters; scipy's F knows no infinity
+            return float(stats.chi2.sf(statistic, len(part)))
         return float(stats.f.sf(statistic / len(part), len(part), self.left))
 
     def interval(self, column: int) -> tuple[float, float]:
@@ -208,7 +210,8 @@ def _fitted(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | 
         shared = points < len(y)
         how = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if shared else {}
         fit = Logit(y, x).fit(disp=0, maxiter=100, warn_convergence=False, **how)
-        if fit.mle_retvals["converged"]:
+        sure = bool(np.isfinite(fit.cov_params()).all()) and float(np.diag(fit.cov_params()).min()) > 0.0
+        if fit.mle_retvals["converged"] and sure:
             method, left = (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if shared else (LIKELIHOOD, np.inf)
             return _Likelihood(method, fit.params, fit.cov_params(), left)
     beta, likelihood = _climbed(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))

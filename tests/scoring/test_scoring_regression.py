@@ -24,7 +24,7 @@ def table(passed: dict[str, int], failed: dict[str, int]) -> tuple[list[bool], F
 
 
 def test_a_two_by_two_table_has_its_own_odds_ratio() -> None:
-    """The odds ratio is the table's, with Woolf's interval."""
+    """The odds ratio is the table's, with Woolf's interval and Wald's test."""
     y, factor, points = table({"near": 12, "far": 24}, {"near": 18, "far": 6})
     found = logistic(y, [factor], points)
     (odds,) = found.odds
@@ -32,7 +32,19 @@ def test_a_two_by_two_table_has_its_own_odds_ratio() -> None:
     assert (found.method, odds.base, odds.level) == (LIKELIHOOD, "near", "far")
     assert odds.estimate == pytest.approx(24 * 18 / (6 * 12), rel=1e-4)
     assert odds.low == pytest.approx(6 * np.exp(-1.959964 * error), rel=1e-3)
+    assert found.tests[0].p == pytest.approx(2 * stats.norm.sf(np.log(6) / error), rel=1e-3)
     assert found.note == ""
+
+
+def test_no_p_value_is_a_riddle() -> None:
+    """A steep factor over many runs that nearly separates: the p value is a number, and small."""
+    draws = np.random.default_rng(5)
+    x = draws.uniform(0.0, 1.0, 128)
+    for steep in (5.0, 40.0, 400.0):
+        won = (draws.uniform(0.0, 1.0, 128) < 1.0 / (1.0 + np.exp(-steep * (x - 0.5)))).tolist()
+        found = logistic(won, [FactorColumn("x", tuple(x))], [str(run) for run in range(128)])
+        assert found.tests[0].p is not None
+        assert 0.0 <= found.tests[0].p < 1e-4
 
 
 def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
