@@ -31,7 +31,7 @@ from ._overhead import check_surrogates, fly_overhead
 MOST_SCENES = 200
 """With more scenes, so many spread evenly over the design stand for all."""
 
-SIMULATED_S_PER_CPU_S = 63.0
+SIMULATED_S_PER_CPU_S = 45.0
 """README.md: whole sessions in lockstep, last measured. One session keeps about one core busy."""
 
 HALF_WIDTH = 0.1
