@@ -1,41 +1,19 @@
-"""Phrases to fields: who is spoken of, what is said of whom, and what cannot be said in a SimSpec."""
+"""Phrases to fields: who is spoken of, sentence by sentence, and what is said of mission, reports, orders and rules."""
 
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Callable, Sequence
-from typing import Any
 
-from bench.simspec import Environment, Origin, Role, Rules
+from bench.simspec import Role, Rules
 
-from ._draft import Draft, Path, Varied
-from ._light import sun_moment
+from ._draft import Draft, Path
+from ._ground import Ground
 from ._phrases import Part, Phrase, Quantity
-from ._tokens import Clock, Span, Word
-from ._vocabulary import EventWords, FieldWords, Meaning, MotionWords, SetWords, Vocabulary, WeatherWords
+from ._sky import Sky
+from ._tokens import Span, Word
+from ._traits import Traits, length_of
+from ._vocabulary import EventWords, FieldWords, Meaning, SetWords, Vocabulary
 
-RELATIONS = frozenset(
-    [
-        "near",
-        "within",
-        "atleast",
-        "exact",
-        "away",
-        "mean",
-        "bearing",
-        "part",
-        "road",
-        "inside",
-        "behind",
-        "facing",
-        "hidden",
-        "visible",
-        "between",
-        "apart",
-        "spread",
-    ]
-)
-OF_A_GROUP = RELATIONS | {"motion", "radius", "concealment", "density"}
 PLURALS = frozenset(
     [
         "people",
@@ -101,8 +79,6 @@ WEAK = frozenset(
         "ONAVERAGE",
     ]
 )
-OWN_SPEED = "the word's own speed"
-NO_SUCH_FIELD = "a SimSpec has no relation for this yet"
 
 
 class Reader:
@@ -122,11 +98,9 @@ class Reader:
         self.pending: list[tuple[str, Quantity, Span]] = []
         self.waiting: list[Phrase] = []
         self.events: dict[str, int] = {}
-        self.day: tuple[dt.date, Span] | None = None
-        self.clock: tuple[Clock, Span] | None = None
-        self.sun: tuple[str, Quantity | None, int, Span] | None = None
-        self.parts: list[tuple[str, float, Span]] = []
-        self.road: Span | None = None
+        self.sky = Sky(draft)
+        self.ground = Ground(draft, vocabulary.defaults)
+        self.traits = Traits(draft, vocabulary.defaults, self.ground, self)
         self.meant: dict[Span, list[str] | None] = {}
 
     def read(self, found: Sequence[Phrase | Word]) -> None:
@@ -157,7 +131,7 @@ class Reader:
                 self.draft.unread(one.span, "what is denied, or only perhaps so, is not read", expressible=True)
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
-            if one.rule in OF_A_GROUP and not self.here and later and one.rule != "density":
+            if one.rule in Traits.RULES and not self.here and later and one.rule != "density":
                 self.waiting.append(one)
                 continue
             if one.rule == "group":
@@ -167,16 +141,26 @@ class Reader:
                 for waiting in self.waiting:
                     self._of_group(waiting)
                 self.waiting = []
-            elif one.rule in OF_A_GROUP:
+            elif one.rule in Traits.RULES:
                 self._of_group(one)
                 self.joined = []
             else:
-                handler: Callable[[Phrase], None] = getattr(self, f"_{one.rule}")
+                handler = self._handler(one.rule)
                 handler(one)
                 self.joined = []
             joins = False
         for waiting in self.waiting:
             self._of_group(waiting)
+
+    def _handler(self, rule: str) -> Callable[[Phrase], None]:
+        """Who reads a phrase that is said of no group: the method of its name here, of the sky, or of the ground."""
+        if rule in Sky.RULES:
+            found: Callable[[Phrase], None] = getattr(self.sky, rule)
+        elif rule == "area":
+            found = self.ground.area
+        else:
+            found = getattr(self, f"_{rule}")
+        return found
 
     def _denied(self, before: Sequence[Phrase | Word]) -> bool:
         """Whether what follows is said not to be so, or only perhaps: taking it at its word would say something else."""
@@ -306,7 +290,7 @@ class Reader:
             if count is None:
                 self.draft.fault(phrase.span, "says per area, and not how many", "write a number before it")
                 return group
-            self._density_of(group, count, per, phrase.span)
+            self.density_of(group, count, per, phrase.span)
             self.plural.add(group)
             return group
         self._count(group, phrase, count, span)
@@ -341,7 +325,7 @@ class Reader:
         assert isinstance(meaning.value, tuple)
         return int(meaning.value[0]), int(meaning.value[1])
 
-    def _density_of(self, group: str, count: Part, per: Part, span: Span) -> None:
+    def density_of(self, group: str, count: Part, per: Part, span: Span) -> None:
         assert isinstance(count.value, Quantity)
         assert isinstance(per.value, float | int)
         self.draft.entries.pop(("actors", group, "count"), None)
@@ -360,9 +344,9 @@ class Reader:
         for part in phrase.every("CONCEAL"):
             self.draft.put(("actors", group, "concealment"), part.value, part.span)
         for part in phrase.every("MOTION"):
-            self._moves(group, part, None)
+            self.traits.moves(group, part, None)
 
-    def _ref(self, phrase: Phrase) -> list[str] | None:
+    def ref(self, phrase: Phrase) -> list[str] | None:
         """Ids of the groups that a relation is to; None for the vehicle's start."""
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
         if ref.span not in self.meant:  # one phrase said of several groups is to one and the same
@@ -408,211 +392,7 @@ class Reader:
             if self.draft.ask(phrase.span, "of whom is this said?", readings) == 1:
                 subject = list(self.joined)
         for group in subject:
-            getattr(self, f"_{phrase.rule}")(group, phrase)
-
-    def _distance(
-        self, group: str, phrase: Phrase, low: float, high: float | None, *, every: bool = False, note: str = ""
-    ) -> None:
-        of = self._ref(phrase)
-        if of is None:
-            self.draft.unread(phrase.span, "a SimSpec has no distance to the vehicle's start")
-            return
-        for other in of:
-            self._keep(group, other, phrase.span, low, high, every=every, note=note)
-
-    def _keep(self, group: str, other: str, span: Span, low: float, high: float | None, *, every: bool, note: str) -> None:
-        if other == group:
-            self.draft.unread(span, "a group has no distance to itself")
-            return
-        base: Path = ("actors", group, "placement")
-        low, high = round(low, 6), None if high is None else round(high, 6)
-        defaulted = span if note != "default" else None
-        if not every and (*base, "near", "of") not in self.draft.entries:
-            where: Path = (*base, "near")
-        else:
-            number = sum(1 for path in self.draft.entries if path[:4] == (*base, "distances") and path[-1] == "of")
-            where = (*base, "distances", number)
-            self.draft.put((*where, "whom"), "every" if every else "some", span)
-        self.draft.put((*where, "of"), other, span)
-        if low > 0.0:
-            self.draft.put((*where, "min_m"), low, span, note)
-        if high is not None:
-            self.draft.put((*where, "max_m"), high, defaulted, "what near means" if defaulted is None else note)
-
-    def _length(self, phrase: Phrase) -> Quantity:
-        part = phrase.first("LENGTH")
-        assert part is not None
-        assert isinstance(part.value, Quantity)
-        if part.value.low > part.value.high:
-            self.draft.fault(part.span, "the range runs downwards", "write the lower number first")
-        return part.value
-
-    def _near(self, group: str, phrase: Phrase) -> None:
-        self._distance(group, phrase, 0.0, self.vocabulary.defaults.near_m, note="default")
-
-    def _within(self, group: str, phrase: Phrase) -> None:
-        length = self._length(phrase)
-        self._distance(group, phrase, 0.0 if length.single else length.low, length.high)
-
-    def _atleast(self, group: str, phrase: Phrase) -> None:
-        if not phrase.refs:
-            self.draft.unread(phrase.span, "it is not said from what")
-            return
-        self._distance(group, phrase, self._length(phrase).low, None, every=True)
-
-    def _band(self, length: Quantity) -> tuple[float, float, str]:
-        if not length.single:
-            return length.low, length.high, ""
-        share = self.vocabulary.defaults.exact_share
-        return length.low * (1 - share), length.high * (1 + share), f"{length.low:g} m within {share:.0%}"
-
-    def _exact(self, group: str, phrase: Phrase) -> None:
-        low, high, note = self._band(self._length(phrase))
-        self._distance(group, phrase, low, high, note=note)
-
-    def _away(self, group: str, phrase: Phrase) -> None:
-        others = [one for one in self.groups if one != group]
-        low, high, note = self._band(self._length(phrase))
-        readings = [*others, "the vehicle's start"]
-        chosen = self.draft.ask(phrase.span, "away from what?", readings) if others else 0
-        if chosen == len(others):
-            self.draft.unread(phrase.span, "a SimSpec has no distance to the vehicle's start")
-        else:
-            self._keep(group, others[chosen], phrase.span, low, high, every=False, note=note)
-
-    def _mean(self, group: str, phrase: Phrase) -> None:
-        length, of = self._length(phrase), self._ref(phrase)
-        if not of:
-            self.draft.unread(phrase.span, "a SimSpec has no distance to the vehicle's start")
-            return
-        base: Path = ("actors", group, "placement", "mean_distance")
-        self.draft.put((*base, "of"), of[0], phrase.span)
-        self.draft.vary((*base, "mean_m"), length.low, length.high, phrase.span, unit="m")
-
-    def _bearing(self, group: str, phrase: Phrase) -> None:
-        part = phrase.first("DIR")
-        assert part is not None
-        assert isinstance(part.value, float | int)
-        half = 45.0 if part.value % 90 == 0 else 22.5
-        of = self._ref(phrase)
-        base: Path = ("actors", group, "placement", "bearing")
-        self._seen(base, of, phrase.span)
-        self.draft.put((*base, "from_deg"), (part.value - half) % 360, phrase.span)
-        self.draft.put((*base, "to_deg"), (part.value + half) % 360, phrase.span)
-        if phrase.first("LENGTH") and of:
-            low, high, note = self._band(self._length(phrase))
-            self._keep(group, of[0], phrase.span, low, high, every=False, note=note)
-        elif phrase.first("LENGTH"):
-            self.draft.unread(phrase.span, "a SimSpec has no distance to the vehicle's start")
-
-    def _seen(self, base: Path, of: list[str] | None, span: Span) -> None:
-        if of is None:
-            self.draft.put((*base, "point"), {"east_m": 0.0, "north_m": 0.0}, span, "the vehicle's start")
-        elif of:
-            self.draft.put((*base, "of"), of[0], span)
-
-    def _part(self, group: str, phrase: Phrase) -> None:
-        part = phrase.first("DIR")
-        assert part is not None
-        assert isinstance(part.value, float | int)
-        self.parts.append((group, float(part.value), phrase.span))
-
-    def _road(self, group: str, phrase: Phrase) -> None:
-        base: Path = ("actors", group, "placement", "along")
-        self.draft.put((*base, "road"), "road", phrase.span)
-        self.draft.put((*base, "where"), "beside" if phrase.first("BESIDE") else "on", phrase.span)
-        self.road = self.road or phrase.span
-
-    def _inside(self, group: str, phrase: Phrase) -> None:
-        if phrase.refs:
-            self._ref(phrase)
-            self.draft.unread(phrase.span, "actors' footprints never overlap: nobody can stand inside another")
-
-    def _behind(self, group: str, phrase: Phrase) -> None:
-        of = self._ref(phrase)
-        if not of:
-            self.draft.unread(phrase.span, NO_SUCH_FIELD)
-            return
-        base: Path = ("actors", group, "placement", "hidden_from")
-        near = f"near {of[0]}"
-        if len(phrase.refs) > 1:
-            self._seen(base, self._ref(phrase.refs[1]), phrase.span)
-        else:
-            readings = [f"{near}, out of sight of the vehicle's start", f"{near}, on whichever side"]
-            if self.draft.ask(phrase.span, "behind it as seen from where?", readings) == 0:
-                self._seen(base, None, phrase.span)
-        self._keep(group, of[0], phrase.span, 0.0, self.vocabulary.defaults.near_m, every=False, note="default")
-
-    def _facing(self, group: str, phrase: Phrase) -> None:
-        if not phrase.refs:
-            self.draft.unread(phrase.span, "actors can face a group or a point, not a direction")
-            return
-        self._seen(("actors", group, "placement", "facing"), self._ref(phrase), phrase.span)
-
-    def _hidden(self, group: str, phrase: Phrase) -> None:
-        self._seen(("actors", group, "placement", "hidden_from"), self._ref(phrase), phrase.span)
-
-    def _visible(self, group: str, phrase: Phrase) -> None:
-        self._seen(("actors", group, "placement", "visible_from"), self._ref(phrase), phrase.span)
-
-    def _between(self, group: str, phrase: Phrase) -> None:
-        for ref in phrase.refs:
-            self._ref(ref)
-        self.draft.unread(phrase.span, NO_SUCH_FIELD)
-
-    def _apart(self, group: str, phrase: Phrase) -> None:
-        self.draft.vary(
-            ("actors", group, "placement", "spread_m"), (q := self._length(phrase)).low, q.high, phrase.span, unit="m"
-        )
-
-    def _spread(self, group: str, phrase: Phrase) -> None:
-        """Anywhere in the area, which is what a group without a relation has."""
-
-    def _density(self, group: str, phrase: Phrase) -> None:
-        count, per = phrase.first("COUNT"), phrase.first("PERAREA")
-        assert count is not None
-        assert per is not None
-        self._density_of(group, count, per, phrase.span)
-
-    def _motion(self, group: str, phrase: Phrase) -> None:
-        motion = phrase.first("MOTION")
-        assert motion is not None
-        speed = phrase.first("SPEED")
-        self._moves(group, motion, speed)
-
-    def _radius(self, group: str, phrase: Phrase) -> None:
-        base: Path = ("actors", group, "motion")
-        kind = self.draft.entries.get((*base, "kind"))
-        if kind is None or kind.value != "wander":
-            self.draft.unread(phrase.span, "it is not said of what", expressible=True)
-            return
-        length = self._length(phrase)
-        self.draft.vary((*base, "radius_m"), length.low, length.high, phrase.span, unit="m")
-
-    def _say_speed(self, group: str, quantity: Quantity, span: Span) -> None:
-        """A speed that is said goes before the one that `driving` has by itself."""
-        path: Path = ("actors", group, "motion", "speed_mps")
-        before = self.draft.entries.get(path)
-        if before is not None and before.note == OWN_SPEED:
-            del self.draft.entries[path]
-        self.draft.vary(path, quantity.low, quantity.high, span, unit="m/s")
-
-    def _moves(self, group: str, part: Part, speed: Part | None) -> None:
-        assert isinstance(part.value, MotionWords)
-        base: Path = ("actors", group, "motion")
-        self.draft.put((*base, "kind"), part.value.kind, part.span)
-        if speed is not None and isinstance(speed.value, Quantity):
-            self._say_speed(group, speed.value, speed.span)
-        elif part.value.speed_mps is not None and (*base, "speed_mps") not in self.draft.entries:
-            self.draft.put((*base, "speed_mps"), part.value.speed_mps, part.span, OWN_SPEED)
-
-    def _concealment(self, group: str, phrase: Phrase) -> None:
-        path: Path = ("actors", group, "concealment")
-        given = phrase.first("PERCENT") or phrase.first("COUNT")
-        if given is not None and isinstance(given.value, Quantity):
-            self.draft.vary(path, given.value.low, given.value.high, phrase.span, unit=None)
-        elif word := phrase.first("CONCEAL"):
-            self.draft.put(path, word.value, phrase.span)
+            getattr(self.traits, phrase.rule)(group, phrase)
 
     # What is said of the rest.
 
@@ -656,7 +436,7 @@ class Reader:
 
     def _intelligence(self, phrase: Phrase) -> None:
         of_subject = self.subject and phrase.refs[0].first("THEM")
-        groups = self.subject if of_subject else self._ref(phrase) or []
+        groups = self.subject if of_subject else self.ref(phrase) or []
         if not self.here:
             self.subject = groups
         for group in groups:
@@ -672,7 +452,7 @@ class Reader:
                 self._of_report(name, quantity, span)
 
     def _altitude(self, phrase: Phrase) -> None:
-        length = self._length(phrase)
+        length = length_of(self.draft, phrase)
         self.mission = True
         self.draft.vary(("mission", "altitude_m"), length.low, length.high, phrase.span, unit="m")
 
@@ -683,7 +463,7 @@ class Reader:
         if self.here and self.subject and not self.mission and not phrase.first("FLY"):
             for group in self.subject:
                 self.draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
-                self._say_speed(group, part.value, phrase.span)
+                self.traits.say_speed(group, part.value, phrase.span)
             return
         self.draft.vary(("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s")
 
@@ -734,113 +514,6 @@ class Reader:
         if lasting is not None and event.part != "orders":
             self.draft.put((*base, "duration_s"), lasting, phrase.span)
 
-    # Weather and light.
-
-    def _weather(self, phrase: Phrase) -> None:
-        states = [one for one in phrase.parts if isinstance(one, Phrase)]
-        found: list[tuple[str, float, float]] = []
-        for state in states:
-            found.append(self._state(state, [level for _, level, _ in found]))
-        first = found[0]
-        if len(found) == 1:
-            self.draft.vary(tuple(first[0].split(".")), first[1], first[2], phrase.span, unit="level")
-            return
-        if any(low != high for _, low, high in found):
-            self.draft.fault(phrase.span, "a choice between ranges", "give a level to each")
-            return
-        paths = list(dict.fromkeys(path for path, _, _ in found))
-        for path in paths:
-            level = first[1] if path == first[0] else 0.0
-            self.draft.put(tuple(path.split(".")), level, phrase.span, "first of several")
-        if len(paths) == 1:
-            levels = tuple(level for _, level, _ in found)
-            self.draft.ranges.append(Varied(name="weather", paths=tuple(paths), levels=levels, unit="level"))
-            return
-        choices = {
-            f"{path.split('.')[1].removesuffix('_level')}-{level:g}": dict.fromkeys(paths, 0.0) | {path: level}
-            for path, level, _ in found
-        }
-        self.draft.ranges.append(Varied(name="weather", choices=choices, unit="level"))
-
-    def _state(self, state: Phrase, before: list[float]) -> tuple[str, float, float]:
-        word = state.first("WEATHER")
-        assert word is not None
-        assert isinstance(word.value, WeatherWords)
-        path = word.value.path
-        if state.first("NONE"):
-            return path, 0.0, 0.0
-        intensities = [float(one.value) for one in state.every("INTENSITY") if isinstance(one.value, float | int)]
-        if intensities:
-            return path, intensities[0], intensities[-1]
-        if (count := state.first("COUNT")) and isinstance(count.value, Quantity):
-            return path, count.value.low, count.value.high
-        if word.value.level is not None:
-            return path, word.value.level, word.value.level
-        levels = sorted({2.0, 4.0, 7.0, *before})
-        names = {2.0: "light", 4.0: "moderate", 7.0: "heavy"}
-        readings = [f"level {one:g}" + (f", {names[one]}" if one in names else "") for one in levels]
-        level = levels[self.draft.ask(state.span, f"how much {self.draft.quote(word.span)}?", readings)]
-        return path, level, level
-
-    def _clear(self, phrase: Phrase) -> None:
-        self.draft.put(("environment", "rain_level"), 0.0, phrase.span)
-        self.draft.put(("environment", "fog_level"), 0.0, phrase.span)
-
-    def _wind(self, phrase: Phrase) -> None:
-        base: Path = ("environment", "wind")
-        if (speed := phrase.first("SPEED")) and isinstance(speed.value, Quantity):
-            self.draft.vary((*base, "speed_mps"), speed.value.low, speed.value.high, phrase.span, unit="m/s")
-        elif (word := phrase.first("WINDS")) and isinstance(word.value, float | int):
-            self.draft.put((*base, "speed_mps"), float(word.value), phrase.span)
-        else:
-            readings = ["3 m/s, light", "6 m/s, moderate", "12 m/s, strong"]
-            chosen = self.draft.ask(phrase.span, "how strong is the wind?", readings)
-            self.draft.put((*base, "speed_mps"), [3.0, 6.0, 12.0][chosen], phrase.span)
-        if direction := phrase.first("DIR"):
-            self.draft.put((*base, "from_deg"), direction.value, phrase.span)
-
-    def _calm(self, phrase: Phrase) -> None:
-        self.draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
-
-    def _gusts(self, phrase: Phrase) -> None:
-        speed = phrase.first("SPEED")
-        assert speed is not None
-        assert isinstance(speed.value, Quantity)
-        path: Path = ("environment", "wind", "turbulence_mps")
-        self.draft.vary(path, speed.value.low, speed.value.high, phrase.span, unit="m/s")
-
-    def _sun(self, phrase: Phrase) -> None:
-        word, time = phrase.first("SUN"), phrase.first("TIME")
-        assert word is not None
-        quantity = time.value if time and isinstance(time.value, Quantity) else None
-        self.sun = (str(word.value), quantity, -1 if phrase.first("BEFORE") else 1, phrase.span)
-
-    def _clock(self, phrase: Phrase) -> None:
-        part = phrase.first("CLOCK")
-        assert part is not None
-        assert isinstance(part.value, Clock)
-        self.clock = (part.value, phrase.span)
-
-    def _date(self, phrase: Phrase) -> None:
-        part = phrase.first("DATE")
-        assert part is not None
-        assert isinstance(part.value, dt.date)
-        self.day = (part.value, phrase.span)
-
-    def _area(self, phrase: Phrase) -> None:
-        part = phrase.first("DIM") or phrase.first("AREA") or phrase.first("LENGTH")
-        assert part is not None
-        assert isinstance(part.value, Quantity)
-        quantity = part.value
-        if quantity.kind != "DIM" and not quantity.single:
-            self.draft.fault(phrase.span, "the area is one, not a range", "give one size")
-        east = north = quantity.low
-        if quantity.kind == "DIM":
-            north = quantity.high
-        elif quantity.kind == "AREA":
-            east = north = quantity.low**0.5
-        self.draft.put(("world", "area", "corners"), _corners(east, north), phrase.span)
-
     # Rules.
 
     def _of_bystanders(self, phrase: Phrase) -> bool:
@@ -876,7 +549,7 @@ class Reader:
     def _standoff(self, phrase: Phrase) -> None:
         if self.here and self.subject and not self.mission:
             for group in self.subject:
-                self._atleast(group, phrase)
+                self.traits.atleast(group, phrase)
             return
         self._rule(phrase, {"bystander_standoff_m": "LENGTH"})
 
@@ -892,71 +565,9 @@ class Reader:
         """What depends on several parts of the text: the moment, halves of the area, the road, the ceiling."""
         for _name, _, span in self.pending:
             self.draft.unread(span, "no intelligence is spoken of", expressible=True)
-        self._moment()
-        self._area_and_halves()
+        self.sky.finish()
+        self.ground.finish()
         self._ceiling()
-
-    def _moment(self) -> None:
-        usual = Environment().start_utc
-        day, where = self.day or (usual.date(), None)
-        spans = [one for one in (where, self.clock and self.clock[1], self.sun and self.sun[3]) if one]
-        if not spans:
-            return
-        span = spans[-1]
-        if self.sun and self.clock:
-            readings = [self.draft.quote(self.clock[1]), self.draft.quote(self.sun[3])]
-            if self.draft.ask(self.clock[1].joined(self.sun[3]), "two times of day are given; which holds?", readings) == 0:
-                self.sun = None
-        path: Path = ("environment", "start_utc")
-        note = "" if where else f"on {day}, the default"
-        if self.sun:
-            self._by_the_sun(day, note)
-        elif self.clock:
-            clock = self.clock[0]
-            zone = "" if clock.zoned else "no zone is given: UTC, the default"
-            note = "; ".join(one for one in (note, zone) if one)
-            self.draft.put(path, _stamp(dt.datetime.combine(day, clock.at, dt.UTC)), span, note)
-        else:
-            self.draft.put(path, _stamp(dt.datetime.combine(day, usual.time(), dt.UTC)), span, "at 11:30 UTC, the default")
-
-    def _by_the_sun(self, day: dt.date, note: str) -> None:
-        assert self.sun is not None
-        what, quantity, sign, span = self.sun
-        origin = Origin()
-        moment = sun_moment(what, day, origin.latitude_deg, origin.longitude_deg)  # type: ignore[arg-type]
-        if moment is None:
-            self.draft.fault(span, f"the sun does not {what} there on {day}", "give the time in UTC")
-            return
-        shifts = [0.0] if quantity is None else [quantity.low] if quantity.single else [quantity.low, quantity.high]
-        stamps = [_stamp(moment + sign * dt.timedelta(seconds=one)) for one in shifts]
-        self.draft.put(("environment", "start_utc"), stamps[0], span, note)
-        if len(stamps) > 1:
-            self.draft.ranges.append(Varied(name="start", paths=("environment.start_utc",), levels=tuple(stamps)))
-
-    def _area_and_halves(self) -> None:
-        path: Path = ("world", "area", "corners")
-        usual = self.vocabulary.defaults
-        if path not in self.draft.entries:
-            self.draft.put(path, _corners(usual.area_east_m, usual.area_north_m), None)
-        corners = self.draft.entries[path].value
-        east, north = corners[2]["east_m"], corners[2]["north_m"]
-        for group, direction, span in self.parts:
-            across, up = _halves(direction)
-            region = [
-                {"east_m": e, "north_m": n}
-                for e, n in (
-                    (-east if across <= 0 else 0.0, -north if up <= 0 else 0.0),
-                    (east if across >= 0 else 0.0, -north if up <= 0 else 0.0),
-                    (east if across >= 0 else 0.0, north if up >= 0 else 0.0),
-                    (-east if across <= 0 else 0.0, north if up >= 0 else 0.0),
-                )
-            ]
-            self.draft.put(("actors", group, "placement", "region", "corners"), region, span)
-        if self.road:
-            ends = [{"east_m": -east, "north_m": 0.0}, {"east_m": east, "north_m": 0.0}]
-            self.draft.put(("world", "roads", "road", "id"), "road", self.road)
-            self.draft.put(("world", "roads", "road", "points"), ends, None, "through the middle of the area, west to east")
-            self.draft.put(("world", "roads", "road", "width_m"), usual.road_width_m, None)
 
     def _ceiling(self) -> None:
         height = self.draft.entries.get(("mission", "altitude_m"))
@@ -979,19 +590,3 @@ def _fits(field: FieldWords, quantity: Quantity) -> bool:
     if field.kind == "NUMBER":
         return quantity.kind in ("COUNT", "PERCENT")
     return quantity.kind == field.kind
-
-
-def _halves(direction: float) -> tuple[int, int]:
-    """Signs of east and north of the half, or quarter, of the area that lies in a direction."""
-    across = 0 if direction in (0, 180) else 1 if direction < 180 else -1
-    up = 0 if direction in (90, 270) else 1 if direction < 90 or direction > 270 else -1
-    return across, up
-
-
-def _corners(east_m: float, north_m: float) -> list[dict[str, Any]]:
-    east, north = round(east_m / 2, 3), round(north_m / 2, 3)
-    return [{"east_m": e, "north_m": n} for e, n in ((-east, -north), (east, -north), (east, north), (-east, north))]
-
-
-def _stamp(moment: dt.datetime) -> str:
-    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")

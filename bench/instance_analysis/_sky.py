@@ -1,0 +1,164 @@
+"""Phrases of weather and light to fields: rain, fog, wind, and the moment at which it begins."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+from bench.simspec import Environment, Origin
+
+from ._draft import Draft, Path, Varied
+from ._light import sun_moment
+from ._phrases import Phrase, Quantity
+from ._tokens import Clock, Span
+from ._vocabulary import WeatherWords
+
+
+class Sky:
+    """Reads phrases of weather and light into a draft; `finish` settles the moment when all of the text is known."""
+
+    RULES = frozenset(["weather", "clear", "wind", "calm", "gusts", "sun", "clock", "date"])
+    """Rules of the grammar that are read here, each by the method of its name."""
+
+    def __init__(self, draft: Draft) -> None:
+        self._draft = draft
+        self._day_said: tuple[dt.date, Span] | None = None
+        self._clock_said: tuple[Clock, Span] | None = None
+        self._sun_said: tuple[str, Quantity | None, int, Span] | None = None
+
+    def weather(self, phrase: Phrase) -> None:
+        states = [one for one in phrase.parts if isinstance(one, Phrase)]
+        found: list[tuple[str, float, float]] = []
+        for state in states:
+            found.append(self._state(state, [level for _, level, _ in found]))
+        first = found[0]
+        if len(found) == 1:
+            self._draft.vary(tuple(first[0].split(".")), first[1], first[2], phrase.span, unit="level")
+            return
+        if any(low != high for _, low, high in found):
+            self._draft.fault(phrase.span, "a choice between ranges", "give a level to each")
+            return
+        paths = list(dict.fromkeys(path for path, _, _ in found))
+        for path in paths:
+            level = first[1] if path == first[0] else 0.0
+            self._draft.put(tuple(path.split(".")), level, phrase.span, "first of several")
+        if len(paths) == 1:
+            levels = tuple(level for _, level, _ in found)
+            self._draft.ranges.append(Varied(name="weather", paths=tuple(paths), levels=levels, unit="level"))
+            return
+        choices = {
+            f"{path.split('.')[1].removesuffix('_level')}-{level:g}": dict.fromkeys(paths, 0.0) | {path: level}
+            for path, level, _ in found
+        }
+        self._draft.ranges.append(Varied(name="weather", choices=choices, unit="level"))
+
+    def _state(self, state: Phrase, before: list[float]) -> tuple[str, float, float]:
+        word = state.first("WEATHER")
+        assert word is not None
+        assert isinstance(word.value, WeatherWords)
+        path = word.value.path
+        if state.first("NONE"):
+            return path, 0.0, 0.0
+        intensities = [float(one.value) for one in state.every("INTENSITY") if isinstance(one.value, float | int)]
+        if intensities:
+            return path, intensities[0], intensities[-1]
+        if (count := state.first("COUNT")) and isinstance(count.value, Quantity):
+            return path, count.value.low, count.value.high
+        if word.value.level is not None:
+            return path, word.value.level, word.value.level
+        levels = sorted({2.0, 4.0, 7.0, *before})
+        names = {2.0: "light", 4.0: "moderate", 7.0: "heavy"}
+        readings = [f"level {one:g}" + (f", {names[one]}" if one in names else "") for one in levels]
+        level = levels[self._draft.ask(state.span, f"how much {self._draft.quote(word.span)}?", readings)]
+        return path, level, level
+
+    def clear(self, phrase: Phrase) -> None:
+        self._draft.put(("environment", "rain_level"), 0.0, phrase.span)
+        self._draft.put(("environment", "fog_level"), 0.0, phrase.span)
+
+    def wind(self, phrase: Phrase) -> None:
+        base: Path = ("environment", "wind")
+        if (speed := phrase.first("SPEED")) and isinstance(speed.value, Quantity):
+            self._draft.vary((*base, "speed_mps"), speed.value.low, speed.value.high, phrase.span, unit="m/s")
+        elif (word := phrase.first("WINDS")) and isinstance(word.value, float | int):
+            self._draft.put((*base, "speed_mps"), float(word.value), phrase.span)
+        else:
+            readings = ["3 m/s, light", "6 m/s, moderate", "12 m/s, strong"]
+            chosen = self._draft.ask(phrase.span, "how strong is the wind?", readings)
+            self._draft.put((*base, "speed_mps"), [3.0, 6.0, 12.0][chosen], phrase.span)
+        if direction := phrase.first("DIR"):
+            self._draft.put((*base, "from_deg"), direction.value, phrase.span)
+
+    def calm(self, phrase: Phrase) -> None:
+        self._draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
+
+    def gusts(self, phrase: Phrase) -> None:
+        speed = phrase.first("SPEED")
+        assert speed is not None
+        assert isinstance(speed.value, Quantity)
+        path: Path = ("environment", "wind", "turbulence_mps")
+        self._draft.vary(path, speed.value.low, speed.value.high, phrase.span, unit="m/s")
+
+    def sun(self, phrase: Phrase) -> None:
+        word, time = phrase.first("SUN"), phrase.first("TIME")
+        assert word is not None
+        quantity = time.value if time and isinstance(time.value, Quantity) else None
+        self._sun_said = (str(word.value), quantity, -1 if phrase.first("BEFORE") else 1, phrase.span)
+
+    def clock(self, phrase: Phrase) -> None:
+        part = phrase.first("CLOCK")
+        assert part is not None
+        assert isinstance(part.value, Clock)
+        self._clock_said = (part.value, phrase.span)
+
+    def date(self, phrase: Phrase) -> None:
+        part = phrase.first("DATE")
+        assert part is not None
+        assert isinstance(part.value, dt.date)
+        self._day_said = (part.value, phrase.span)
+
+    def finish(self) -> None:
+        """The moment at which the scenario begins, from day, hour and sun together."""
+        usual = Environment().start_utc
+        day, where = self._day_said or (usual.date(), None)
+        spans = [one for one in (where, self._clock_said and self._clock_said[1], self._sun_said and self._sun_said[3]) if one]
+        if not spans:
+            return
+        span = spans[-1]
+        if self._sun_said and self._clock_said:
+            readings = [self._draft.quote(self._clock_said[1]), self._draft.quote(self._sun_said[3])]
+            if (
+                self._draft.ask(
+                    self._clock_said[1].joined(self._sun_said[3]), "two times of day are given; which holds?", readings
+                )
+                == 0
+            ):
+                self._sun_said = None
+        path: Path = ("environment", "start_utc")
+        note = "" if where else f"on {day}, the default"
+        if self._sun_said:
+            self._by_the_sun(day, note)
+        elif self._clock_said:
+            clock = self._clock_said[0]
+            zone = "" if clock.zoned else "no zone is given: UTC, the default"
+            note = "; ".join(one for one in (note, zone) if one)
+            self._draft.put(path, _stamp(dt.datetime.combine(day, clock.at, dt.UTC)), span, note)
+        else:
+            self._draft.put(path, _stamp(dt.datetime.combine(day, usual.time(), dt.UTC)), span, "at 11:30 UTC, the default")
+
+    def _by_the_sun(self, day: dt.date, note: str) -> None:
+        assert self._sun_said is not None
+        what, quantity, sign, span = self._sun_said
+        origin = Origin()
+        moment = sun_moment(what, day, origin.latitude_deg, origin.longitude_deg)  # type: ignore[arg-type]
+        if moment is None:
+            self._draft.fault(span, f"the sun does not {what} there on {day}", "give the time in UTC")
+            return
+        shifts = [0.0] if quantity is None else [quantity.low] if quantity.single else [quantity.low, quantity.high]
+        stamps = [_stamp(moment + sign * dt.timedelta(seconds=one)) for one in shifts]
+        self._draft.put(("environment", "start_utc"), stamps[0], span, note)
+        if len(stamps) > 1:
+            self._draft.ranges.append(Varied(name="start", paths=("environment.start_utc",), levels=tuple(stamps)))
+
+
+def _stamp(moment: dt.datetime) -> str:
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
