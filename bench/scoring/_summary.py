@@ -210,6 +210,7 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     counts = (~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH)).to_numpy()
     yield "runs", count(counts)
     yield "excluded", count(~counts)
+    yield "until_settled", _until_settled(scores, counts, slot, size)
     for name, known_name in (("confidence", "considered"), ("score", "scored"), ("passed_score", "passable")):
         values, known = _column(scores, name)
         yield known_name, count(known)
@@ -218,10 +219,16 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     yield "achieved", count(achieved)
     yield "asked", count(asked)
     tried = counts & (asked > 0)
-    looked = _column(scores, "until_settled")[0]
-    yield "until_settled", count(looked * counts) if looked.any() else np.zeros(size, dtype=np.int32)
     yield "trials", count(tried)
     yield "passes", count(tried & (achieved == asked))
+
+
+def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int) -> NDArray[np.int32]:
+    """How many of the runs of each slot belong to a question that was looked at until it was settled."""
+    if "until_settled" not in scores.columns or not scores["until_settled"].any():
+        return np.zeros(size, dtype=np.int32)
+    looked = counts & scores["until_settled"].fill_null(value=False).to_numpy()
+    return np.bincount(slot[looked], minlength=size).astype(np.int32)
 
 
 def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
