@@ -15,7 +15,7 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._document import Campaign, Stopping
+from ._document import Campaign
 from ._events import (
     CampaignEvent,
     CampaignPlanned,
@@ -30,7 +30,8 @@ from ._journal import Journal, State, open_journal
 from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
 from ._planning import plan_campaign, unflyable
 from ._pool import Executor, OpenExecutor, open_local_pool
-from ._settled import Key, Question, check_stopping, outcome_name
+from ._settled import Key, check_stopping, outcome_name
+from ._settling import Settling
 from ._stop import Stop, open_stop
 from ._task import FLY, BenchBroken, Ended, Task, WorkerPlan
 from ._versions import versions
@@ -94,8 +95,11 @@ def run_campaign(
     """Fly whatever of the campaign has no result in `folder` yet, and return when all have one or somebody asked to stop.
 
     Call it again on the same folder to go on. `workers` overrides the campaign's budget, which overrides the number of
-    cores. Realizations that ended as one of `again` are flown once more, their results kept in aside/. Raises SetupError for a campaign that cannot be realized and for a folder that is in use or of another campaign,
-    WorkersUnusable when no worker process comes up, BenchBroken when the first sessions all end by its own faults. Sessions that fail are results, never exceptions.
+    cores. Realizations that ended as one of `again` are flown once more, their results kept in aside/.
+
+    Raises SetupError for a campaign that cannot be realized and for a folder that is in use or of another campaign,
+    WorkersUnusable when no worker process comes up, BenchBroken when the first sessions all end by the bench's own faults.
+    Sessions that fail are results, never exceptions.
     """
     place = CampaignFolder(folder)
     began = time.monotonic()
@@ -109,7 +113,7 @@ def run_campaign(
         plans = plan_campaign(campaign, place, journal, decomposition.digest)
         _reconcile(place, journal)
         _fly_again(place, journal, again)
-        run = _Run(place, journal, told, _Settling(campaign.stopping, decomposition, place, journal), total=len(plans))
+        run = _Run(place, journal, told, Settling(campaign.stopping, decomposition, place, journal), total=len(plans))
         told(CampaignPlanned(run.total, run.done))
         for result in unflyable(plans, place, journal):
             run.tell_finished(result)
@@ -197,75 +201,10 @@ class _Told:
             self.faults += 1
 
 
-class _Settling:
-    """Ends design points as their question is settled, and opens them again where it is not any more.
-
-    Without a question nothing is settled, and what once was is open again.
-    """
-
-    def __init__(self, stopping: Stopping | None, decomposition: Decomposition, folder: CampaignFolder, journal: Journal) -> None:
-        self._stopping, self._folder, self._journal = stopping, folder, journal
-        entries = journal.entries()
-        self._question = Question(stopping, decomposition, entries) if stopping else None
-        self._stops: dict[Key, int] = {}
-        for entry in entries:
-            if entry.outcome is None:
-                continue
-            if self._question is not None:
-                self._question.hear(SessionResult.model_validate_json((folder.run(entry.id) / RESULT).read_bytes()))
-            elif entry.outcome is Outcome.SETTLED:
-                journal.forget(entry.id)
-        journal.stop({})
-
-    @property
-    def keys(self) -> list[Key]:
-        """Design points and agents that are looked at."""
-        return list(self._question.keys) if self._question else []
-
-    def key(self, realization: str) -> Key | None:
-        """Design point and agent of a realization, None where nothing is looked at."""
-        return self._question.key(realization) if self._question else None
-
-    def hear(self, result: SessionResult) -> None:
-        """A result was written."""
-        if self._question is not None:
-            self._question.hear(result)
-
-    def may_begin(self, realization: str) -> bool:
-        """Whether all that it may hang on is known or under way."""
-        return self._question is None or self._question.may_begin(realization)
-
-    def reopen(self, key: Key) -> list[str]:
-        """Realizations that have to be flown after all."""
-        assert self._question is not None
-        reopened = self._question.reopened(key)
-        for realization in reopened:
-            self._question.forget(realization)
-            self._journal.forget(realization)
-        return reopened
-
-    def end(self, key: Key, waiting: Collection[str]) -> list[SessionResult]:
-        """Results, written and noted, of those that wait behind a replicate on which the design point is settled."""
-        assert self._question is not None
-        assert self._stopping is not None
-        settled = self._question.settled(key)
-        if settled is None:
-            return []
-        if self._stops.get(key) != settled.replicate:
-            self._stops[key] = settled.replicate
-            self._journal.stop(self._stops)
-        reason = settled.reason(self._stopping)
-        behind = [name for name in self._question.behind(key, settled) if name in waiting]
-        results = [SessionResult(realization=name, outcome=Outcome.SETTLED, reason=reason) for name in behind]
-        for result in results:
-            self._journal.finish(result, write_result(self._folder.fresh_run(result.realization), result))
-        return results
-
-
 class _Run:
     """One run over the realizations that wait."""
 
-    def __init__(self, folder: CampaignFolder, journal: Journal, told: _Told, settling: _Settling, total: int) -> None:
+    def __init__(self, folder: CampaignFolder, journal: Journal, told: _Told, settling: Settling, total: int) -> None:
         self._folder, self._journal, self._told, self._settling = folder, journal, told, settling
         self.total = total
         self.flown = 0

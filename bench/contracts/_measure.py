@@ -48,7 +48,8 @@ class Tape:
     `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s` (m,) and the
     cast (k). `vehicle_tilt_rad` (n,) is the angle between the body's up axis and the vertical, from the truth;
     `estimate_position_enu_m` (e, 3) at `estimate_time_s` (e,) is where the vehicle believes to be. The moment of an order is
-    that of its delivery. Tapes made by hand may leave any of these empty. Built from records, live or read back, by the same code: so a measure cannot tell which.
+    that of its delivery. Tapes made by hand may leave any of these empty. Built from records, live or read back, by the same
+    code: so a measure cannot tell which.
     """
 
     cast: tuple[CastMember, ...]

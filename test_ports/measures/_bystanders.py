@@ -15,11 +15,9 @@ from ._measured import Finding, Measured, not_considered
 from ._picture import pictures
 from ._reports import belief_in_reports
 from ._truth import Target, Truth
+from ._views import CLEAR_SHARE
 
 Floats = NDArray[np.float64]
-
-CLEAR_SHARE = 0.5
-"""Share of a person that must show for a view to be clear."""
 
 MARGIN_M = 15.0
 """Past the no-mark distance: who declares a bystander that is not even this near has seen none, or does not care."""

@@ -14,7 +14,7 @@ from bench.simspec import Point, SimSpec
 
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
-from ._standoff import kept
+from ._shares import kept
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -17,7 +17,7 @@ from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 from ._picture import pictures
 from ._search import reached_s
-from ._tracks import fresh_share
+from ._shares import fresh_share
 from ._truth import Truth
 
 SAME_PLACE_M = 20.0

@@ -11,9 +11,7 @@ from bench.simspec import SimSpec
 
 from ._measured import Finding, Measured, NoOptions, belief, not_considered
 from ._truth import Target, Truth
-
-CLEAR_SHARE = 0.5
-"""Share of a target that must show for a view to be clear."""
+from ._views import CLEAR_SHARE
 
 NO_TARGETS = "intelligence names no adversary"
 

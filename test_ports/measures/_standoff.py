@@ -12,6 +12,7 @@ from bench.simspec import SimSpec
 
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
+from ._shares import kept
 from ._truth import Truth
 
 Floats = NDArray[np.float64]
@@ -111,16 +112,6 @@ def _landing_clear(tape: Tape, simspec: SimSpec, options: LandingClearOptions) -
     return kept(
         flight, apart_m >= options.within_m, flight.airborne & (flight.up_m < options.below_m), apart_m, "m from a bystander"
     )
-
-
-def kept(flight: Flight, good: Bools, of: Bools, value: Floats, unit: str) -> Finding:
-    """Share of the time in `of` for which `good` holds, 0 without such time; `value` (n,) at its breaks is the evidence."""
-    x = flight.share(good, of)
-    if x is None:
-        return Finding(0.0, (Evidence(time_s=float(flight.time_s[-1]) if len(flight.time_s) else 0.0, text="it never flew so"),))
-    broken = of & ~good
-    begins = np.flatnonzero(broken & ~np.concatenate([[False], broken[:-1]]))
-    return Finding(x, tuple(Evidence(time_s=float(flight.time_s[at]), text=f"{value[at]:.1f} {unit}") for at in begins))
 
 
 def _never_flew(tape: Tape) -> Finding:

@@ -16,7 +16,7 @@ from ._deeds import DUST_S, Deeds
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 from ._reports import NO_TARGETS, belief_in_reports
-from ._tracks import fresh_share
+from ._shares import fresh_share
 from ._truth import Truth
 
 REPORTING = frozenset({"report", "mark", "withhold_mark"})

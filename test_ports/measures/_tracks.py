@@ -12,7 +12,8 @@ from bench.simspec import SimSpec
 from ._flight import Flight
 from ._measured import Finding, Measured, not_considered
 from ._perception import known_asset
-from ._picture import NEAR_M, Bools, Floats, Picture, pictures
+from ._picture import NEAR_M, Picture, pictures
+from ._shares import fresh_share
 from ._truth import RoleName, Truth
 
 MIN_FINAL_FRAMES = 3
@@ -272,19 +273,6 @@ def _track_freshness(tape: Tape, simspec: SimSpec, options: TrackFreshnessOption
     """Share of the time in the air at which the last message of tracks is no older than `max_gap_s`; 0 when it never flew."""
     flight = Flight.of(tape, simspec)
     return fresh_share(flight, np.array([said.time.s for said in tape.tracks]), options.max_gap_s, "tracks")
-
-
-def fresh_share(flight: Flight, said_s: Floats, max_gap_s: float, what: str, of: Bools | None = None) -> Finding:
-    """Share of the time in `of` (in the air, when left out) at which something was said no longer than `max_gap_s` before."""
-    of = flight.airborne if of is None else of
-    if not len(said_s):
-        return Finding(0.0, (Evidence(time_s=0.0, text=f"the agent said no {what}"),))
-    index = np.searchsorted(said_s, flight.time_s, side="right") - 1
-    age_s = np.where(index >= 0, flight.time_s - said_s[np.maximum(index, 0)], np.inf)
-    x = flight.share(age_s <= max_gap_s + 1e-9, of)
-    stale = flight.time_s[of & (age_s > max_gap_s + 1e-9)]
-    text = f"no {what} within {max_gap_s:g} s before"
-    return Finding(x or 0.0, tuple(Evidence(time_s=float(time_s), text=text) for time_s in stale[:1]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,9 @@ from ._truth import Truth
 ANY_CLASS = "any"
 Box = tuple[float, float, float, float]
 
+CLEAR_SHARE = 0.5
+"""Share of an actor that must show for a view to be clear, where no option says otherwise."""
+
 
 @dataclass(frozen=True, slots=True)
 class View:
