@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
 if TYPE_CHECKING:
-    from ._document import Rules, SimSpec
+    from ._document import SimSpec
+    from ._rules import Rules
 
 Disagreement = tuple[tuple[str | int, ...], str]
 """Path inside the document, and what is wrong there."""

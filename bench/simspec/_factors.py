@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from ._actors import ActorGroup, Role
 from ._assets import ASSETS
-from ._document import ActorGroup, Polygon, Role, SimSpec
+from ._document import SimSpec
+from ._ground import Polygon
 from ._sun import sun_of
 
 
