@@ -22,6 +22,7 @@ from ._factors import Range as Range
 from ._nested import Nested as Nested
 from ._orthogonal import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
 from ._orthogonal import OrthogonalLatinHypercube as OrthogonalLatinHypercube
+from ._placement import PlacementUnsound as PlacementUnsound
 from ._placement import place as place
 from ._quality import DesignQuality as DesignQuality
 from ._quality import design_quality as design_quality

@@ -15,7 +15,7 @@ What is not refused may still be impossible.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from math import ceil, floor, hypot, pi
@@ -26,7 +26,7 @@ import shapely
 from bench.errors import RebarError
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight, SimSpec
 
-from ._footprint import Array, footprints
+from ._footprint import Array, Footprints, footprints, joined, no_footprints
 from ._relations import (
     EVERYWHERE,
     HOME_CLEARANCE_M,
@@ -43,6 +43,7 @@ from ._relations import (
     ties,
     wide,
 )
+from ._ways import closes, first_legs, loops, open_routes, seen_room, walks
 
 ROUNDS = 6
 PIECES = 200
@@ -100,6 +101,29 @@ def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
         )
 
 
+def check_fixed_ways(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None:
+    """Refuse at once what is fixed on a patrol's route, or round a walker who is fixed himself."""
+    fixed = [group for group in simspec.actors if group.id in placed]
+    for wall in fixed:
+        for relation in open_routes(simspec, wall):
+            if not relation.keeps(placed[wall.id]).all():
+                raise PlacementInfeasible(
+                    f"impossible, and proved so: {wall.id!r} is fixed ({field(wall, 'at')}), and is to {relation.text} "
+                    f"({relation.path}). Move one of them",
+                    clash=(field(wall, "at"), relation.path),
+                )
+    walls = [group for group in fixed if closes(group)]
+    standing = joined([placed[group.id] for group in walls] or [no_footprints()])
+    for walker in fixed:
+        if walks(simspec, walker) and first_legs(simspec, walker, placed[walker.id], standing)[0] is None:
+            path = f"actors[{walker.id}].motion.route"
+            raise PlacementInfeasible(
+                f"impossible, and proved so: {walker.id!r} is fixed ({field(walker, 'at')}) where no straight way leads to any point "
+                f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
+                clash=(field(walker, "at"), path, *(field(group, "at") for group in walls)),
+            )
+
+
 def _counted(group: ActorGroup) -> str:
     return "count" if group.count is not None else "density_per_km2"
 
@@ -138,8 +162,8 @@ def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, 
 class _Term:
     """One constraint as its author wrote it: what it asks of which group, and where it stands.
 
-    Of the last five, one is there: ground that centres must lie in, a tie, a mean distance, the area that the members' sizes
-    and gaps need, or how far they are spread.
+    Of the last six, one is there: ground that centres must lie in, a tie, a mean distance, the area that the members' sizes
+    and gaps need, how far they are spread, or the points of a route of which one must be walked to.
     """
 
     path: str
@@ -150,6 +174,7 @@ class _Term:
     mean: MeanDistance | None = None
     need_m2: float | None = None
     spread_m: float | None = None
+    route_m: Array | None = None
 
 
 def _terms(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[_Term]:
@@ -206,6 +231,10 @@ def _own_terms(simspec: SimSpec, group: ActorGroup) -> list[_Term]:
     if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
         text = f"{group.id!r} is to stand out of sight, and no other group is of anything solid"
         found.append(_Term(field(group, "hidden_from"), text, group.id, room=shapely.Polygon()))
+    if walks(simspec, group):
+        route_m = np.concatenate(list(loops(simspec, group).values()))
+        text = f"{group.id!r} is to walk straight from its place to some point of its patrol route"
+        found.append(_Term(f"actors[{group.id}].motion.route", text, group.id, route_m=route_m))
     if mean := group.placement.mean_distance:
         text = f"the mean distance of {group.id!r} to {mean.of!r} is to be {mean.mean_m:g} m"
         found.append(_Term(field(group, "mean_distance"), text, group.id, mean=mean))
@@ -274,7 +303,13 @@ class _Scene:
                 other = self.simspec.group(term.group)
                 gap = max(group.placement.separation_m, other.placement.separation_m)
                 left = left.difference(shapely.buffer(_outline(other), gap + inner - 1e-6))
-        return left
+        routes = [term.route_m for term in self.terms if term.group == group.id and term.route_m is not None]
+        return left.intersection(seen_room(routes[0], self._walls())) if routes else left
+
+    def _walls(self) -> list[Geometry]:
+        """What is fixed and closes ways, as the least that it closes."""
+        fixed = [self.simspec.group(term.group) for term in self.terms if term.path.endswith(".at")]
+        return [shapely.buffer(_outline(one), -1e-6, join_style="mitre") for one in fixed if closes(one)]
 
     def _narrow(self, own: str, tie: Tie | None) -> None:
         """Keep of the ground on both sides what a tie between them can be kept on."""

@@ -157,7 +157,7 @@ def standing(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     if group.placement.along:
         road = next(one for one in simspec.world.roads if one.id == group.placement.along.road)
         found += _along(group, group.placement.along, road)
-    return found + [_off_route(group, walker) for walker in _walkers(simspec, group)]
+    return found
 
 
 def inner_radius_m(group: ActorGroup) -> float:
@@ -250,29 +250,6 @@ def road_heading_deg(road: Road, places_m: Array) -> Array:
     heading: Array = np.degrees(np.arctan2(step[:, 0], step[:, 1]))
     nearest = shapely.distance(shapely.points(places_m)[:, None], lines[None, :]).argmin(axis=1)
     return np.asarray(heading[nearest], dtype=np.float64)
-
-
-def _walkers(simspec: SimSpec, group: ActorGroup) -> list[ActorGroup]:
-    """Whoever patrols where a member of this group would close the way."""
-    if not (ASSETS[group.asset].solid and group.motion.kind == "still"):
-        return []
-    return [one for one in simspec.actors if one.motion.kind == "patrol" and one.id != group.id and members_of(simspec, one)]
-
-
-def route_of(walker: ActorGroup) -> Geometry:
-    """The loop that a patrol walks."""
-    return shapely.LineString([(one.east_m, one.north_m) for one in (*walker.motion.route, walker.motion.route[0])])
-
-
-def _off_route(group: ActorGroup, walker: ActorGroup) -> Relation:
-    route, room_m = route_of(walker), ASSETS[walker.asset].width_m / 2.0
-    shapely.prepare(route)
-
-    def keeps(some: Footprints) -> Mask:
-        kept: Mask = ~shapely.dwithin(route, shapely.polygons(some.corners()), room_m)
-        return kept
-
-    return Relation(f"actors[{walker.id}].motion.route", f"leave the patrol route of {walker.id!r} open", keeps)
 
 
 def ties(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> list[Tie]:

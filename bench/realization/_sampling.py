@@ -32,6 +32,7 @@ from ._relations import (
     targets_of,
     ties,
 )
+from ._ways import open_routes, open_ways
 
 ROUNDS = 5
 POOL = 4096
@@ -112,11 +113,11 @@ def solids_among(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
 def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
     """All that the group must keep towards the ground and towards what stands, but for room."""
     looks = group.placement.hidden_from or group.placement.visible_from
-    found = standing(simspec, group)
+    found = [*standing(simspec, group), *open_routes(simspec, group)]
     for tie in ties(simspec, group, solids_among(simspec, placed) if looks else None):
         others = tie.points if tie.points is not None else joined([placed[name] for name in tie.of])
         found.append(tie.bound(others))
-    return found
+    return [*found, *open_ways(simspec, group, placed)]
 
 
 def facing_target(group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:

@@ -38,6 +38,7 @@ from ._relations import (
     ties,
 )
 from ._sampling import Placed, fixed_places, solids_among
+from ._ways import closes, closing_pairs, open_routes, open_ways, walks, walls_among
 
 TRIES = 2
 EFFORT = 1.0
@@ -98,6 +99,7 @@ class _Phase:
                 return None
         self._choose(peopled)
         self._keep_clear(peopled)
+        self._keep_ways(peopled)
         for group in peopled:
             for tie in self._ties(group):
                 if set(tie.of) & self.pools.keys():
@@ -130,12 +132,13 @@ class _Phase:
         """Places that keep whatever does not depend on the other members of this phase."""
         count = members_of(self.simspec, group)
         wanted = int(min(max(8 * count, 160), max(900, 1.5 * count), max(CANDIDATES / groups, 1.2 * count)))
-        relations = standing(self.simspec, group)
+        relations = [*standing(self.simspec, group), *open_routes(self.simspec, group)]
         for tie in self._ties(group):
             if not set(tie.of) & {one.id for one in self.groups}:
                 others = tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
                 relations.append(tie.bound(others))
         relations.append(clear(group, joined([home_of(self.simspec), *self.standing.values()])))
+        relations += open_ways(self.simspec, group, self.standing)
         found = no_footprints()
         for some in self._candidates(group, wanted):
             for relation in relations:
@@ -191,6 +194,16 @@ class _Phase:
         spread_m = np.array([group.placement.spread_m or 0.0 for group in groups])[whose]
         for index, others in enumerate(_conflicts(everywhere, whose, spread_m)):
             self._exclude(all_taken[index], [all_taken[other] for other in others])
+
+    def _keep_ways(self, groups: Sequence[ActorGroup]) -> None:
+        """Whatever would close a patrol's way to its route, the shortest that what stands leaves it, excludes the walker there."""
+        walls = walls_among(self.simspec, self.standing)
+        for walker in groups:
+            for other in groups if walks(self.simspec, walker) else ():
+                if closes(other) and other is not walker:
+                    pools = self.pools[walker.id], self.pools[other.id]
+                    for one, index in closing_pairs(self.simspec, walker, *pools, walls):
+                        self._exclude(self.taken[walker.id][one], [self.taken[other.id][index]])
 
     def _exclude(self, one: Literal, others: Sequence[Literal]) -> None:
         if others:
