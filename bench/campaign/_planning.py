@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_json, dump_yaml
 from bench.errors import Fault, SetupError
 from bench.realization import PlacementInfeasible, RealizationPlan, check_placement, place
-from bench.simspec import SimSpec
+from bench.simspec import SimSpec, factor_values
+from decompositions import Decomposition
 
 from ._design import realizations
 from ._document import Campaign
@@ -19,22 +20,24 @@ from ._journal import Journal, Planned
 
 
 def plan_campaign(
-    campaign: Campaign, folder: CampaignFolder, journal: Journal, decomposition_sha256: str
+    campaign: Campaign, folder: CampaignFolder, journal: Journal, decomposition: Decomposition
 ) -> list[RealizationPlan]:
     """Every realization of the campaign, entered in the journal, its SimSpec in simspecs/.
 
-    What the journal holds already stays as it is. Raises SetupError when that belongs to another campaign.
+    What the journal holds already stays as it is. Raises SetupError when that belongs to another campaign, and when the
+    decomposition cannot rate one of the situations, which could be flown and never be scored.
     """
     plans = realizations(campaign)
     intents = {plan.id: _digest(dump_json(plan.simspec)) for plan in plans}
-    _check_same(folder, journal, intents, decomposition_sha256)
+    _check_same(folder, journal, intents, decomposition.digest)
     known = {entry.id: entry for entry in journal.entries()}
+    _check_rated((plan for plan in plans if plan.id not in known), decomposition)
     folder.path.mkdir(parents=True, exist_ok=True)
     write_whole(folder.campaign, dump_yaml(_at_home(campaign, folder)))
     placer = _Placer()
     new = [plan for plan in plans if plan.id not in known]
     planned = [Planned(plan, intents[plan.id], placer.write(plan, folder)) for plan in new]
-    journal.note("decomposition_sha256", decomposition_sha256)
+    journal.note("decomposition_sha256", decomposition.digest)
     journal.enter(planned)
     for plan in plans:
         entry = known.get(plan.id)
@@ -97,6 +100,18 @@ def _check_same(folder: CampaignFolder, journal: Journal, intents: dict[str, str
         )
     if faults:
         raise SetupError(faults)
+
+
+def _check_rated(plans: Iterable[RealizationPlan], decomposition: Decomposition) -> None:
+    from bench.scoring import difficulty  # with all of its arrays, which nothing else here needs
+
+    seen: set[tuple[tuple[str, float], ...]] = set()
+    for plan in plans:
+        values = factor_values(plan.simspec)
+        rated = tuple(values.items())
+        if rated not in seen:
+            seen.add(rated)
+            difficulty(decomposition, values)
 
 
 def _digest(text: str) -> str:

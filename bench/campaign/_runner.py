@@ -110,7 +110,7 @@ def run_campaign(
         told = _Told(on_event)
         journal.release()
         check_fidelity(campaign, journal)
-        plans = plan_campaign(campaign, place, journal, decomposition.digest)
+        plans = plan_campaign(campaign, place, journal, decomposition)
         _reconcile(place, journal)
         _fly_again(place, journal, again)
         run = _Run(place, journal, told, Settling(campaign.stopping, decomposition, place, journal), total=len(plans))

@@ -15,6 +15,7 @@ from ._actors import ActorGroup, Role
 from ._assets import ASSETS
 from ._document import SimSpec
 from ._ground import Polygon
+from ._proximity import bystander_proximity_m
 from ._sun import sun_of
 
 
@@ -50,11 +51,6 @@ def _bystander_density(simspec: SimSpec) -> float | None:
     counted = sum(group.members(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
     # A density stands for the whole population of its own; small counted groups come on top only when nothing states one.
     return sum(stated) if stated else counted / area_km2
-
-
-def _bystander_proximity(simspec: SimSpec) -> float | None:
-    means = [g.placement.mean_distance.mean_m for g in _groups(simspec, Role.BYSTANDER) if g.placement.mean_distance]
-    return min(means, default=None)
 
 
 def _nearest_bystander(simspec: SimSpec) -> float | None:
@@ -201,9 +197,9 @@ FACTORS: dict[str, Factor] = {
     ),
     "bystander_proximity_m": Factor(
         "m",
-        "Mean distance of bystanders to the target.",
-        _bystander_proximity,
-        "actors[bystander].placement.mean_distance.mean_m",
+        "Mean distance of bystanders to the target; where none is stated, the most that their relations and the ground allow.",
+        bystander_proximity_m,
+        "actors[bystander].placement.mean_distance.mean_m else actors[bystander].placement.near.max_m",
     ),
     "nearest_bystander_m": Factor(
         "m", "Least configured distance of bystanders to a target.", _nearest_bystander, "actors[bystander].placement.near.min_m"

@@ -22,11 +22,17 @@ JOB = "campaign_fakes:fake_flight"
 
 @dataclass(frozen=True)
 class Script:
-    """Stands for the decomposition, which the runner hands to every job: what each realization does, `ok` if not named."""
+    """Stands for the decomposition, which the runner hands to every job: what each realization does, `ok` if not named.
+
+    It asks about nothing, so every situation can be rated.
+    """
 
     acts: dict[str, str] = field(default_factory=dict)
     span_s: float = 0.0
     digest: str = "0" * 64
+    name: str = "script"
+    nodes: tuple[str, ...] = ()
+    observables: tuple[str, ...] = ()
 
 
 def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realization: str) -> SessionResult:

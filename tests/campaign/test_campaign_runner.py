@@ -16,7 +16,7 @@ from pathlib import Path
 
 import campaign_fakes
 import pytest
-from campaign_fakes import Script, fly, small_campaign
+from campaign_fakes import JOB, Script, fly, small_campaign
 
 from bench.campaign import (
     CampaignFolder,
@@ -26,9 +26,11 @@ from bench.campaign import (
     RealizationStarted,
     WorkersUnusable,
     digest_of,
+    load_asked,
     open_journal,
     open_local_pool,
     read_result,
+    run_campaign,
     verify_folder,
 )
 from bench.contracts import Outcome
@@ -107,6 +109,14 @@ def test_another_campaign_is_refused(tmp_path: Path) -> None:
         fly(tmp_path, small_campaign(points=1, wall_s=5.0))
     with pytest.raises(SetupError, match="another decomposition"):
         fly(tmp_path, small_campaign(points=1), Script(digest="1" * 64))
+
+
+def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
+    """Situations that the decomposition cannot rate are refused before the first is placed, with what they lack."""
+    with pytest.raises(SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"):
+        run_campaign(small_campaign(), tmp_path, load_asked("search-and-report"), job=JOB)
+
+    assert not list(tmp_path.glob("simspecs/*"))
 
 
 def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:

@@ -82,6 +82,31 @@ def test_a_situation_without_bystanders_has_no_bystander_factors() -> None:
     assert "bystander_proximity_m" not in values
 
 
+@pytest.mark.parametrize(
+    ("placements", "expected"),
+    [
+        (["near: {of: target, max_m: 60}"], 60.0),
+        (["away: {of: target, min_m: 30, max_m: 90}"], 90.0),
+        (["distances: [{of: adversary, max_m: 70}]"], 70.0),
+        (["near: {of: house, max_m: 20}"], 650.0),  # says nothing of the target: the diagonal of the area
+        (["at: {east_m: 40, north_m: 30}"], 500.0),
+        (["near: {of: target, max_m: 60}", "spread_m: 2"], (3 * 60.0 + 3 * 650.0) / 6),
+        (["near: {of: target, max_m: 5}", "mean_distance: {of: target, mean_m: 100}"], 100.0),
+        (["mean_distance: {of: house, mean_m: 10}"], 650.0),
+    ],
+)
+def test_proximity_is_stated_or_the_most_that_the_relations_allow(placements: list[str], expected: float) -> None:
+    """The difficulty that a run certifies may not exceed what every placement of its situation has."""
+    fixed = placements == ["at: {east_m: 40, north_m: 30}"]
+    target = "placement: {at: {east_m: 440, north_m: 330}}" if fixed else "concealment: 0.5"
+    spec = SPEC[: SPEC.index("- {id: target")] + f"- {{id: target, asset: radar-vehicle, role: adversary, count: 1, {target}}}\n"
+    spec += "- {id: house, asset: house, role: clutter, count: 1}\n"
+    for number, one in enumerate(placements):
+        count = 1 if fixed else 3
+        spec += f"- {{id: p{number}, asset: civilian, role: bystander, count: {count}, placement: {{{one}}}}}\n"
+    assert factor_values(read_document(spec, SimSpec))["bystander_proximity_m"] == pytest.approx(expected)
+
+
 EASIEST = [
     "orders",
     "order_urgency_per_min",

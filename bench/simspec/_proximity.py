@@ -1,0 +1,54 @@
+"""How near to a target a configuration keeps its bystanders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from ._actors import ActorGroup, Role
+from ._document import SimSpec
+
+
+def bystander_proximity_m(simspec: SimSpec) -> float | None:
+    """Mean distance of the bystanders to the target as far as the configuration says it; None without one or the other.
+
+    It is the least `mean_distance` to an adversary that a group states. Where none states one it is the most that the mean over
+    all bystanders can be: for each group the upper end of a relation to an adversary, and never more than the ground of the
+    two allows. A run so certifies an agent to what any placement of the situation holds (reading.md 2 and 5), and no more.
+    """
+    area_m2 = simspec.world.area.area_m2
+    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.members(area_m2)]
+    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.members(area_m2)]
+    if not groups or not targets:
+        return None
+    named = {one.id for one in targets}
+    means = [mean.mean_m for one in groups if (mean := one.placement.mean_distance) and mean.of in named]
+    if means:
+        return min(means)
+    members = [one.members(area_m2) for one in groups]
+    bounds = [min(_most_m(simspec, one, target) for target in targets) for one in groups]
+    return math.fsum(many * most_m for many, most_m in zip(members, bounds, strict=True)) / sum(members)
+
+
+def _most_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> float:
+    """The farthest that a member of the group may stand from the target."""
+    return min([*_said(simspec, group, target), _across(_ground(simspec, group), _ground(simspec, target))])
+
+
+def _said(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
+    place = group.placement
+    called_so = {one.id for one in simspec.actors}
+    names = {target.id} | ({str(target.role)} - called_so)
+    yield from (one.max_m for one in (place.near, place.away) if one and one.of == target.id)
+    yield from (one.max_m for one in place.distances if one.of in names and one.max_m is not None)
+
+
+def _ground(simspec: SimSpec, group: ActorGroup) -> list[tuple[float, float]]:
+    """Corners of the ground on which a group may stand, or the one place that is fixed."""
+    corners = (group.placement.at,) if group.placement.at else (group.placement.region or simspec.world.area).corners
+    return [(one.east_m, one.north_m) for one in corners]
+
+
+def _across(one: list[tuple[float, float]], other: list[tuple[float, float]]) -> float:
+    # Of two polygons the points farthest apart are corners.
+    return max(math.dist(a, b) for a in one for b in other)
