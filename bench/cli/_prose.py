@@ -42,10 +42,13 @@ def prose(
     points: Annotated[int, typer.Option(min=1, max=10_000, help="Design points of that campaign")] = 17,
     groups: Annotated[bool, typer.Option(help="Group the variations by difficulty configuration")] = False,
     decomposition: Annotated[str, typer.Option(help="For --groups: name or file of a decomposition")] = "search-and-report",
-    llm: Annotated[str | None, typer.Option(help="Model that proposes what grammar and vocabulary do not find")] = None,
+    llm: Annotated[
+        str | None, typer.Option(help="Model that proposes what grammar and vocabulary do not find: provider:name, or a name")
+    ] = None,
     llm_url: Annotated[
-        str, typer.Option(help=f"OpenAI-compatible endpoint; its key from {KEY_VARIABLE}")
-    ] = "http://localhost:11434/v1",
+        str | None,
+        typer.Option(help=f"OpenAI-compatible server that has the model, else one at port 11434; its key from {KEY_VARIABLE}"),
+    ] = None,
 ) -> None:
     """Turn a description into a base SimSpec with ranges, with a receipt for every field.
 
@@ -63,7 +66,7 @@ def prose(
         found = read_prose(given, words, accept or [])
     else:
         endpoint = ModelEndpoint(llm, llm_url, os.environ.get(KEY_VARIABLE))
-        proposed = propose(given, words, endpoint.ask, model=llm, answers=accept or [])
+        proposed = propose(given, words, endpoint, answers=accept or [])
         found = proposed.result
     if as_json:
         shown = found if proposed is None else proposed
@@ -98,6 +101,8 @@ def _text(text: str | None, file: Path | None) -> str:
 def _remarks(found: BaseSimSpec, proposed: Proposed | None) -> Iterator[str]:
     for word, other in found.corrected.items():
         yield f"{word!r} was read as {other!r}"
+    for one in found.remarks:
+        yield f"{one.quote!r}: {one.why}"
     for number, question in enumerate(found.questions, start=1):
         yield f"question {number}: {question.quote!r}: {question.ask}"
         yield from (f"  {index}. {reading}" for index, reading in enumerate(question.readings, start=1))

@@ -1,53 +1,51 @@
-"""A language model behind an OpenAI-compatible endpoint, over plain HTTP: one request, one answer, in bounded time."""
+"""Where a language model answers: at a provider that pydantic-ai knows, or at any server with OpenAI's chat interface."""
 
 from __future__ import annotations
 
-import json
-import urllib.error
 import urllib.parse
-import urllib.request
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.errors import Fault, LinkLost, SetupError
+from bench.errors import Fault, SetupError
 
-from ._proposal import Message
+from ._proposal import Conversation, Judge
 
-MOST_BYTES = 1_000_000
+LOCAL_URL = "http://localhost:11434/v1"
+INSTALL = ".venv/bin/pip install --editable '.[llm]' in the checkout, which `make test` has done too"
 
 
 @dataclass(frozen=True, slots=True)
 class ModelEndpoint:
-    """Where a model answers: `url` is the API's root (`http://localhost:11434/v1`), `key` goes with each request."""
+    """`provider:name` as pydantic-ai writes it, or any name with the server that knows it.
+
+    With a `url` (the API's root), or where what stands before the colon is no provider, the whole of `model` is a name at a
+    server with OpenAI's chat interface; `key` goes with each request there. Providers find their keys themselves.
+    """
 
     model: str
-    url: str
+    url: str | None = None
     key: str | None = None
-    timeout_s: float = 60.0
+    timeout_s: float = 120.0
 
     def __post_init__(self) -> None:
-        if urllib.parse.urlsplit(self.url).scheme not in ("http", "https"):
-            raise SetupError(Fault("--llm-url", f"{self.url!r} is not an address", "for example http://localhost:11434/v1"))
+        if self.url is not None and urllib.parse.urlsplit(self.url).scheme not in ("http", "https"):
+            raise SetupError(Fault("--llm-url", f"{self.url!r} is not an address", f"for example {LOCAL_URL}"))
 
-    def ask(self, messages: Sequence[Message]) -> str:
-        """The model's answer. Raises LinkLost when the endpoint gives none: refused, too late, too large, or of another form."""
-        body = {"model": self.model, "messages": list(messages), "temperature": 0, "response_format": {"type": "json_object"}}
-        headers = {"Content-Type": "application/json"}
-        if self.key:
-            headers["Authorization"] = f"Bearer {self.key}"
-        request = urllib.request.Request(f"{self.url.rstrip('/')}/chat/completions", json.dumps(body).encode(), headers)
+    @property
+    def provider(self) -> str:
+        """Name of the provider. Raises SetupError where what speaks with it is not installed."""
         try:
-            with urllib.request.urlopen(request, timeout=self.timeout_s) as answer:
-                text = answer.read(MOST_BYTES + 1)
-        except urllib.error.HTTPError as error:
-            with error:
-                raise LinkLost(f"the model at {self.url} answers {error.code} {error.reason}") from error
-        except OSError as error:
-            raise LinkLost(f"the model at {self.url} does not answer: {error}") from error
-        if len(text) > MOST_BYTES:
-            raise LinkLost(f"the model at {self.url} answers with more than {MOST_BYTES} bytes")
-        try:
-            content = json.loads(text)["choices"][0]["message"]["content"]
-        except (ValueError, KeyError, IndexError, TypeError) as error:
-            raise LinkLost(f"the model at {self.url} answers in another form than chat completions") from error
-        return str(content)
+            from ._conversation import provider_of
+        except ModuleNotFoundError as error:
+            raise SetupError(Fault("--llm", f"speaks through pydantic-ai, and {error.name} is not installed", INSTALL)) from error
+        return provider_of(self.model, self.url)
+
+    def ask(self, brief: str, question: str, judge: Judge) -> Conversation:
+        """Have the model answer until `judge` finds no fault, three times at the most.
+
+        Raises LinkLost where no answer comes: refused, too late, too large, of another form; SetupError where a key, a model
+        or a package is missing.
+        """
+        provider = self.provider
+        from ._conversation import Door, converse
+
+        return converse(Door(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s), brief, question, judge)

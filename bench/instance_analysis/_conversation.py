@@ -1,0 +1,227 @@
+"""A bounded conversation with a language model through pydantic-ai. Imported only when a model is asked: it takes a second."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import re
+import warnings
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Any
+
+import httpx2
+from pydantic_ai import Agent, ModelRetry, PromptedOutput, UsageLimits, capture_run_messages
+from pydantic_ai.exceptions import (
+    ModelAPIError,
+    ModelHTTPError,
+    ModelNotFoundError,
+    UnexpectedModelBehavior,
+    UnsupportedSettingWarning,
+    UsageLimitExceeded,
+    UsageLimitUnavailableWarning,
+    UserError,
+)
+from pydantic_ai.messages import ModelMessage, ModelResponse
+from pydantic_ai.models import Model, create_async_httpx2_client, infer_model
+from pydantic_ai.models.openai import OpenAIChatModel
+from pydantic_ai.profiles.openai import OpenAIModelProfile
+from pydantic_ai.providers import Provider, infer_provider_class
+from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
+from pydantic_ai.settings import ModelSettings
+
+from bench.errors import Fault, LinkLost, RebarError, SetupError
+
+from ._proposal import ROUNDS, Conversation, Judge, Proposal
+
+COMPATIBLE = "openai-compatible"
+MOST_BYTES = 1_000_000
+MOST_TOKENS = 200_000
+_NEEDED_HEADERS = {"host", "accept", "accept-encoding", "connection", "content-length", "content-type", "user-agent"}
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """The model, and how it is reached; `url` and `key` count for a server with OpenAI's chat interface alone."""
+
+    model: str
+    provider: str
+    url: str
+    key: str | None
+    timeout_s: float
+
+    @property
+    def told(self) -> str:
+        return f"the model at {self.url}" if self.provider == COMPATIBLE else f"the model {self.model}"
+
+
+def provider_of(model: str, url: str | None) -> str:
+    """What stands before the colon, where it is a provider and no `url` is given. Raises SetupError where its package is missing."""
+    name, colon, _ = model.partition(":")
+    if url is not None or not colon:
+        return COMPATIBLE
+    try:
+        infer_provider_class(name)
+    except ValueError:  # the colon belongs to the model's name, as in qwen3:8b
+        return COMPATIBLE
+    except ImportError as error:
+        extra = re.search(r"pydantic-ai-slim\[[a-z-]+\]", str(error))
+        mend = f".venv/bin/pip install '{extra[0]}'" if extra else str(error)
+        raise SetupError(Fault("--llm", f"what speaks with {name} is not installed", mend)) from error
+    return name
+
+
+def converse(door: Door, brief: str, question: str, judge: Judge) -> Conversation:
+    """Ask, and send what the judge finds wrong back. Raises as `ModelEndpoint.ask`."""
+    with warnings.catch_warnings():
+        # That a model takes no temperature, or a server counts no tokens, is no concern of who asks.
+        warnings.filterwarnings("ignore", message="Sampling parameters", category=UserWarning)
+        warnings.simplefilter("ignore", UnsupportedSettingWarning)
+        warnings.simplefilter("ignore", UsageLimitUnavailableWarning)
+        return asyncio.run(_converse(door, brief, question, judge))
+
+
+async def _converse(door: Door, brief: str, question: str, judge: Judge) -> Conversation:
+    gate = _Gate(door)
+    async with create_async_httpx2_client(timeout=door.timeout_s) as client:
+        client.event_hooks = {
+            "request": [*client.event_hooks["request"], gate.request],
+            "response": [gate.response],
+        }
+        try:
+            model = _opened(door, client)
+        except UserError as error:
+            raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", str(error))) from error
+        with capture_run_messages() as messages:
+            return await _run(model, door, gate, messages, brief, question, judge)
+
+
+async def _run(
+    model: Model, door: Door, gate: _Gate, messages: list[ModelMessage], brief: str, question: str, judge: Judge
+) -> Conversation:
+    # A schema in the prompt is the one form that every model understands: output tools need a model trained for tools, and
+    # servers differ in which `response_format` they refuse.
+    agent = Agent(
+        model,
+        name="prose",
+        output_type=PromptedOutput(Proposal),
+        instructions=brief,
+        retries={"output": ROUNDS - 1, "tools": 0},
+        model_settings=ModelSettings(temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0),
+    )
+    judged = 0
+
+    @agent.output_validator
+    def judged_by(proposal: Proposal) -> Proposal:
+        nonlocal judged
+        judged = len(_answers(messages))
+        if faults := judge(proposal):
+            raise ModelRetry(faults)
+        return proposal
+
+    try:
+        await agent.run(question, usage_limits=UsageLimits(request_limit=ROUNDS, total_tokens_limit=MOST_TOKENS))
+    except UsageLimitExceeded:
+        return Conversation(len(_answers(messages)), f"has used more than {MOST_TOKENS} tokens")
+    except (ModelAPIError, UnexpectedModelBehavior) as error:
+        exhausted = type(error) is UnexpectedModelBehavior and len(_answers(messages)) == ROUNDS
+        if not exhausted:
+            raise _failure(error, door, gate) from error
+    rounds = len(_answers(messages))
+    if judged == rounds:
+        return Conversation(rounds)
+    return Conversation(
+        rounds, "its last answer is not the JSON object that was asked for", (_answers(messages)[-1].text or "")[:80]
+    )
+
+
+def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: Door, gate: _Gate) -> RebarError:
+    """What a person is to conclude from there being no answer."""
+    if gate.refused:
+        return LinkLost(gate.refused)
+    if isinstance(error, ModelHTTPError):
+        what = f"{door.told} answers {error.status_code}"
+        if error.status_code in (401, 403):
+            own = "give its key in REBAR_LLM_KEY"
+            mend = own if door.provider == COMPATIBLE else f"see to the key of {door.provider} in the environment"
+            return SetupError(Fault("--llm", f"{what}: it takes no such key", mend))
+        if isinstance(error, ModelNotFoundError):
+            return SetupError(Fault("--llm", f"{what}: there is no {door.model!r}", "see to the name and to --llm-url"))
+        return LinkLost(what)
+    if isinstance(error, ModelAPIError):
+        return LinkLost(f"{door.told} does not answer: {_first_line(error)}")
+    return LinkLost(f"{door.told} answers in another form than it should: {_first_line(error)}")
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)[:200]
+
+
+def _answers(messages: list[ModelMessage]) -> list[ModelResponse]:
+    return [one for one in messages if isinstance(one, ModelResponse)]
+
+
+def _opened(door: Door, client: httpx2.AsyncClient) -> Model:
+    if door.provider == COMPATIBLE:
+        provider = OpenAICompatibleProvider(
+            COMPATIBLE,
+            base_url=door.url,
+            api_key=door.key,
+            http_client=client,
+            profile=OpenAIModelProfile(supports_json_object_output=False),
+        )
+        return OpenAIChatModel(door.model, provider=provider)
+    return infer_model(door.model, lambda name: _provider(name, client))
+
+
+def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
+    known = infer_provider_class(name)
+    takes_client = "http_client" in inspect.signature(known.__init__).parameters
+    return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]
+
+
+class _Gate:
+    """What goes out and comes in: to a server of one's own nothing but what it needs, and no answer above a megabyte."""
+
+    def __init__(self, door: Door) -> None:
+        self._door = door
+        self.refused = ""
+
+    async def request(self, request: httpx2.Request) -> None:
+        request.headers["Accept-Encoding"] = "identity"  # so that bytes on the wire are bytes in memory
+        if self._door.provider == COMPATIBLE:
+            needed = _NEEDED_HEADERS | ({"authorization"} if self._door.key else set())
+            for name in set(request.headers) - needed:
+                del request.headers[name]
+
+    async def response(self, response: httpx2.Response) -> None:
+        if response.headers.get("Content-Encoding", "identity") != "identity":
+            self.refused = f"{self._door.told} answers compressed, unasked"
+            raise _Refused(self.refused)
+        if isinstance(response.stream, httpx2.AsyncByteStream):
+            response.stream = _Bounded(response.stream, self)
+
+    def too_large(self) -> None:
+        self.refused = f"{self._door.told} answers with more than {MOST_BYTES} bytes"
+        raise _Refused(self.refused)
+
+
+class _Refused(httpx2.TransportError):
+    """An answer is not read on."""
+
+
+class _Bounded(httpx2.AsyncByteStream):
+    def __init__(self, stream: httpx2.AsyncByteStream, gate: _Gate) -> None:
+        self._stream = stream
+        self._gate = gate
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        read = 0
+        async for chunk in self._stream:
+            read += len(chunk)
+            if read > MOST_BYTES:
+                self._gate.too_large()
+            yield chunk
+
+    async def aclose(self) -> None:
+        await self._stream.aclose()
