@@ -12,6 +12,7 @@ import shapely
 from bench.errors import Fault
 from bench.simspec import (
     ASSETS,
+    HOME,
     ActorGroup,
     Along,
     CountRange,
@@ -37,10 +38,12 @@ def check_placement(simspec: SimSpec) -> list[Fault]:
     """
     if simspec.realized is None:
         return [Fault("realized", "is missing", "place the SimSpec first")]
-    members = _members(simspec.realized)
+    members = _members(simspec, simspec.realized)
     return [
         *_counts(simspec, simspec.realized),
         *_collisions(simspec, simspec.realized),
+        *(fault for group in simspec.actors for fault in _inside(simspec, group, members)),
+        *(fault for group in simspec.actors for fault in _between(group, members)),
         *(fault for group in simspec.actors for fault in _group(simspec, group, members)),
         *(fault for group in simspec.actors for fault in _more(simspec, group, members)),
         *_routes(simspec, simspec.realized),
@@ -51,8 +54,10 @@ def check_placement(simspec: SimSpec) -> list[Fault]:
 Members = dict[str, list[PlacedActor]]
 
 
-def _members(realized: Realized) -> Members:
+def _members(simspec: SimSpec, realized: Realized) -> Members:
     members: Members = {}
+    if all(group.id != HOME for group in simspec.actors):
+        members[HOME] = [PlacedActor(id=HOME, group=HOME, **simspec.vehicle.home.model_dump())]
     for actor in realized.actors:
         members.setdefault(actor.group, []).append(actor)
     return members
@@ -106,6 +111,8 @@ def _collisions(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
         if one < other:
             # Two fixed actors stand where their author put them; they only must not overlap.
             wanted = 0.0 if fixed[one] and fixed[other] else max(separation[one], separation[other])
+            if _stands_in(simspec, known[one], known[other]) or _stands_in(simspec, known[other], known[one]):
+                continue
             gap = shapely.distance(outlines[one], outlines[other])
             if gap < wanted - SLACK_M or (gap == 0.0 and shapely.intersection(outlines[one], outlines[other]).area > SLACK_M):
                 yield Fault(
@@ -117,6 +124,63 @@ def _collisions(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
     for (actor, outline), at in zip(known, fixed, strict=True):
         if not at and shapely.distance(home, outline) < HOME_CLEARANCE_M - SLACK_M:
             yield Fault(f"realized: {actor.id}", "stands on the vehicle's home", f"keep {HOME_CLEARANCE_M:g} m clear of it")
+
+
+Outlined = tuple[PlacedActor, shapely.Polygon]
+
+
+def _stands_in(simspec: SimSpec, guest: Outlined, host: Outlined) -> bool:
+    """Whether the one is to stand inside the other's group, or inside what is inside that, and stands wholly inside this member."""
+    inside = simspec.group(guest[0].group).placement.inside
+    seen = {guest[0].group}
+    while inside is not None and inside.of is not None and inside.of not in seen:
+        if inside.of == host[0].group:
+            return bool(host[1].buffer(SLACK_M).covers(guest[1]))
+        seen.add(inside.of)
+        inside = simspec.group(inside.of).placement.inside
+    return False
+
+
+def _inside(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fault]:
+    inside = group.placement.inside
+    if inside is None:
+        return
+    if inside.area is not None:
+        rooms = [_polygon(one) for one in simspec.world.areas if one.id == inside.area]
+    else:
+        outlines = [_outline(simspec, other) for other in members.get(inside.of or "", [])]
+        rooms = [one for one in outlines if one is not None]
+    rooms = [room.buffer(SLACK_M) for room in rooms]
+    what = f"area {inside.area!r}" if inside.area is not None else f"any member of {inside.of!r}"
+    for actor in members.get(group.id, []):
+        outline = _outline(simspec, actor)
+        if outline is not None and not any(room.covers(outline) for room in rooms):
+            yield Fault(f"realized: {actor.id}", f"is not inside {what}", "keep the whole footprint inside")
+
+
+def _between(group: ActorGroup, members: Members) -> Iterator[Fault]:
+    between = group.placement.between
+    if between is None:
+        return
+    own = members.get(group.id, [])
+    firsts, seconds = members.get(between.first, []), members.get(between.second, [])
+    last = 1 if between.first == between.second else 0
+    if own and (not firsts or len(seconds) <= last):
+        yield Fault(f"realized: group {group.id}", f"has nobody to stand between in {between.first!r} and {between.second!r}")
+        return
+    for actor in own:
+        start, end = firsts[0], seconds[last]
+        way = shapely.LineString([(start.east_m, start.north_m), (end.east_m, end.north_m)])
+        spot = shapely.Point(actor.east_m, actor.north_m)
+        # Law of cosines: neither end sees the other and the actor at more than a right angle.
+        ends = (_distance_m(start, end) ** 2, _distance_m(actor, start) ** 2, _distance_m(actor, end) ** 2)
+        acute = ends[0] + ends[1] - ends[2] > -SLACK_M and ends[0] + ends[2] - ends[1] > -SLACK_M
+        if not acute or way.length == 0.0 or way.distance(spot) > between.within_m + SLACK_M:
+            yield Fault(
+                f"realized: {actor.id}",
+                f"is not between {between.first!r} and {between.second!r}",
+                f"stand within {between.within_m:g} m of the way from one to the other",
+            )
 
 
 def _group(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fault]:
@@ -153,11 +217,10 @@ def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fau
     for actor in own:
         where = f"realized: {actor.id}"
         for distance in place.distances:
-            names = [distance.of] if distance.of in {one.id for one in simspec.actors} else _of_role(simspec, group, distance.of)
-            found = [_distance_m(actor, other) for name in names for other in members.get(name, [])]
-            keeps = [_in_band(distance, one) for one in found]
+            keeps = [_in_band(distance, one) for one in _found_m(simspec, group, distance, actor, members)]
             if not (any(keeps) if distance.whom == "some" else all(keeps)):
-                yield Fault(where, f"does not keep its distance from {distance.whom} member of {distance.of!r}", "see distances")
+                whom = f"{distance.whom} member of {distance.of!r}" if distance.of else "a point"
+                yield Fault(where, f"does not keep its distance from {whom}", "see distances")
         if place.along:
             yield from _along(simspec, actor, place.along)
         if place.bearing and (seen := _seen(place.bearing, members)):
@@ -167,7 +230,11 @@ def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fau
                 yield Fault(
                     where, f"stands at {angle:.2f} degrees", f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} asked for"
                 )
-        if place.facing and (seen := _seen(place.facing, members)):
+        if place.facing and place.facing.heading_deg is not None:
+            off = _turn_deg(actor.heading_deg, place.facing.heading_deg)
+            if off > place.facing.within_deg + SLACK_DEG:
+                yield Fault(where, f"heads {actor.heading_deg:.2f} degrees", f"{place.facing.heading_deg:g} asked for")
+        elif place.facing and (seen := _seen(place.facing, members)):
             off = _turn_deg(actor.heading_deg, _bearing_deg((actor.east_m, actor.north_m), seen[0]))
             if off > place.facing.within_deg + SLACK_DEG:
                 yield Fault(where, f"heads {off:.2f} degrees off whom it is to face", f"at most {place.facing.within_deg:g}")
@@ -181,6 +248,17 @@ def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fau
         for one, other in itertools.combinations(own, 2):
             if _distance_m(one, other) < place.spread_m - SLACK_M:
                 yield Fault(f"realized: {one.id} and {other.id}", "are less spread than asked for", f"{place.spread_m:g} m")
+
+
+def _found_m(simspec: SimSpec, group: ActorGroup, distance: Distance, actor: PlacedActor, members: Members) -> Iterator[float]:
+    """How far the actor is from whomever a distance is about."""
+    if distance.point is not None:
+        yield math.hypot(actor.east_m - distance.point.east_m, actor.north_m - distance.point.north_m)
+        return
+    assert distance.of is not None
+    named = distance.of in {HOME, *(one.id for one in simspec.actors)}
+    for name in [distance.of] if named else _of_role(simspec, group, distance.of):
+        yield from (_distance_m(actor, other) for other in members.get(name, []))
 
 
 def _of_role(simspec: SimSpec, group: ActorGroup, role: str) -> list[str]:

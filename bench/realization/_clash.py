@@ -27,6 +27,7 @@ from bench.errors import RebarError
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight, SimSpec
 
 from ._footprint import Array, Footprints, footprints, joined, no_footprints
+from ._midway import Midway, midways
 from ._relations import (
     EVERYWHERE,
     HOME_CLEARANCE_M,
@@ -35,7 +36,9 @@ from ._relations import (
     coarse,
     field,
     ground,
+    hosts_of,
     inner_radius_m,
+    is_home,
     members_of,
     outer_radius_m,
     region_of,
@@ -67,7 +70,7 @@ def check_areas(simspec: SimSpec) -> None:
     """Refuse at once what no arrangement could hold: footprints grown by half their gap do not overlap, so their areas add up."""
     needs: dict[Polygon, list[ActorGroup]] = {}
     for group in simspec.actors:
-        if group.placement.at is None and members_of(simspec, group):
+        if group.placement.at is None and members_of(simspec, group) and not hosts_of(simspec, group):
             needs.setdefault(region_of(simspec, group), []).append(group)
     for region, groups in needs.items():
         gap = min(group.placement.separation_m for group in groups)
@@ -83,6 +86,7 @@ def check_areas(simspec: SimSpec) -> None:
     for group in simspec.actors:
         if group.placement.near:
             _check_room_near(simspec, group, group.placement.near)
+        _check_room_inside(simspec, group)
 
 
 def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
@@ -91,7 +95,8 @@ def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
     asset, gap = ASSETS[group.asset], group.placement.separation_m
     reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
     hole_m = max(0.0, near.min_m - reach_m)
-    room = members_of(simspec, simspec.group(near.of)) * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
+    others = 1 if is_home(simspec, near.of) else members_of(simspec, simspec.group(near.of))
+    room = others * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
     need = members_of(simspec, group) * _grown_area_m2(group, gap)
     if need > room:
         raise PlacementInfeasible(
@@ -122,6 +127,22 @@ def check_fixed_ways(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None
                 f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
                 clash=(field(walker, "at"), path, *(field(group, "at") for group in walls)),
             )
+
+
+def _check_room_inside(simspec: SimSpec, host: ActorGroup) -> None:
+    """The same for whoever must stand inside members of a group: footprints grown by half their gap lie inside members grown so."""
+    guests = [one for one in simspec.actors if one.placement.inside and one.placement.inside.of == host.id]
+    guests = [one for one in guests if members_of(simspec, one)]
+    gap = min((one.placement.separation_m for one in guests), default=0.0)
+    need = sum(members_of(simspec, one) * _grown_area_m2(one, gap) for one in guests)
+    room = members_of(simspec, host) * _grown_area_m2(host, gap)
+    if need > room:
+        names = ", ".join(f"{members_of(simspec, one)} of {one.id!r}" for one in guests)
+        raise PlacementInfeasible(
+            f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but inside the {members_of(simspec, host)} of "
+            f"{host.id!r} there are {room:.0f} m2: lower the counts or separation_m, or raise the number of {host.id!r}",
+            clash=tuple(path for one in guests for path in (f"actors[{one.id}].{_counted(one)}", field(one, "inside"))),
+        )
 
 
 def _counted(group: ActorGroup) -> str:
@@ -171,6 +192,7 @@ class _Term:
     group: str
     room: Geometry | None = None
     tie: Tie | None = None
+    midway: Midway | None = None
     mean: MeanDistance | None = None
     need_m2: float | None = None
     spread_m: float | None = None
@@ -228,6 +250,8 @@ def _own_terms(simspec: SimSpec, group: ActorGroup) -> list[_Term]:
             found.append(_Term(tie.path, text, group.id, tie=tie))
         elif (room := tie.bound(tie.points).room()) is not None:
             found.append(_Term(tie.path, text, group.id, room=room))
+    for way in midways(simspec, group):
+        found.append(_Term(way.path, f"{group.id!r} is to {way.text}", group.id, midway=way))
     if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
         text = f"{group.id!r} is to stand out of sight, and no other group is of anything solid"
         found.append(_Term(field(group, "hidden_from"), text, group.id, room=shapely.Polygon()))
@@ -282,6 +306,9 @@ class _Scene:
             before = [shapely.area(one) for one in self.ground.values()]
             for term in bound:
                 self._narrow(term.group, term.tie)
+            for term in self.terms:
+                if term.midway and not any(one.is_empty for one in self.ground.values()):
+                    self._cut(term.group, term.midway.room(*(self._ground_of(name) for name in term.midway.ends)))
             if any(one.is_empty for one in self.ground.values()):
                 return True
             if np.allclose(before, [shapely.area(one) for one in self.ground.values()], rtol=1e-4):
@@ -299,7 +326,7 @@ class _Scene:
         for term in self.terms:
             if term.group == _HOME:
                 left = left.difference(shapely.buffer(term.room, HOME_CLEARANCE_M + inner - 1e-6))
-            elif term.path.endswith(".at"):
+            elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
                 other = self.simspec.group(term.group)
                 gap = max(group.placement.separation_m, other.placement.separation_m)
                 left = left.difference(shapely.buffer(_outline(other), gap + inner - 1e-6))
@@ -329,15 +356,17 @@ class _Scene:
             if not self.ground[own].is_empty:
                 self._cut(name, tie.back(coarse(self.ground[own])))
 
+    def _ground_of(self, name: str) -> Geometry:
+        """Where members of a group may stand; the vehicle's home has its place."""
+        return _point(self.simspec.vehicle.home) if is_home(self.simspec, name) else self.ground.get(name, EVERYWHERE)
+
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
             self.ground[name] = shapely.intersection(self.ground[name], room)
 
     def _mean_fails(self, own: str, mean: MeanDistance | None) -> bool:
         assert mean is not None
-        if mean.of not in self.ground:
-            return False
-        group, mine, theirs = self.simspec.group(own), self.ground[own], self.ground[mean.of]
+        group, mine, theirs = self.simspec.group(own), self.ground[own], self._ground_of(mean.of)
         nearest = np.full(members_of(self.simspec, group), shapely.distance(mine, theirs))
         if any(term.group == own and term.need_m2 for term in self.terms):
             nearest = np.maximum(nearest, _crowd_m(group, len(nearest)))
@@ -356,7 +385,12 @@ class _Scene:
             return True
         if any(self._spread_fails(term.group, term.spread_m) for term in self.terms if term.spread_m):
             return True
-        zones = {term.group: (self._zone(self.simspec.group(term.group)), term.need_m2) for term in self.terms if term.need_m2}
+        zones = {
+            term.group: (self._zone(self.simspec.group(term.group)), term.need_m2)
+            for term in self.terms
+            # Who stands inside others takes none of the ground that these do not take.
+            if term.need_m2 and not hosts_of(self.simspec, self.simspec.group(term.group))
+        }
         if not zones:
             return False
         areas = {name: zone.area for name, (zone, _) in zones.items()}
@@ -379,7 +413,7 @@ class _Scene:
         Ties to one member are narrowed one by one; only with the place of that member known do they add up.
         """
         self.ground_fails()
-        tied = Counter(name for term in self.terms if term.tie for name in term.tie.of)
+        tied = Counter(name for term in self.terms for tie in (term.tie, term.midway) if tie for name in tie.of)
         split = [
             name
             for name, times in tied.items()
@@ -393,7 +427,7 @@ class _Scene:
     def _always_fails(self, name: str) -> bool:
         """Whether the scene fails wherever that member stands; parts in which it does not at once are halved."""
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
-        bound = sum(term.tie is not None for term in self.terms)
+        bound = sum(term.tie is not None or term.midway is not None for term in self.terms)
         for _ in range(min(CASES, 8 + 8 * CASES // bound)):
             if not parts:
                 return True
@@ -418,7 +452,7 @@ class _Scene:
         for term in self.terms:
             if term.group == _HOME and half_gap < HOME_CLEARANCE_M:
                 zone = zone.difference(shapely.buffer(term.room, HOME_CLEARANCE_M - half_gap))
-            elif term.path.endswith(".at"):
+            elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
                 zone = zone.difference(shapely.buffer(_outline(self.simspec.group(term.group)), half_gap))
         return zone
 

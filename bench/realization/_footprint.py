@@ -104,8 +104,14 @@ def _corner_distance(frame: Footprints, other: Footprints) -> Array:
 def crowded(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
     """(k,) whether a candidate comes closer to something placed than either of the two wants."""
     hit = np.zeros(len(candidates), dtype=bool)
+    hit[crowding(candidates, placed)[0]] = True
+    return hit
+
+
+def crowding(candidates: Footprints, placed: Footprints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The pairs of which one comes closer to the other than either of the two wants, as (m,) indices into both."""
     if len(placed) == 0 or len(candidates) == 0:
-        return hit
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     wanted = np.maximum(candidates.gap_m[:, None], placed.gap_m[None, :])
     reach = candidates.radius_m[:, None] + placed.radius_m[None, :] + wanted
     offset = candidates.centre_m[:, None, :] - placed.centre_m[None, :, :]
@@ -113,5 +119,13 @@ def crowded(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
     one, other = np.nonzero(near)
     if len(one):
         gap = gaps(candidates[one], placed[other])
-        np.logical_or.at(hit, one, (gap == 0.0) | (gap < wanted[one, other]))  # who wants no gap still must not overlap
-    return hit
+        hit = (gap == 0.0) | (gap < wanted[one, other])  # who wants no gap still must not overlap
+        one, other = one[hit], other[hit]
+    return one, other
+
+
+def lie_within(some: Footprints, others: Footprints) -> NDArray[np.bool_]:
+    """(m,) whether the i-th of one lies wholly inside the i-th of the other."""
+    local = np.einsum("nsk,nck->ncs", others.axes(), some.corners() - others.centre_m[:, None, :])
+    within: NDArray[np.bool_] = (np.abs(local) <= others.half_m[:, None, :]).all(axis=(1, 2))
+    return within

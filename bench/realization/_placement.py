@@ -116,12 +116,15 @@ def placement_order(simspec: SimSpec) -> list[ActorGroup]:
 
 def _misfits(simspec: SimSpec) -> Iterator[Fault]:
     yield from _crossings("world.area", simspec.world.area)
+    for index, area in enumerate(simspec.world.areas):
+        yield from _crossings(f"world.areas[{index}] ({area.id})", area)
     for index, group in enumerate(simspec.actors):
         where = f"actors[{index}] ({group.id})"
         if group.asset not in ASSETS:
             yield Fault(f"{where}.asset", f"there is no asset {group.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
         if len(group.id) > 56:
             yield Fault(f"{where}.id", "is too long for its members' ids", "use at most 56 characters")
+        yield from _lone_pairs(simspec, where, group)
         if group.placement.region:
             yield from _crossings(f"{where}.placement.region", group.placement.region)
         least = {one.id: one.members(simspec.world.area.area_m2) for one in simspec.actors}
@@ -134,11 +137,28 @@ def _misfits(simspec: SimSpec) -> Iterator[Fault]:
             yield Fault(f"intelligence[{index}].about", f"group {report.about!r} has no members", "give it at least one")
 
 
+def _lone_pairs(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fault]:
+    """Who is to stand between two of one group needs both of them."""
+    between = group.placement.between
+    if between is None or between.first != between.second or not members_of(simspec, group):
+        return
+    for other in simspec.actors:
+        if other.id == between.first and other.members(simspec.world.area.area_m2) < 2:
+            yield Fault(
+                f"{where}.placement.between",
+                f"is between two members of {other.id!r}, which may have fewer than two",
+                "give it two, or name two groups",
+            )
+
+
 def _named(group: ActorGroup) -> set[str]:
     """The groups that it relates to by name; one of them without members would leave the relation empty."""
     place = group.placement
-    found = {relation.of for relation in (place.near, place.away, place.mean_distance, *place.distances) if relation}
-    return found | {seen.of for seen in place.seen.values() if seen.of}
+    found = {
+        relation.of for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside) if relation
+    }
+    found |= {place.between.first, place.between.second} if place.between else set()
+    return {name for name in (*found, *(seen.of for seen in place.seen.values())) if name}
 
 
 def _crossings(where: str, polygon: Polygon) -> Iterator[Fault]:

@@ -8,7 +8,7 @@ ground centres that keep it must lie: never too small a part, often too large a 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import cos, hypot, pi
@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 
 from bench.simspec import (
     ASSETS,
+    HOME,
     ActorGroup,
     Along,
     CountRange,
+    Distance,
     Point,
     Polygon,
     Road,
@@ -33,7 +35,7 @@ from bench.simspec import (
     generator,
 )
 
-from ._footprint import Array, Footprints, crowded
+from ._footprint import Array, Footprints, crowded, crowding, joined, lie_within
 
 HOME_CLEARANCE_M = 3.0
 Mask = NDArray[np.bool_]
@@ -62,7 +64,7 @@ class Tie:
 
     `pairs` is (k, m): whether a place keeps it towards a member. `room` holds every centre that may keep it towards a member
     that stands somewhere in the ground given; `back` every centre of the member, seen from ours. `points` stand for
-    members where no group is meant.
+    members where no group is meant. `among` is as `room`, for members that stand, where their headings tell more.
     """
 
     path: str
@@ -73,6 +75,7 @@ class Tie:
     room: Callable[[Geometry], Geometry | None]
     back: Callable[[Geometry], Geometry | None]
     points: Footprints | None = None
+    among: Callable[[Footprints], Geometry | None] | None = None
 
     def keeps(self, some: Footprints, others: Footprints) -> Mask:
         """(k,) whether places keep it towards all of the others who count."""
@@ -89,10 +92,17 @@ class Tie:
         points = shapely.points(others.centre_m)
         if len(points) == 0:
             return None
+        if self.among is not None:
+            return self.among(others)
         if self.whom == "some":
             return self.room(shapely.MultiPoint(points))
         rooms = [self.room(point) for point in points[: 1 if self.whom == "first" else 64]]
         return None if rooms[0] is None else shapely.intersection_all(rooms)
+
+
+def is_home(simspec: SimSpec, name: str | None) -> bool:
+    """Whether a relation of that name is to the vehicle's home: the word is a group's where one is called so."""
+    return name == HOME and all(one.id != HOME for one in simspec.actors)
 
 
 def members_of(simspec: SimSpec, group: ActorGroup) -> int:
@@ -124,6 +134,9 @@ def related(simspec: SimSpec, group: ActorGroup) -> set[str]:
     place = group.placement
     found = {relation.of for relation in (place.near, place.away, place.mean_distance) if relation}
     found |= {seen.of for seen in place.seen.values() if seen.of}
+    found |= {place.between.first, place.between.second} if place.between else set()
+    found |= {place.inside.of} if place.inside and place.inside.of else set()
+    found -= {name for name in found if is_home(simspec, name)}
     for distance in place.distances:
         found |= set(_called(simspec, group, distance.of))
     if place.hidden_from or place.visible_from:
@@ -131,8 +144,20 @@ def related(simspec: SimSpec, group: ActorGroup) -> set[str]:
     return found
 
 
-def _called(simspec: SimSpec, group: ActorGroup, name: str) -> tuple[str, ...]:
-    """The groups of that name, or all others of that role."""
+def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
+    """The groups that the group's members stand in: the one they are to be inside of, the one that this is inside of, and so on."""
+    found: list[str] = []
+    inside = group.placement.inside
+    while inside and inside.of and inside.of not in found:
+        found.append(inside.of)
+        inside = simspec.group(inside.of).placement.inside
+    return tuple(found)
+
+
+def _called(simspec: SimSpec, group: ActorGroup, name: str | None) -> tuple[str, ...]:
+    """The groups of that name, or all others of that role; none for a point and the vehicle's home."""
+    if name is None:
+        return ()
     if any(one.id == name for one in simspec.actors):
         return (name,)
     return tuple(one.id for one in simspec.actors if one.role == name and one.id != group.id)
@@ -154,6 +179,10 @@ def standing(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     region = ground(region_of(simspec, group))
     shapely.prepare(region)
     found = [inside(group, region)]
+    if group.placement.inside and group.placement.inside.area:
+        found.append(_in_area(simspec, group, group.placement.inside.area))
+    if group.placement.facing and group.placement.facing.heading_deg is not None:
+        found.append(_heading(group, group.placement.facing.heading_deg, group.placement.facing.within_deg))
     if group.placement.along:
         road = next(one for one in simspec.world.roads if one.id == group.placement.along.road)
         found += _along(group, group.placement.along, road)
@@ -174,6 +203,26 @@ def outer_radius_m(group: ActorGroup) -> float:
 
 def inside(group: ActorGroup, region: Geometry) -> Relation:
     """The whole footprint inside a region."""
+    path = field(group, "region") if group.placement.region else "world.area"
+    return _within(path, f"stand inside its region of {region.area:.0f} m2", group, region)
+
+
+def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
+    area = ground(next(one for one in simspec.world.areas if one.id == name))
+    shapely.prepare(area)
+    return _within(field(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area)
+
+
+def _heading(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
+    def keeps(some: Footprints) -> Mask:
+        off = np.abs((np.degrees(some.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
+        kept: Mask = off <= within_deg + 1e-9
+        return kept
+
+    return Relation(field(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps)
+
+
+def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
     convex = region.equals(region.convex_hull)
 
     def keeps(some: Footprints) -> Mask:
@@ -183,8 +232,7 @@ def inside(group: ActorGroup, region: Geometry) -> Relation:
             kept[kept] = shapely.contains(region, shapely.polygons(corners[kept]))
         return kept
 
-    path = field(group, "region") if group.placement.region else "world.area"
-    return Relation(path, f"stand inside its region of {region.area:.0f} m2", keeps, lambda: _shrunk(region, group))
+    return Relation(path, text, keeps, lambda: _shrunk(region, group))
 
 
 def _shrunk(geometry: Geometry, group: ActorGroup) -> Geometry:
@@ -192,13 +240,23 @@ def _shrunk(geometry: Geometry, group: ActorGroup) -> Geometry:
     return shapely.buffer(geometry, 1e-6 - inner_radius_m(group), quad_segs=_ARC)
 
 
-def clear(group: ActorGroup, obstacles: Footprints) -> Relation:
-    """Away from what already stands, the vehicle's home among it."""
+def clear(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
+    """Away from what already stands and from the vehicle's home, but for whom one stands in."""
+    around = hosts_of(simspec, group)
+    obstacles = joined([home_of(simspec), *(some for name, some in placed.items() if name not in around)])
+    hosts = joined([placed[name] for name in around if name in placed])
     text = (
-        f"keep {group.placement.separation_m:g} m clear of the {len(obstacles) - 1} actors already placed, "
+        f"keep {group.placement.separation_m:g} m clear of the {len(obstacles) + len(hosts) - 1} actors already placed, "
         f"and {HOME_CLEARANCE_M:g} m of the vehicle's home"
     )
-    return Relation(field(group, "separation_m"), text, lambda some: ~crowded(some, obstacles))
+
+    def keeps(some: Footprints) -> Mask:
+        hit = crowded(some, obstacles)
+        one, other = crowding(some, hosts)
+        hit[one[~lie_within(some[one], hosts[other])]] = True
+        return ~hit
+
+    return Relation(field(group, "separation_m"), text, keeps)
 
 
 def strip(road: Road) -> Geometry:
@@ -256,44 +314,99 @@ def ties(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> l
     """What places of the group must keep towards other groups and points; sight only where the solids are known."""
     place = group.placement
     found = []
-    if place.near:
-        text = f"stand {place.near.min_m:g} to {place.near.max_m:g} m from some member of {place.near.of!r}"
-        found += [_distance(field(group, "near"), text, (place.near.of,), "some", place.near.min_m, place.near.max_m)]
-    if place.away:
-        text = f"stand {place.away.min_m:g} to {place.away.max_m:g} m from every member of {place.away.of!r}"
-        found += [_distance(field(group, "away"), text, (place.away.of,), "every", place.away.min_m, place.away.max_m)]
+    if place.inside and place.inside.of:
+        found.append(_inside_of(group, simspec.group(place.inside.of)))
+    for name, near, whom in (("near", place.near, "some"), ("away", place.away, "every")):
+        if near:
+            target = _Target.named(simspec, near.of)
+            text = f"stand {near.min_m:g} to {near.max_m:g} m from {target.some(whom)}"
+            found.append(
+                _distance(field(group, name), text, target, "some" if whom == "some" else "every", near.min_m, near.max_m)
+            )
     for number, one in enumerate(place.distances):
-        of = tuple(name for name in _called(simspec, group, one.of) if members_of(simspec, simspec.group(name)))
+        target = _Target.of_distance(simspec, group, one)
         span = f"at least {one.min_m:g} m" if one.max_m is None else f"{one.min_m:g} to {one.max_m:g} m"
-        text = f"stand {span} from {one.whom} member of {one.of!r}"
-        if of or one.whom == "some":
-            found += [_distance(field(group, f"distances[{number}]"), text, of, one.whom, one.min_m, one.max_m)]
+        if target.of or target.points is not None or one.whom == "some":
+            text = f"stand {span} from {target.some(one.whom)}"
+            found.append(_distance(field(group, f"distances[{number}]"), text, target, one.whom, one.min_m, one.max_m))
     if place.bearing:
+        target = _Target.seen(simspec, place.bearing)
         sector = f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} degrees"
         low, high = place.bearing.from_deg, place.bearing.to_deg
-        found += [_bearing(field(group, "bearing"), f"stand at {sector} from {_named(place.bearing)}", place.bearing, low, high)]
-    if place.facing:
-        text = f"head towards {_named(place.facing)} within {place.facing.within_deg:g} degrees"
-        found += [_facing(field(group, "facing"), text, place.facing, place.facing.within_deg)]
+        found.append(_bearing(field(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
+    if place.facing and place.facing.heading_deg is None:
+        target = _Target.seen(simspec, place.facing)
+        text = f"head towards {target.name} within {place.facing.within_deg:g} degrees"
+        found.append(_facing(field(group, "facing"), text, target, place.facing.within_deg))
     if solids is not None:
-        found += _sights(group, solids)
+        found += _sights(simspec, group, solids)
     return found
 
 
-def _named(seen: Seen) -> str:
-    if seen.of is not None:
-        return repr(seen.of)
-    assert seen.point is not None
-    return f"the point {seen.point.east_m:g} east, {seen.point.north_m:g} north"
+@dataclass(frozen=True, slots=True)
+class _Target:
+    """Whom a relation is about: groups, or a point; and what to call it."""
+
+    name: str
+    of: tuple[str, ...] = ()
+    points: Footprints | None = None
+
+    @classmethod
+    def named(cls, simspec: SimSpec, name: str) -> _Target:
+        """A group, or the vehicle's home."""
+        if is_home(simspec, name):
+            return cls("the vehicle's home", points=point_of(simspec.vehicle.home))
+        return cls(repr(name), (name,))
+
+    @classmethod
+    def seen(cls, simspec: SimSpec, seen: Seen) -> _Target:
+        """What a relation to a point or a first member is about."""
+        return cls.named(simspec, seen.of) if seen.of is not None else cls._point(seen.point)
+
+    @classmethod
+    def of_distance(cls, simspec: SimSpec, group: ActorGroup, distance: Distance) -> _Target:
+        """The same for a distance, which may be to everybody of a role."""
+        if distance.of is None:
+            return cls._point(distance.point)
+        if is_home(simspec, distance.of):
+            return cls.named(simspec, distance.of)
+        called = _called(simspec, group, distance.of)
+        return cls(repr(distance.of), tuple(name for name in called if members_of(simspec, simspec.group(name))))
+
+    @classmethod
+    def _point(cls, point: Point | None) -> _Target:
+        assert point is not None
+        return cls(f"the point {point.east_m:g} east, {point.north_m:g} north", points=point_of(point))
+
+    def some(self, whom: str) -> str:
+        """The words for some or every member; a point has but itself."""
+        return self.name if self.points is not None else f"{whom} member of {self.name}"
+
+
+def _inside_of(group: ActorGroup, host: ActorGroup) -> Tie:
+    asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
+    reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
+
+    def pairs(some: Footprints, others: Footprints) -> Mask:
+        kept = distances_m(some, others) <= reach_m + 1e-6
+        one, other = np.nonzero(kept)
+        kept[one, other] = lie_within(some[one], others[other])
+        return kept
+
+    def among(others: Footprints) -> Geometry:
+        return shapely.union_all([_shrunk(outline, group) for outline in shapely.polygons(others.corners())])
+
+    def room(others: Geometry) -> Geometry:
+        return wide(others, reach_m)
+
+    return Tie(
+        field(group, "inside"), f"stand inside a member of {host.id!r}", (host.id,), "some", pairs, room, room, among=among
+    )
 
 
 def point_of(point: Point) -> Footprints:
     """A point as something that stands."""
     return Footprints(np.array([[point.east_m, point.north_m]]), np.zeros(1), np.zeros((1, 2)), np.zeros(1))
-
-
-def _target(seen: Seen) -> tuple[tuple[str, ...], Footprints | None]:
-    return ((seen.of,), None) if seen.of is not None else ((), point_of(seen.point) if seen.point else None)
 
 
 def distances_m(some: Footprints, others: Footprints) -> Array:
@@ -302,7 +415,7 @@ def distances_m(some: Footprints, others: Footprints) -> Array:
     return np.hypot(offset[..., 0], offset[..., 1])
 
 
-def _distance(path: str, text: str, of: tuple[str, ...], whom: Whom, min_m: float, max_m: float | None) -> Tie:
+def _distance(path: str, text: str, target: _Target, whom: Whom, min_m: float, max_m: float | None) -> Tie:
     most_m = np.inf if max_m is None else max_m
 
     def pairs(some: Footprints, others: Footprints) -> Mask:
@@ -321,7 +434,7 @@ def _distance(path: str, text: str, of: tuple[str, ...], whom: Whom, min_m: floa
             reach = (EVERYWHERE if reach is None else reach).difference(near)
         return reach
 
-    return Tie(path, text, of, whom, pairs, room, room)
+    return Tie(path, text, target.of, whom, pairs, room, room, target.points)
 
 
 def _octagon(geometry: Geometry) -> Geometry:
@@ -355,15 +468,15 @@ def bearings_deg(some: Footprints, others: Footprints) -> Array:
     return np.asarray(np.degrees(np.arctan2(offset[..., 0], offset[..., 1])) % 360.0, dtype=np.float64)
 
 
-def _bearing(path: str, text: str, seen: Seen, from_deg: float, to_deg: float) -> Tie:
+def _bearing(path: str, text: str, target: _Target, from_deg: float, to_deg: float) -> Tie:
     span = (to_deg - from_deg) % 360.0
 
     def pairs(some: Footprints, others: Footprints) -> Mask:
         kept: Mask = (bearings_deg(some, others) - from_deg) % 360.0 <= span
         return kept
 
-    of, points = _target(seen)
-    return Tie(path, text, of, "first", pairs, _Fan(from_deg, span), _Fan((from_deg + 180.0) % 360.0, span), points)
+    there, back = _Fan(from_deg, span), _Fan((from_deg + 180.0) % 360.0, span)
+    return Tie(path, text, target.of, "first", pairs, there, back, target.points)
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,15 +500,14 @@ class _Fan:
         return shapely.convex_hull(shapely.MultiPoint(swept))
 
 
-def _facing(path: str, text: str, seen: Seen, within_deg: float) -> Tie:
+def _facing(path: str, text: str, target: _Target, within_deg: float) -> Tie:
     def pairs(some: Footprints, others: Footprints) -> Mask:
         towards = (bearings_deg(some, others) + 180.0) % 360.0
         off = np.abs((np.degrees(some.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
         kept: Mask = off <= within_deg + 1e-9
         return kept
 
-    of, points = _target(seen)
-    return Tie(path, text, of, "first", pairs, _anywhere, _anywhere, points)
+    return Tie(path, text, target.of, "first", pairs, _anywhere, _anywhere, target.points)
 
 
 def _anywhere(_: Geometry) -> None:
@@ -442,25 +554,24 @@ def _crossing(eye: Array, end: Array, half: Array) -> tuple[Array, Array]:
     return np.maximum(low.max(axis=-1), 0.0), np.minimum(high.min(axis=-1), 1.0)
 
 
-def _sights(group: ActorGroup, solids: Solids) -> Iterator[Tie]:
+def _sights(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[Tie]:
     for name, whom in (("hidden_from", "every"), ("visible_from", "some")):
         sight = group.placement.seen.get(name)
         if isinstance(sight, Sight):
-            yield _sight(group, name, sight, "every" if whom == "every" else "some", solids.without(group.id))
+            target = _Target.seen(simspec, sight)
+            yield _sight(group, name, sight, target, "every" if whom == "every" else "some", solids.without(group.id))
 
 
-def _sight(group: ActorGroup, name: str, sight: Sight, whom: Whom, solids: Solids) -> Tie:
+def _sight(group: ActorGroup, name: str, sight: Sight, target: _Target, whom: Whom, solids: Solids) -> Tie:
     top_m = ASSETS[group.asset].height_m
 
     def pairs(some: Footprints, others: Footprints) -> Mask:
         hidden = solids.between(others.centre_m, sight.height_m, some.centre_m, top_m)
         return hidden if name == "hidden_from" else ~hidden
 
-    of, points = _target(sight)
     verb = "out of sight" if name == "hidden_from" else "in sight"
-    who = _named(sight) if sight.of is None else f"{whom} member of {sight.of!r}"
-    text = f"stand {verb} of {who} at {sight.height_m:g} m"
-    return Tie(field(group, name), text, of, whom, pairs, _anywhere, _anywhere, points)
+    text = f"stand {verb} of {target.some(whom)} at {sight.height_m:g} m"
+    return Tie(field(group, name), text, target.of, whom, pairs, _anywhere, _anywhere, target.points)
 
 
 def aimed_deg(
@@ -469,6 +580,10 @@ def aimed_deg(
     """(n,) headings that keep the group's relations of heading at (n, 2) places, as far as one draw can."""
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
+    if facing and facing.heading_deg is not None:
+        limit = 0.999 * facing.within_deg
+        fixed: Array = np.round(facing.heading_deg + rng.uniform(-limit, limit, count), 3) % 360.0
+        return fixed
     if facing and targets is not None:
         offset = targets.centre_m[0] - places_m
         towards = np.degrees(np.arctan2(offset[:, 0], offset[:, 1]))
@@ -484,12 +599,20 @@ def aimed_deg(
     return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
 
 
-def targets_of(seen: Seen, placed: Callable[[str], Footprints]) -> Footprints:
-    """What a relation to a point or a group is about."""
-    if seen.of is not None:
-        return placed(seen.of)
-    assert seen.point is not None
-    return point_of(seen.point)
+def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
+    """What the group's members are to head towards; None where nothing or where the compass says it."""
+    facing = group.placement.facing
+    if facing is None or facing.heading_deg is not None:
+        return None
+    if facing.of is not None:
+        return spots_of(simspec, facing.of, placed)
+    assert facing.point is not None
+    return point_of(facing.point)
+
+
+def spots_of(simspec: SimSpec, name: str, placed: Mapping[str, Footprints]) -> Footprints:
+    """The members of a group that stand, or the vehicle's home."""
+    return point_of(simspec.vehicle.home) if is_home(simspec, name) else placed[name]
 
 
 def drawn_from(room: Geometry, count: int, rng: np.random.Generator) -> Array:

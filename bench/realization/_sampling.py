@@ -16,6 +16,7 @@ from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 
 from ._clash import PlacementInfeasible
 from ._footprint import Array, Footprints, crowded, footprints, joined, no_footprints
+from ._midway import midways
 from ._relations import (
     Geometry,
     Relation,
@@ -24,12 +25,12 @@ from ._relations import (
     clear,
     common_room,
     drawn_from,
+    facing_target,
     ground,
-    home_of,
     members_of,
     region_of,
+    spots_of,
     standing,
-    targets_of,
     ties,
 )
 from ._ways import open_routes, open_ways
@@ -117,12 +118,8 @@ def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Foo
     for tie in ties(simspec, group, solids_among(simspec, placed) if looks else None):
         others = tie.points if tie.points is not None else joined([placed[name] for name in tie.of])
         found.append(tie.bound(others))
+    found += [way.bound(placed.__getitem__) for way in midways(simspec, group)]
     return [*found, *open_ways(simspec, group, placed)]
-
-
-def facing_target(group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
-    """What the group's members are to head towards."""
-    return targets_of(group.placement.facing, placed.__getitem__) if group.placement.facing else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,15 +143,18 @@ class Sampler:
         """A sampler for a group whose relations are all to what is placed."""
         region = ground(region_of(simspec, group))
         where = group.placement
-        relations = [*kept_relations(simspec, group, placed), clear(group, joined([home_of(simspec), *placed.values()]))]
-        target = placed[where.mean_distance.of].centre_m[0] if where.mean_distance else None
-        rings = [_Ring(relation, placed[relation.of].centre_m) for relation in (where.near, where.away) if relation]
+        relations = [*kept_relations(simspec, group, placed), clear(simspec, group, placed)]
+        target = spots_of(simspec, where.mean_distance.of, placed).centre_m[0] if where.mean_distance else None
+        rings = [
+            _Ring(relation, spots_of(simspec, relation.of, placed).centre_m) for relation in (where.near, where.away) if relation
+        ]
         ring = min(rings, key=lambda one: one.area_m2, default=None)
         if ring and ring.area_m2 > _box_area_m2(region):
             ring = None
         # Sectors, roads and the like leave so little of the box round the region that places are drawn where they can be kept.
-        room = common_room(relations) if where.along or where.bearing or where.distances else None
-        facing = facing_target(group, placed)
+        narrow = where.along or where.bearing or where.distances or where.inside or where.between
+        room = common_room(relations) if narrow else None
+        facing = facing_target(simspec, group, placed)
         return cls(simspec, group, members_of(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget)
 
     def members(self) -> Footprints:

@@ -22,29 +22,40 @@ from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
 
 from ._clash import narrowed_ground
 from ._footprint import Array, Footprints, footprints, gaps, joined, no_footprints
+from ._midway import midways
 from ._relations import (
     Geometry,
     Tie,
     aimed_deg,
     clear,
+    common_room,
     drawn_from,
+    facing_target,
     ground,
-    home_of,
     members_of,
     region_of,
     related,
+    spots_of,
     standing,
-    targets_of,
     ties,
 )
 from ._sampling import Placed, fixed_places, solids_among
 from ._ways import closes, closing_pairs, open_routes, open_ways, walks, walls_among
 
 TRIES = 2
+MORE_TRIES = 6
+"""Where somebody stands in or between others, who are placed first and cannot know what comes."""
+
+FULL = 0.5
+"""Share of a host's ground that its guests are reckoned to fill."""
+
 EFFORT = 1.0
 """CP-SAT's deterministic seconds for one try; about as many of a core."""
 
 CANDIDATES = 6000
+MOST_HOSTS = 12
+"""In so many hosts the guests' places are tried in rows."""
+
 SLACK_M = 0.002
 """Between neighbours of a lattice, since places are rounded to the millimetre."""
 
@@ -54,7 +65,7 @@ Literal = cp_model.IntVar
 def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
     """Places for every group, None where none were found."""
     left = narrowed_ground(simspec, order)
-    for attempt in range(TRIES):
+    for attempt in range(MORE_TRIES if any(_in_between(group) for group in order) else TRIES):
         rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
         placed: Placed | None = fixed_places(order)
         for phase in _phases(simspec, order):
@@ -66,14 +77,41 @@ def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
 
 
 def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGroup]]:
-    """Free groups that are placed together: all at once, but for who must see, face or be at a mean distance from what stands."""
-    stage: dict[str, int] = {}
-    for group in order:
-        place = group.placement
-        later = any((place.hidden_from, place.visible_from, place.facing, place.mean_distance))
-        stage[group.id] = max((stage[name] for name in related(simspec, group)), default=0) + later
+    """Free groups that are placed together: all at once, but for who must see, face, be at a mean distance from, in or between
+    what stands. Hosts wait for those to whom their guests relate, where they can."""
+    needs = {group.id: related(simspec, group) for group in order}
+    stage = {group.id: 0 for group in order}
+    for _ in order:
+        before = dict(stage)
+        for group in order:
+            for host in _host(group):
+                others = {name for name in needs[group.id] - {host} if host not in _behind(needs, name)}
+                stage[host] = max(stage[host], *(stage[name] + 1 for name in others), 0)
+        for group in order:
+            place = group.placement
+            later = any((place.hidden_from, place.visible_from, place.facing, place.mean_distance)) or _in_between(group)
+            stage[group.id] = max(stage[group.id], max((stage[name] for name in needs[group.id]), default=0) + later)
+        if stage == before:
+            break
     free = [group for group in order if not group.placement.at]
     return [some for number in range(max(stage.values(), default=0) + 1) if (some := [g for g in free if stage[g.id] == number])]
+
+
+def _host(group: ActorGroup) -> tuple[str, ...]:
+    inside = group.placement.inside
+    return (inside.of,) if inside and inside.of else ()
+
+
+def _in_between(group: ActorGroup) -> bool:
+    return bool(_host(group)) or group.placement.between is not None
+
+
+def _behind(needs: Mapping[str, set[str]], name: str) -> set[str]:
+    """The group and all that must stand before it."""
+    found = {name}
+    while more := {other for one in found for other in needs[one]} - found:
+        found |= more
+    return found
 
 
 @dataclass(slots=True)
@@ -100,6 +138,7 @@ class _Phase:
         self._choose(peopled)
         self._keep_clear(peopled)
         self._keep_ways(peopled)
+        self._keep_hosts(peopled)
         for group in peopled:
             for tie in self._ties(group):
                 if set(tie.of) & self.pools.keys():
@@ -137,10 +176,14 @@ class _Phase:
             if not set(tie.of) & {one.id for one in self.groups}:
                 others = tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
                 relations.append(tie.bound(others))
-        relations.append(clear(group, joined([home_of(self.simspec), *self.standing.values()])))
+        relations.append(clear(self.simspec, group, self.standing))
+        relations += [way.bound(self.standing.__getitem__) for way in midways(self.simspec, group)]
         relations += open_ways(self.simspec, group, self.standing)
+        room = self.left[group.id]
+        if _in_between(group):
+            room = shapely.intersection(room, common_room(relations))
         found = no_footprints()
-        for some in self._candidates(group, wanted):
+        for some in self._candidates(group, room, wanted):
             for relation in relations:
                 some = some[relation.keeps(some)]
             if len(some) > wanted - len(found):  # any part of a lattice is one whose places do not crowd each other
@@ -150,15 +193,22 @@ class _Phase:
                 break
         return found
 
-    def _candidates(self, group: ActorGroup, wanted: int) -> Iterator[Footprints]:
+    def _candidates(self, group: ActorGroup, room: Geometry, wanted: int) -> Iterator[Footprints]:
         """Random places and lattices in turn, the random ones where the group's relations leave room for them."""
-        room = self.left[group.id]
-        lattices = [] if _aimed(group) else _lattices(self.simspec, group)
+        lattices = [] if _aimed(group) else self._lattices(group)
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
         yield from lattices
         for _ in range(4):
             yield self._random(group, room, wanted)
+
+    def _lattices(self, group: ActorGroup) -> list[Footprints]:
+        for host in _host(group):
+            outlines = shapely.polygons(self.standing[host].corners())
+            return [one for outline in outlines[:MOST_HOSTS] for one in _lattices(group, outline)]
+        inside = group.placement.inside
+        area = next((one for one in self.simspec.world.areas if inside and one.id == inside.area), None)
+        return _lattices(group, ground(area or region_of(self.simspec, group)))
 
     def _random(self, group: ActorGroup, room: Geometry, count: int) -> Footprints:
         if shapely.area(room) == 0.0:
@@ -167,8 +217,7 @@ class _Phase:
         return footprints(ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m)
 
     def _headings_deg(self, group: ActorGroup, centre_m: Array) -> Array:
-        facing = group.placement.facing
-        target = targets_of(facing, self.standing.__getitem__) if facing else None
+        target = facing_target(self.simspec, group, self.standing)
         return aimed_deg(self.simspec, group, centre_m, target, self.rng)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
@@ -204,6 +253,28 @@ class _Phase:
                     pools = self.pools[walker.id], self.pools[other.id]
                     for one, index in closing_pairs(self.simspec, walker, *pools, walls):
                         self._exclude(self.taken[walker.id][one], [self.taken[other.id][index]])
+
+    def _keep_hosts(self, groups: Sequence[ActorGroup]) -> None:
+        """So many hosts stand where guests who come later may stand that these have room."""
+        for guest in self.simspec.actors:
+            for host in groups:
+                count = members_of(self.simspec, guest)
+                if count and host.id in _host(guest):
+                    outlines = shapely.polygons(self.pools[host.id].corners())
+                    useful = shapely.area(shapely.intersection(outlines, self._room_so_far(guest))) > 0.0
+                    own = ASSETS[guest.asset]
+                    grown_m2 = (own.length_m + guest.placement.separation_m) * (own.width_m + guest.placement.separation_m)
+                    least = ceil(count * grown_m2 / (FULL * float(shapely.area(outlines[0]))))
+                    taken = [self.taken[host.id][index] for index in np.flatnonzero(useful).tolist()]
+                    self.model.add(sum(taken) >= min(least, members_of(self.simspec, host)))
+
+    def _room_so_far(self, group: ActorGroup) -> Geometry:
+        """Where members may stand for all that is known: of whoever does not stand yet, only their ground is."""
+        known = [tie for tie in ties(self.simspec, group) if set(tie.of) <= self.standing.keys()]
+        bound = [
+            tie.bound(tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])) for tie in known
+        ]
+        return shapely.intersection(self.left[group.id], common_room(bound))
 
     def _exclude(self, one: Literal, others: Sequence[Literal]) -> None:
         if others:
@@ -248,7 +319,7 @@ class _Phase:
         if mean is None:
             return
         own, pool, count = self.taken[group.id], self.pools[group.id], members_of(self.simspec, group)
-        leader_m = self.standing[mean.of].centre_m[0]
+        leader_m = spots_of(self.simspec, mean.of, self.standing).centre_m[0]
         distance_mm = np.round(1000.0 * np.hypot(*(pool.centre_m - leader_m).T)).astype(int).tolist()
         total = cp_model.LinearExpr.weighted_sum(own, distance_mm)
         self.model.add(total >= ceil(1000.0 * count * mean.mean_m * (1.0 - mean.tolerance / 2.0)))
@@ -258,23 +329,33 @@ class _Phase:
 def _aimed(group: ActorGroup) -> bool:
     """Whether headings follow from relations, so that no lattice of one heading will do."""
     along = group.placement.along
-    return group.placement.facing is not None or (along is not None and along.parallel_deg is not None)
+    facing = group.placement.facing
+    return (facing is not None and facing.heading_deg is None) or (along is not None and along.parallel_deg is not None)
 
 
-def _lattices(simspec: SimSpec, group: ActorGroup) -> list[Footprints]:
+def _lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
     """Rows and columns along the region's longest side, from each corner, either way round; the largest first."""
     asset, gap_m = ASSETS[group.asset], group.placement.separation_m
-    frame = _Frame.of(ground(region_of(simspec, group)))
+    frame = _Frame.of(region)
     found: dict[bytes, Footprints] = {}
     for quarter, corner in product((0, 1), product((0, 1), repeat=2)):
         size = np.array([asset.length_m, asset.width_m] if quarter == 0 else [asset.width_m, asset.length_m])
         pitch = np.maximum(size + gap_m, group.placement.spread_m or 0.0) + SLACK_M
         places = frame.rows(size, pitch, np.array(corner))
-        heading = np.full(len(places), (frame.heading_deg + 90.0 * quarter) % 360.0)
+        heading = np.full(len(places), _turned_deg(group, frame.heading_deg + 90.0 * quarter))
         found.setdefault(places.tobytes(), footprints(asset, places, heading, gap_m))
         if asset.length_m == asset.width_m and quarter:
             break
     return sorted(found.values(), key=len, reverse=True)
+
+
+def _turned_deg(group: ActorGroup, heading_deg: float) -> float:
+    """The heading, or its opposite where that is nearer to the one that the group is to have."""
+    facing = group.placement.facing
+    if facing is None or facing.heading_deg is None:
+        return heading_deg % 360.0
+    off_deg = abs((heading_deg - facing.heading_deg + 180.0) % 360.0 - 180.0)
+    return (heading_deg + (180.0 if off_deg > 90.0 else 0.0)) % 360.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
+from ._assets import ASSETS
+from ._placement import HOME
+
 if TYPE_CHECKING:
+    from ._actors import ActorGroup
     from ._document import SimSpec
     from ._rules import Rules
 
@@ -43,9 +47,9 @@ def rules_disagreements(rules: Rules) -> Iterator[Disagreement]:
 
 def situation_disagreements(simspec: SimSpec) -> Iterator[Disagreement]:
     """What the parts of a SimSpec contradict in one another."""
-    for index, one in enumerate(road.id for road in simspec.world.roads):
-        if one in [road.id for road in simspec.world.roads[:index]]:
-            yield ("world", "roads", index, "id"), f"road id {one!r} is used twice"
+    for part, name in (("roads", "road"), ("areas", "area")):
+        for where, what in _twice(part, name, [one.id for one in getattr(simspec.world, part)]):
+            yield ("world", *where), what
     yield from _actors(simspec)
     yield from _intelligence(simspec)
     yield from _orders(simspec)
@@ -67,11 +71,19 @@ def _actors(simspec: SimSpec) -> Iterator[Disagreement]:
         for name in ("near", "away", "mean_distance"):
             relation = getattr(group.placement, name)
             where = ("actors", index, "placement", name, "of")
-            if relation and relation.of not in groups:
-                yield where, f"group {group.id!r} relates to group {relation.of!r}, which is not among {groups}"
-            elif relation and relation.of == group.id:
-                yield where, f"group {group.id!r} relates to itself"
+            if relation:
+                yield from _stranger(where, group.id, relation.of, groups)
         yield from _more_relations(simspec, index)
+        yield from _between(simspec, index)
+        yield from _inside(simspec, index)
+
+
+def _stranger(where: tuple[str | int, ...], own: str, of: str, groups: list[str]) -> Iterator[Disagreement]:
+    """A relation to a group that is not there; `home` is, whatever the groups are called."""
+    if of == own:
+        yield where, f"group {own!r} relates to itself"
+    elif of not in groups and of != HOME:
+        yield where, f"group {own!r} relates to group {of!r}, which is not among {groups}, nor is it {HOME!r}"
 
 
 def _more_relations(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
@@ -80,18 +92,71 @@ def _more_relations(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
     for number, distance in enumerate(group.placement.distances):
         if distance.of == group.id:
             yield (*where, "distances", number, "of"), f"group {group.id!r} relates to itself; spread_m keeps its members apart"
-        elif distance.of not in groups and distance.of not in {one.role for one in simspec.actors}:
-            what = f"group {group.id!r} relates to {distance.of!r}, which is neither among {groups} nor a role of any of them"
+        elif distance.of not in (None, HOME, *groups, *(one.role for one in simspec.actors)):
+            what = (
+                f"group {group.id!r} relates to {distance.of!r}, which is neither among {groups} nor a role of any of them, "
+                f"nor is it {HOME!r}"
+            )
             yield (*where, "distances", number, "of"), what
     for name, seen in group.placement.seen.items():
-        if seen.of == group.id:
-            yield (*where, name, "of"), f"group {group.id!r} relates to itself"
-        elif seen.of is not None and seen.of not in groups:
-            yield (*where, name, "of"), f"group {group.id!r} relates to group {seen.of!r}, which is not among {groups}"
+        if seen.of is not None:
+            yield from _stranger((*where, name, "of"), group.id, seen.of, groups)
     roads = [road.id for road in simspec.world.roads]
     if group.placement.along and group.placement.along.road not in roads:
         what = f"group {group.id!r} is to stand along road {group.placement.along.road!r}, which is not among {roads}"
         yield (*where, "along", "road"), what
+
+
+def _between(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
+    group, groups = simspec.actors[index], [one.id for one in simspec.actors]
+    between = group.placement.between
+    if between is None:
+        return
+    where = ("actors", index, "placement", "between")
+    for name in ("first", "second"):
+        yield from _stranger((*where, name), group.id, getattr(between, name), groups)
+    if between.first == between.second == HOME and HOME not in groups:
+        yield (*where, "second"), f"nothing lies between {HOME!r} and itself; name a group"
+
+
+def _inside(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
+    group, groups = simspec.actors[index], {one.id: one for one in simspec.actors}
+    inside, areas = group.placement.inside, [one.id for one in simspec.world.areas]
+    where = ("actors", index, "placement", "inside")
+    if inside is None:
+        return
+    if inside.area is not None and inside.area not in areas:
+        what = f"group {group.id!r} is to stand inside area {inside.area!r}, which is not among world.areas {areas}"
+        yield (*where, "area"), what
+    if inside.of is None:
+        return
+    if inside.of == group.id:
+        yield (*where, "of"), f"group {group.id!r} relates to itself"
+    elif inside.of not in groups:
+        yield (*where, "of"), f"group {group.id!r} is to stand inside group {inside.of!r}, which is not among {[*groups]}"
+    elif group.asset in ASSETS and groups[inside.of].asset in ASSETS:
+        yield from _guest(where, index, group, groups[inside.of])
+
+
+def _guest(where: tuple[str | int, ...], index: int, guest: ActorGroup, host: ActorGroup) -> Iterator[Disagreement]:
+    """Whether the host's asset can have the guest in it."""
+    own, around = ASSETS[guest.asset], ASSETS[host.asset]
+    if not around.has_room_for(own):
+        yield (
+            (*where, "of"),
+            (
+                f"a {guest.asset} of {own.length_m:g} by {own.width_m:g} m has no room inside a {host.asset} of {around.length_m:g} by "
+                f"{around.width_m:g} m, whatever its heading; put group {guest.id!r} inside something larger"
+            ),
+        )
+    if around.solid and guest.motion.kind != "still":
+        yield (
+            ("actors", index, "motion", "kind"),
+            (
+                f"group {guest.id!r} is to {guest.motion.kind} from inside {host.id!r}, whose asset {host.asset!r} is solid: nobody walks "
+                "through it; make it still or drop placement.inside"
+            ),
+        )
 
 
 def _intelligence(simspec: SimSpec) -> Iterator[Disagreement]:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
+
+PLAY_M = 0.002
+"""Places are kept to the millimetre, so what fits exactly has no place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +24,18 @@ class Asset:
     confused_with: tuple[str, ...] = ()
     solid: bool = False
     invented: bool = True
+
+    def has_room_for(self, guest: Asset) -> bool:
+        """Whether the guest's footprint fits into this one in some heading, with two millimetres to spare.
+
+        Carver, "Rectangles within rectangles" (Mathematics Magazine 30, 1957): straight, or aslant where it is longer.
+        """
+        long, short = max(self.length_m, self.width_m), min(self.length_m, self.width_m)
+        p, q = max(guest.length_m, guest.width_m) + PLAY_M, min(guest.length_m, guest.width_m) + PLAY_M
+        if p <= long:
+            return q <= short
+        diagonal = p * p + q * q
+        return q <= short and short * diagonal >= 2 * p * q * long + (p * p - q * q) * sqrt(diagonal - long * long)
 
 
 ASSETS: dict[str, Asset] = {

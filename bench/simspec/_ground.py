@@ -71,6 +71,12 @@ class Road(Document):
         return self
 
 
+class Area(Polygon):
+    """Named ground: a village, a yard, a sector. Nothing is drawn of it."""
+
+    id: Identifier
+
+
 class World(Document):
     """The ground that everything stands on."""
 
@@ -78,6 +84,7 @@ class World(Document):
     scene: Annotated[Identifier, Field(description="Scene backend, by its name in the entry-point group rebar.scenes.")] = "plain"
     area: Annotated[Polygon, Field(description="The area of interest; densities count over it.")]
     roads: Annotated[tuple[Road, ...], Field(max_length=64, description="Roads that groups may be placed along.")] = ()
+    areas: Annotated[tuple[Area, ...], Field(max_length=64, description="Named ground that groups may be placed inside.")] = ()
 
 
 class Home(Point):

@@ -11,11 +11,16 @@ from bench.documents import Document
 from ._ground import Home, Point, Polygon
 from ._quantities import Identifier, NotNegative, Positive
 
+HOME = "home"
+"""In `of` of a relation, where no group is called so: the place vehicle.home."""
+
+Whose = Annotated[Identifier, Field(description="A group, or home: the vehicle's, where no group is called so.")]
+
 
 class Near(Document):
     """Keep between `min_m` and `max_m` from some member of another group."""
 
-    of: Identifier
+    of: Whose
     min_m: NotNegative = 0.0
     max_m: Positive
 
@@ -29,21 +34,29 @@ class Near(Document):
 class MeanDistance(Document):
     """The mean distance of the group's members to the first member of another group (the paper's proximity)."""
 
-    of: Identifier
+    of: Whose
     mean_m: Positive
     tolerance: Annotated[float, Field(gt=0.0, le=0.5, description="Allowed relative deviation of the mean.")] = 0.01
 
 
 class Distance(Document):
-    """Keep between `min_m` and `max_m` from every member, or from some member, of a group or of all groups of a role."""
+    """Keep between `min_m` and `max_m` from every member, or from some member, of a group or of all groups of a role.
 
-    of: Annotated[Identifier, Field(description="A group, or a role where no group is called so; never the group itself.")]
+    Or from a point: one of `of` and `point`.
+    """
+
+    of: Annotated[
+        Identifier | None, Field(description="A group, or a role or home where no group is called so; never the group itself.")
+    ] = None
+    point: Point | None = None
     whom: Literal["every", "some"] = "every"
     min_m: NotNegative = 0.0
     max_m: Annotated[Positive | None, Field(description="No upper bound when absent.")] = None
 
     @model_validator(mode="after")
     def _leaves_room(self) -> Self:
+        if (self.of is None) == (self.point is None):
+            raise ValueError("give either of (a group, a role or home) or point, not both and not neither")
         if self.max_m is not None and self.max_m <= self.min_m:
             raise ValueError(f"max_m {self.max_m} must exceed min_m {self.min_m}")
         if self.max_m is None and self.min_m == 0.0:
@@ -54,7 +67,7 @@ class Distance(Document):
 class Seen(Document):
     """The first member of a group, or a point: one of the two."""
 
-    of: Annotated[Identifier | None, Field(description="A group.")] = None
+    of: Whose | None = None
     point: Point | None = None
 
     @model_validator(mode="after")
@@ -81,9 +94,42 @@ class Bearing(Seen):
 
 
 class Facing(Seen):
-    """Head towards the first member of another group or a point."""
+    """Head towards the first member of another group or a point, or by the compass: one of the three."""
 
+    heading_deg: Annotated[Bearings | None, Field(description="Clockwise from north.")] = None
     within_deg: Annotated[float, Field(ge=0.5, le=180.0, description="Largest deviation to either side.")] = 10.0
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if [self.of, self.point, self.heading_deg].count(None) != 2:
+            raise ValueError("give one of of (a group or home), point and heading_deg, not more and not none")
+        return self
+
+
+class Inside(Document):
+    """The whole footprint inside a named area, or inside the footprint of a member of another group: one of the two."""
+
+    area: Annotated[Identifier | None, Field(description="One of world.areas.")] = None
+    of: Annotated[
+        Identifier | None, Field(description="A group; overlapping the member that one stands in is no collision then.")
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.area is None) == (self.of is None):
+            raise ValueError("give either area (one of world.areas) or of (a group), not both and not neither")
+        return self
+
+
+class Between(Document):
+    """The centre beside the straight way from the first member of one group to that of another, strictly between the two.
+
+    The same group twice means its first and its second member.
+    """
+
+    first: Whose
+    second: Whose
+    within_m: Annotated[Positive, Field(description="Largest distance of the centre from the straight way.")] = 5.0
 
 
 class Sight(Seen):
@@ -113,6 +159,7 @@ class Placement(Document):
 
     at: Home | None = None
     region: Annotated[Polygon | None, Field(description="Stay inside; the world's area when absent.")] = None
+    inside: Inside | None = None
     near: Near | None = None
     away: Annotated[Near | None, Field(description="As near, but to every member of the other group.")] = None
     mean_distance: MeanDistance | None = None
@@ -121,6 +168,7 @@ class Placement(Document):
     ] = ()
     along: Along | None = None
     bearing: Bearing | None = None
+    between: Between | None = None
     facing: Facing | None = None
     hidden_from: Annotated[Sight | None, Field(description="Out of sight of the point, or of every member of the group.")] = None
     visible_from: Annotated[Sight | None, Field(description="In sight of the point, or of some member of the group.")] = None

@@ -100,6 +100,23 @@ def test_a_house_hides_who_stands_behind_it_and_nobody_else() -> None:
     assert seen[2].visible == seen[3].visible == pytest.approx(1.0)
 
 
+def test_nobody_inside_a_house_is_seen_from_anywhere() -> None:
+    """Neither through the roof nor through a wall; its own roof hides the house from nobody."""
+    standing: list[Standing] = [
+        ("house", 0.0, 40.0, 30.0),
+        ("civilian", 0.0, 40.0, 0.0),
+        ("civilian", 3.0, 42.0, 0.0),
+        ("shed", 0.0, 37.0, 30.0),
+    ]
+    for camera, state in [
+        (Camera(tilt_deg=90.0), hovering(0.0, 40.0, 60.0)),
+        (Camera(tilt_deg=60.0), hovering(0.0, 15.0, 50.0)),
+        (LEVEL, LOW),
+        (Camera(tilt_deg=90.0, horizontal_fov_deg=120.0), hovering(2.0, 41.0, 8.0)),
+    ]:
+        assert set(look(standing, state, camera)) == {0}
+
+
 def test_a_car_half_behind_a_house_shows_in_part() -> None:
     """Broadside on, its middle at the house's edge: about half of the sample points are free."""
     edge_m = 6.0 * 70.0 / 41.0
