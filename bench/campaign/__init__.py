@@ -44,6 +44,7 @@ from ._runner import CampaignSummary as CampaignSummary
 from ._runner import Finish as Finish
 from ._runner import outcomes_named as outcomes_named
 from ._runner import run_campaign as run_campaign
+from ._scenes import write_scenes as write_scenes
 from ._settled import FLOWN_PAST as FLOWN_PAST
 from ._settled import SettledPoint as SettledPoint
 from ._task import BenchBroken as BenchBroken

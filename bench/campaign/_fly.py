@@ -13,7 +13,7 @@ from agent_adapters import load_manifest, open_agent
 from bench.contracts import Observation, Outcome, Record, SessionResult
 from bench.documents import dump_json
 from bench.errors import SetupError
-from bench.realization import PlacementInfeasible, place
+from bench.realization import PlacementInfeasible, check_placement, place
 from bench.simspec import SimSpec
 from bench.simulation import SessionEnd, SessionPlan, run_session
 from decompositions import Decomposition
@@ -31,10 +31,11 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
     """Fly one realization into `folder` (made if need be) and return its result, which is not written here.
 
     Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` there. Never raises for what a session can end with.
+    Places that come with the SimSpec are judged before anything flies: SETUP_INVALID where they break what it asks for.
     """
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        placed = simspec if simspec.realized is not None else place(simspec)
+        placed = place(simspec) if simspec.realized is None else _judged(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
     except PlacementInfeasible as error:
         return SessionResult(realization=realization, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=str(error))
@@ -58,6 +59,12 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
     observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
     return result_of(realization, end, recording.sha256, observations)
+
+
+def _judged(simspec: SimSpec) -> SimSpec:
+    if faults := check_placement(simspec):
+        raise SetupError(faults)
+    return simspec
 
 
 def result_of(realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]) -> SessionResult:

@@ -58,23 +58,16 @@ def run(
 def realize(
     campaign: Annotated[Path, typer.Argument(help="A campaign (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder for simspecs/")] = Path("out/realized"),
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; as many as there are cores by default")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For a machine to read, with how good the design is")] = False,
 ) -> None:
     """Design and placement only: write every realized SimSpec. Example: rebar realize campaigns/demo.yaml --out out/scenes"""
-    from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_whole
-    from bench.documents import dump_json
-    from bench.realization import PlacementInfeasible, place
+    from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
 
     asked = load_campaign(campaign)
-    folder = CampaignFolder(out)
-    written: list[str] = []
-    infeasible: dict[str, str] = {}
-    for plan in realizations(asked):
-        try:
-            write_whole(folder.simspec(plan.id), dump_json(place(plan.simspec)))
-            written.append(plan.id)
-        except PlacementInfeasible as error:
-            infeasible[plan.id] = str(error)
+    plans = realizations(asked)
+    infeasible = write_scenes(plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0)))
+    written = [plan.id for plan in plans if plan.id not in infeasible]
     if as_json:
         quality = campaign_quality(asked).model_dump(mode="json")
         print(json.dumps({"folder": str(out), "written": written, "infeasible": infeasible, "design": quality}, indent=1))

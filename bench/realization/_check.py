@@ -324,7 +324,8 @@ def _sees(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight) -> bool
     spot = (actor.east_m, actor.north_m)
     line = shapely.LineString([eye, spot])
     for other in simspec.realized.actors:
-        asset = ASSETS.get(simspec.group(other.group).asset)
+        group = next((one for one in simspec.actors if one.id == other.group), None)
+        asset = ASSETS.get(group.asset) if group else None
         if asset is None or not asset.solid or other.group == actor.group:
             continue
         outline = _outline(simspec, other)

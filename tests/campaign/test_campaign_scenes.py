@@ -1,0 +1,83 @@
+"""Scenes written without being flown: judged, the same by one process and by several, and refused where judge and places differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.campaign import CampaignFolder, fly_realization, load_asked, write_scenes
+from bench.contracts import Outcome
+from bench.documents import dump_json, validate_document
+from bench.errors import Fault
+from bench.realization import Design, PlacementUnsound, check_placement, place, realize
+from bench.simspec import AgentSpec, SimSpec
+
+AREA = {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (60, 0), (60, 60), (0, 60))]}
+
+
+def base(**placement: Any) -> SimSpec:
+    people = {"id": "people", "asset": "civilian", "role": "bystander", "count": 2, "placement": placement}
+    return validate_document({"name": "yard", "world": {"area": AREA}, "actors": [people]}, SimSpec)
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in sorted((folder / "simspecs").iterdir())}
+
+
+def test_any_number_of_workers_writes_the_same(tmp_path: Path) -> None:
+    """Two processes write what one does, tell the same scenes apart as having no room, and all of it passes the check."""
+    spread = {"name": "spread", "levels": [2.0, 200.0], "sets": ["actors[people].placement.spread_m"]}
+    design = validate_document({"factors": [spread], "seed": 3, "replicates": 110}, Design)
+    plans = realize(base(spread_m=1.0), design, [AgentSpec(), AgentSpec(manifest="reference-bystander-aware")])
+
+    alone = write_scenes(plans, CampaignFolder(tmp_path / "one"), 1)
+    together = write_scenes(plans, CampaignFolder(tmp_path / "two"), 2)
+
+    assert together == alone
+    assert len(alone) == 220
+    assert all("proved" in reason for reason in alone.values())
+    assert written(tmp_path / "two") == written(tmp_path / "one")
+    assert len(written(tmp_path / "one")) == 220
+    for text in list(written(tmp_path / "one").values())[:5]:
+        assert check_placement(SimSpec.model_validate_json(text)) == []
+
+
+def test_places_that_come_along_are_judged_before_they_are_flown(tmp_path: Path) -> None:
+    """A realized SimSpec in which somebody was moved is refused with what it breaks, and nothing is flown."""
+    placed = place(base(near=None))
+    assert placed.realized is not None
+    first, second = placed.realized.actors
+    onto = second.model_copy(update={"east_m": first.east_m, "north_m": first.north_m})
+    broken = placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": (first, onto)})})
+
+    result = fly_realization(broken, load_asked("search-and-report"), tmp_path / "run", "x")
+
+    assert result.outcome is Outcome.SETUP_INVALID
+    assert "people-1 and people-2: are 0.000 m apart" in result.reason
+    assert not (tmp_path / "run" / "recording.mcap").exists()
+
+
+def test_judge_and_places_that_disagree_are_a_fault_of_the_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such a scene is neither handed out nor written, and the error names what is broken."""
+    import bench.realization._placement as placement
+
+    monkeypatch.setattr(placement, "check_placement", lambda _: [Fault("realized: people-1", "stands outside its region")])
+    plans = realize(base(), validate_document({"factors": [], "seed": 1}, Design), [AgentSpec()])
+
+    with pytest.raises(PlacementUnsound, match=r"broke its own rules in .*people-1: stands outside its region"):
+        write_scenes(plans, CampaignFolder(tmp_path), 1)
+    assert not (tmp_path / "simspecs").exists()
+
+
+def test_judge_answers_for_actors_of_no_group() -> None:
+    """A stray actor in the places is a fault, not a crash, also where sight is looked along."""
+    placed = place(base(visible_from={"point": {"east_m": 1.0, "north_m": 1.0}}))
+    assert placed.realized is not None
+    stray = placed.realized.actors[0].model_copy(update={"id": "stray-1", "group": "stray", "east_m": 50.0})
+    known = placed.realized.actors
+    more = placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": (*known, stray)})})
+
+    assert "realized: group stray: has 1 members (0 are asked for)" in [str(fault) for fault in check_placement(more)]
+    assert dump_json(more)
