@@ -26,6 +26,7 @@ ROUNDS = 3
 MOST_FIELDS = 200
 OPEN = ("world", "environment", "vehicle", "actors", "intelligence", "orders", "outages", "mission", "rules")
 """Parts of a SimSpec that prose may speak of. Agents, seeds, budgets and pace are never for a model to choose."""
+_CLOSED = (("vehicle", "ground_truth"),)
 _KINDS = {"_m": "LENGTH", "_s": "TIME", "_mps": "SPEED", "_deg": "ANGLE"}
 _UNITS = {"_wh": r"wh|watt[\s-]?hours?", "_hz": r"hz|hertz", "_px": r"px|pixels?"}
 """Units that the vocabulary does not know, as they are written after their number."""
@@ -149,6 +150,8 @@ class _Verifier:
             path = _path(field.path)
             spans = list(_standing(field.quote, self._draft.text))
             why = self._wrong(field, path, spans)
+            if path in self.accepted and self.accepted[path].value != field.value:
+                why = f"is proposed twice, as {self.accepted[path].value!r} before"
             if why:
                 self._refuse(f"{field.path} = {field.value!r}"[:200], why)
             elif path is not None and path not in self._draft.entries:
@@ -162,7 +165,7 @@ class _Verifier:
 
     def _wrong(self, field: ProposedField, path: Path | None, spans: Sequence[Span]) -> str:
         """What is wrong with one proposed field; empty when nothing is."""
-        if path is None or path[0] not in OPEN:
+        if path is None or path[0] not in OPEN or path[:2] in _CLOSED:
             return f"prose says nothing of this; it may of {', '.join(OPEN)}"
         if not spans:
             return f"the quote {field.quote[:80]!r} does not stand in the description, in whole words"

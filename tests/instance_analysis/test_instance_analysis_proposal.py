@@ -150,10 +150,11 @@ def test_the_server_is_told_no_more_than_it_needs(monkeypatch: pytest.MonkeyPatc
         (fields(("actors[radar].asset", "civilian", "A radar")), "has been read as 'radar-vehicle'"),
         (fields(("actors[house].asset", "house", "A radar")), "speaks of radar-vehicle"),
         (fields(("actors[house].asset", "house", TEXT)), "the quote is the whole description"),
-        (fields(("vehicle.gps.available", False, f" {TEXT[1:]}")), "does not stand in the description"),
-        (fields(("vehicle.gps.available", False, TEXT)), "the quote is the whole description"),
-        (fields(("vehicle.gps.available", False, ". ")), "does not stand in the description"),
+        (fields(("vehicle.camera.gimbal", True, f" {TEXT[1:]}")), "does not stand in the description"),
+        (fields(("vehicle.camera.gimbal", True, TEXT)), "the quote is the whole description"),
+        (fields(("vehicle.camera.gimbal", True, ". ")), "does not stand in the description"),
         (fields(("agent.manifest", "evil", "A radar")), "prose says nothing of this"),
+        (fields(("vehicle.ground_truth", True, "A radar")), "prose says nothing of this"),
         (fields(("mission..x", 1, "A radar")), "prose says nothing of this"),
         (fields(("vehicle.camera.tilt_deg", 45, "")), "does not stand in the description"),
         (fields(("mission.altitude_deg.x_deg", 45, "say 45 degrees")), "'altitude_deg'"),
@@ -218,6 +219,21 @@ def test_numbers_are_held_to_their_units(text: str, field: tuple[str, object, st
     assert found.decided_by_model == ((field[0],) if taken else ())
 
 
+def test_words_without_a_number_are_taken_with_the_words_that_say_them() -> None:
+    """A yes or no and a name out of a list need a quote that is a part of the text; the receipt shows it."""
+    text = "A radar. The lens hangs in cardan rings, and once cut off the drone comes home."
+    rows = (
+        ("vehicle.camera.gimbal", True, "hangs in cardan rings"),
+        ("rules.link_lost", "return", "once cut off the drone comes home"),
+    )
+    with recorded(fields(*rows)) as (url, _):
+        found = asked(text, url)
+    assert found.decided_by_model == ("vehicle.camera.gimbal", "rules.link_lost")
+    receipts = {one.path: (one.source, one.quote) for one in found.result.receipts}
+    assert receipts["vehicle.camera.gimbal"] == ("model", "hangs in cardan rings")
+    assert not [one for one in found.result.not_understood if "cardan" in one.quote]
+
+
 def test_one_bad_field_does_not_cost_the_good_ones() -> None:
     """What makes the document invalid is left out by itself."""
     both = json.dumps(
@@ -226,6 +242,16 @@ def test_one_bad_field_does_not_cost_the_good_ones() -> None:
     with recorded(both) as (url, _):
         found = asked(TEXT, url)
     assert found.decided_by_model == ("vehicle.camera.tilt_deg",)
+    assert found.result.simspec is not None
+    assert found.result.simspec.vehicle.camera.tilt_deg == 45.0
+
+
+def test_a_field_proposed_twice_is_taken_once() -> None:
+    """The second of two values is refused, however well it is quoted."""
+    rows = (("vehicle.camera.tilt_deg", 45, "say 45 degrees"), ("vehicle.camera.tilt_deg", 30, "30 degrees"))
+    with recorded(fields(*rows)) as (url, _):
+        found = asked("A radar. The lens sees downwards, say 45 degrees. Or 30 degrees.", url)
+    assert [one.why for one in found.refused] == ["is proposed twice, as 45 before"]
     assert found.result.simspec is not None
     assert found.result.simspec.vehicle.camera.tilt_deg == 45.0
 
