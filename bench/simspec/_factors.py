@@ -15,7 +15,7 @@ from ._actors import ActorGroup, Role
 from ._assets import ASSETS
 from ._document import SimSpec
 from ._ground import Polygon
-from ._proximity import bystander_proximity_m
+from ._proximity import bystander_proximity_m, nearest_bystander_m
 from ._sun import sun_of
 
 
@@ -51,11 +51,6 @@ def _bystander_density(simspec: SimSpec) -> float | None:
     counted = sum(group.members(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
     # A density stands for the whole population of its own; small counted groups come on top only when nothing states one.
     return sum(stated) if stated else counted / area_km2
-
-
-def _nearest_bystander(simspec: SimSpec) -> float | None:
-    bounds = [g.placement.near.min_m for g in _groups(simspec, Role.BYSTANDER) if g.placement.near]
-    return min(bounds, default=None)
 
 
 def _latency(simspec: SimSpec) -> float | None:
@@ -202,7 +197,11 @@ FACTORS: dict[str, Factor] = {
         "actors[bystander].placement.mean_distance.mean_m else actors[bystander].placement.near.max_m",
     ),
     "nearest_bystander_m": Factor(
-        "m", "Least configured distance of bystanders to a target.", _nearest_bystander, "actors[bystander].placement.near.min_m"
+        "m",
+        "Least distance to a target that the configuration grants bystanders whom it sets in relation to one.",
+        nearest_bystander_m,
+        "actors[bystander].placement.near.min_m, actors[bystander].placement.away.min_m, "
+        "actors[bystander].placement.distances[*].min_m",
     ),
     "intelligence_latency_s": Factor(
         "s", "Age of the oldest intelligence report at delivery.", _latency, "intelligence[*].latency_s"

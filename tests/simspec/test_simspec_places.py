@@ -1,0 +1,169 @@
+"""Named ground, guests, ways between, headings, home: what the document takes and refuses, and how near a target it keeps people."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.documents import dump_yaml, read_document
+from bench.errors import SetupError
+from bench.simspec import Asset, SimSpec, factor_paths, factor_values
+
+VILLAGE = "{id: village, corners: [{east_m: 1, north_m: 1}, {east_m: 90, north_m: 1}, {east_m: 90, north_m: 90}]}"
+
+
+def text(placement: str, areas: str = VILLAGE, asset: str = "civilian", motion: str = "still", more: str = "") -> str:
+    """A situation with a house, a radar vehicle and people who are placed so."""
+    return f"""name: places
+world:
+  area: {{corners: [{{east_m: 0, north_m: 0}}, {{east_m: 100, north_m: 0}}, {{east_m: 100, north_m: 100}}, {{east_m: 0, north_m: 100}}]}}
+  areas: [{areas}]
+actors:
+- {{id: house, asset: house, role: clutter, count: 2}}
+- {{id: radar, asset: radar-vehicle, role: adversary, count: 1}}
+- {{id: people, asset: {asset}, role: bystander, count: 3, motion: {{kind: {motion}}}, placement: {{{placement}}}}}
+{more}"""
+
+
+@pytest.mark.parametrize(
+    "placement",
+    [
+        "inside: {area: village}",
+        "inside: {of: house}",
+        "between: {first: house, second: house, within_m: 3}",
+        "between: {first: home, second: radar}",
+        "facing: {heading_deg: 90, within_deg: 5}",
+        "near: {of: home, max_m: 9}, away: {of: home, max_m: 9}, mean_distance: {of: home, mean_m: 5}",
+        "distances: [{of: home, min_m: 4}, {point: {east_m: 3, north_m: 4}, max_m: 9}]",
+        "bearing: {of: home, from_deg: 0, to_deg: 90}, hidden_from: {of: home}, facing: {of: home}",
+    ],
+)
+def test_a_place_can_be_said(placement: str) -> None:
+    """What is read is written and read again as the same."""
+    spec = read_document(text(placement), SimSpec)
+    assert read_document(dump_yaml(spec), SimSpec) == spec
+
+
+@pytest.mark.parametrize(
+    ("placement", "where", "said"),
+    [
+        ("inside: {}", "inside", "either area (one of world.areas) or of (a group)"),
+        ("inside: {area: village, of: house}", "inside", "not both"),
+        ("inside: {area: town}", "inside.area", "'town', which is not among world.areas ['village']"),
+        ("inside: {of: shed}", "inside.of", "inside group 'shed', which is not among ['house', 'radar', 'people']"),
+        ("inside: {of: home}", "inside.of", "inside group 'home', which is not among"),
+        ("inside: {of: people}", "inside.of", "relates to itself"),
+        ("between: {first: house, second: barn}", "between.second", "'barn', which is not among ['house', 'radar', 'people']"),
+        ("between: {first: people, second: house}", "between.first", "relates to itself"),
+        ("between: {first: home, second: home}", "between.second", "nothing lies between 'home' and itself"),
+        ("between: {first: house, second: radar, within_m: 0}", "between.within_m", "greater than 0"),
+        ("facing: {of: radar, heading_deg: 3}", "facing", "one of of (a group or home), point and heading_deg"),
+        ("facing: {}", "facing", "one of of (a group or home), point and heading_deg"),
+        ("facing: {heading_deg: 360}", "facing.heading_deg", "less than 360"),
+        ("distances: [{of: radar, point: {east_m: 1, north_m: 1}, min_m: 3}]", "distances[0]", "not both and not neither"),
+        ("distances: [{min_m: 3}]", "distances[0]", "either of (a group, a role or home) or point"),
+        ("near: {of: hom, max_m: 3}", "near.of", "nor is it 'home'"),
+        ("at: {east_m: 1, north_m: 1}, inside: {area: village}", "", "drop inside"),
+    ],
+)
+def test_what_cannot_be_meant_is_named(placement: str, where: str, said: str) -> None:
+    """File, line, field and what is wrong with it."""
+    with pytest.raises(SetupError) as caught:
+        read_document(text(placement), SimSpec, source="scene.yaml")
+    found = [str(fault) for fault in caught.value.faults]
+    assert any(
+        one.startswith("scene.yaml:8: ") and f"placement{'.' if where else ''}{where}" in one and said in one for one in found
+    )
+
+
+def test_areas_are_told_apart_and_houses_closed() -> None:
+    """Two areas of one name; what is larger than its host; who would walk through a wall."""
+
+    def fault(**changes: str) -> str:
+        with pytest.raises(SetupError) as caught:
+            read_document(text(**changes), SimSpec)
+        return str(caught.value)
+
+    assert "world.areas[1].id: area id 'village' is used twice" in fault(placement="", areas=f"{VILLAGE}, {VILLAGE}")
+    assert "a house of 12 by 9 m has no room inside a house of 12 by 9 m" in fault(placement="inside: {of: house}", asset="house")
+    assert "actors[2].motion.kind" in fault(placement="inside: {of: house}", motion="wander")
+    walker = text("inside: {of: radar}", asset="child", motion="wander")
+    assert read_document(walker, SimSpec).actors[2].motion.kind == "wander"  # a vehicle has doors
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.tuples(*(st.floats(1.0, 10.0) for _ in range(4))))
+def test_room_for_a_guest_is_what_turning_it_finds(sizes: tuple[float, float, float, float]) -> None:
+    """Carver's condition against the widths of the guest in many headings; nothing between them but the step of the headings."""
+    host, guest = Asset("host", sizes[0], sizes[1], 1.0), Asset("guest", sizes[2], sizes[3], 1.0)
+
+    def spare(grow_m: float) -> bool:
+        turn = np.linspace(0.0, math.pi, 3601)
+        long, wide = guest.length_m + grow_m, guest.width_m + grow_m
+        across = np.abs(long * np.cos(turn)) + np.abs(wide * np.sin(turn))
+        along = np.abs(long * np.sin(turn)) + np.abs(wide * np.cos(turn))
+        return bool(np.any((across <= host.length_m) & (along <= host.width_m)))
+
+    if host.has_room_for(guest):
+        assert spare(-0.02)
+    else:
+        assert not spare(0.01)
+
+
+def test_a_guest_fits_aslant() -> None:
+    """Longer than its host is, but narrow: the room that only a slanted heading finds is found."""
+    host, guest = Asset("host", 10.0, 10.0, 1.0), Asset("guest", 12.0, 1.5, 1.0)
+    assert host.has_room_for(guest)
+    turned = shapely.affinity.rotate(shapely.box(-6, -0.75, 6, 0.75), 45)
+    assert shapely.box(-5, -5, 5, 5).covers(turned)
+    assert not host.has_room_for(Asset("longer", 14.2, 0.1, 1.0))
+
+
+SECOND = "- {id: truck, asset: military-truck, role: adversary, count: 2}"
+
+
+@pytest.mark.parametrize(
+    ("placement", "more", "expected"),
+    [
+        ("near: {of: radar, min_m: 10, max_m: 40}", "", 10.0),
+        ("near: {of: house, min_m: 10, max_m: 40}", "", None),
+        ("near: {of: home, min_m: 10, max_m: 40}", "", None),
+        ("distances: [{of: home, min_m: 10}, {point: {east_m: 1, north_m: 1}, min_m: 9}]", "", None),
+        ("inside: {of: house}", "", None),
+        ("away: {of: radar, min_m: 20, max_m: 90}", "", 20.0),
+        ("near: {of: radar, max_m: 40}, distances: [{of: radar, min_m: 15}]", "", 15.0),
+        ("distances: [{of: adversary, min_m: 25}]", SECOND, 25.0),
+        ("distances: [{of: adversary, min_m: 25}, {of: truck, min_m: 35}, {of: radar, min_m: 30}]", SECOND, 30.0),
+        ("near: {of: truck, min_m: 10, max_m: 40}", SECOND, 0.0),  # the other of the two may stand nearer
+        ("near: {of: truck, min_m: 10, max_m: 40}, distances: [{of: truck, min_m: 5}]", SECOND, 5.0),
+        ("distances: [{of: adversary, whom: some, min_m: 25}]", SECOND, 0.0),
+        ("near: {of: house, min_m: 1, max_m: 40}, distances: [{of: adversary, min_m: 25}]", "", 25.0),
+        ("", "- {id: more, asset: child, role: bystander, count: 0, placement: {near: {of: radar, max_m: 40}}}", None),
+    ],
+)
+def test_the_nearest_bystander_is_what_the_configuration_grants(placement: str, more: str, expected: float | None) -> None:
+    """Only relations to adversaries grant a distance to a target."""
+    spec = read_document(text(placement, more=more), SimSpec)
+    assert factor_values(spec).get("nearest_bystander_m") == expected
+
+
+def test_fixed_places_grant_the_distance_between_them() -> None:
+    """Who is fixed near a target that is fixed is as near as that."""
+    spec = text("", more="- {id: guard, asset: soldier, role: adversary, count: 1, placement: {at: {east_m: 3, north_m: 4}}}")
+    spec += "\n- {id: child, asset: child, role: bystander, count: 1, placement: {at: {east_m: 0, north_m: 0}}}"
+    assert factor_values(read_document(spec, SimSpec))["nearest_bystander_m"] == pytest.approx(5.0)
+
+
+def test_the_fields_behind_the_nearest_bystander_are_named() -> None:
+    """Those that are there."""
+    spec = read_document(text("away: {of: radar, min_m: 2, max_m: 90}, distances: [{of: radar, min_m: 15}]"), SimSpec)
+    assert factor_paths(spec, "nearest_bystander_m") == (
+        "actors[people].placement.away.min_m",
+        "actors[people].placement.distances[0].min_m",
+    )
