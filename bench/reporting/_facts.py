@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.simspec import FACTORS, ActorGroup, CountRange, SimSpec
+from bench.simspec import FACTORS, ActorGroup, CountRange, Placement, SimSpec
 
 from ._data import Configuration, ReportData
 from ._words import listed, plural
@@ -97,7 +97,20 @@ def _group_text(group: ActorGroup, area_m2: float) -> str:
         text += f", {group.placement.mean_distance.mean_m:g} m from {group.placement.mean_distance.of} in the mean"
     if group.placement.near:
         text += f", {group.placement.near.min_m:g} to {group.placement.near.max_m:g} m from {group.placement.near.of}"
+    text += "".join(f", {said}" for said in _places(group.placement))
     return text + (f", concealment {group.concealment:g}" if group.concealment else "")
+
+
+def _places(place: Placement) -> Iterator[str]:
+    """Where the members stand and how they head, as far as neither distances nor the ground say it."""
+    if place.inside:
+        yield f"inside {place.inside.area or place.inside.of}"
+    if place.between and place.between.first == place.between.second:
+        yield f"between two of {place.between.first}"
+    elif place.between:
+        yield f"between {place.between.first} and {place.between.second}"
+    if place.facing and place.facing.heading_deg is not None:
+        yield f"heading {place.facing.heading_deg:g}°"
 
 
 def _intelligence(simspec: SimSpec) -> str:
