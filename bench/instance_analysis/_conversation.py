@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import httpx2
+from openai import OpenAIError
 from pydantic_ai import Agent, ModelRetry, PromptedOutput, UsageLimits, capture_run_messages
 from pydantic_ai.exceptions import (
     ModelAPIError,
@@ -26,7 +27,7 @@ from pydantic_ai.messages import ModelMessage, ModelResponse
 from pydantic_ai.models import Model, create_async_httpx2_client, infer_model
 from pydantic_ai.models.openai import OpenAIChatModel
 from pydantic_ai.profiles.openai import OpenAIModelProfile
-from pydantic_ai.providers import Provider, infer_provider_class
+from pydantic_ai.providers import Provider, infer_provider, infer_provider_class
 from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
 from pydantic_ai.settings import ModelSettings
 
@@ -52,7 +53,7 @@ class Door:
 
     @property
     def told(self) -> str:
-        return f"the model at {self.url}" if self.provider == COMPATIBLE else f"the model {self.model}"
+        return f"{self.model!r} at {self.url}" if self.provider == COMPATIBLE else repr(self.model)
 
 
 def provider_of(model: str, url: str | None) -> str:
@@ -90,8 +91,8 @@ async def _converse(door: Door, brief: str, question: str, judge: Judge) -> Conv
         }
         try:
             model = _opened(door, client)
-        except UserError as error:
-            raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", str(error))) from error
+        except (UserError, OpenAIError, ImportError, ValueError) as error:
+            raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", _advice(error))) from error
         with capture_run_messages() as messages:
             return await _run(model, door, gate, messages, brief, question, judge)
 
@@ -153,6 +154,11 @@ def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: Door, gate: _
     return LinkLost(f"{door.told} answers in another form than it should: {_first_line(error)}")
 
 
+def _advice(error: Exception) -> str:
+    """What a library says, without what is for its programmers."""
+    return re.sub(r" or pass it via `[^`]*`", "", str(error)).partition(" To try Pydantic AI")[0].rstrip(".")
+
+
 def _first_line(error: Exception) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)[:200]
 
@@ -175,6 +181,8 @@ def _opened(door: Door, client: httpx2.AsyncClient) -> Model:
 
 
 def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
+    if "/" in name:  # a gateway, whose address the class of the provider behind it does not know
+        return infer_provider(name)
     known = infer_provider_class(name)
     takes_client = "http_client" in inspect.signature(known.__init__).parameters
     return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]

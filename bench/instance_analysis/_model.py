@@ -27,7 +27,9 @@ class ModelEndpoint:
     timeout_s: float = 120.0
 
     def __post_init__(self) -> None:
-        if self.url is not None and urllib.parse.urlsplit(self.url).scheme not in ("http", "https"):
+        if not self.model.rpartition(":")[2].strip():
+            raise SetupError(Fault("--llm", f"{self.model!r} names no model", "for example qwen3:8b or openai:gpt-5"))
+        if self.url is not None and not _is_address(self.url):
             raise SetupError(Fault("--llm-url", f"{self.url!r} is not an address", f"for example {LOCAL_URL}"))
 
     @property
@@ -49,3 +51,11 @@ class ModelEndpoint:
         from ._conversation import Door, converse
 
         return converse(Door(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s), brief, question, judge)
+
+
+def _is_address(url: str) -> bool:
+    try:
+        parts = urllib.parse.urlsplit(url)
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False

@@ -329,8 +329,12 @@ def test_an_endpoint_that_is_not_there_is_named() -> None:
         pass
     with pytest.raises(LinkLost, match="does not answer"):
         propose(TEXT, VOCABULARY, ModelEndpoint("m", url, timeout_s=5.0))
-    with pytest.raises(SetupError, match="is not an address"):
-        ModelEndpoint("m", "file:///etc/passwd")
+    for address in ("file:///etc/passwd", "http://", "http://[::1", "http://a:b", ""):
+        with pytest.raises(SetupError, match="is not an address"):
+            ModelEndpoint("m", address)
+    for name in ("", "openai:"):
+        with pytest.raises(SetupError, match="names no model"):
+            ModelEndpoint(name)
 
 
 @pytest.mark.parametrize(("model", "form"), [("openai:gpt-5", response), ("openai-chat:gpt-5", completion)])
@@ -356,7 +360,7 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """No key, no package of a provider, and no pydantic-ai are the user's to mend."""
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
-    with pytest.raises(SetupError, match="OPENAI_API_KEY"):
+    with pytest.raises(SetupError, match="Set the `OPENAI_API_KEY` environment variable to use the OpenAI provider"):
         propose(TEXT, VOCABULARY, ModelEndpoint("openai:gpt-5"))
     monkeypatch.setitem(sys.modules, "anthropic", None)
     monkeypatch.delitem(sys.modules, "pydantic_ai.providers.anthropic", raising=False)
