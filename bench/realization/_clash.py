@@ -6,6 +6,9 @@ A proof works on a relaxation that every true arrangement also keeps, so what it
   Where nothing is left, no arrangement exists.
 - *cases*: the same for each part of the ground on which a single member may stand whom several relations are about.
 - *mean distances* that the ground and the members' own sizes leave in reach.
+- *headings* along a road that never come near those towards whom a group faces.
+- *numbers*: no more points of a mutual distance lie on the ground that is left than Oler's inequality allows, and no more
+  rectangles that keep one course than a lattice of their sides has points.
 - *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces of ground in which
   their groups may stand; CP-SAT decides that.
 
@@ -27,7 +30,9 @@ from bench.errors import RebarError
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight, SimSpec
 
 from ._footprint import Array, Footprints, footprints, joined, no_footprints
+from ._headings import Heading, facing_of, headings_clash, parallel_of
 from ._midway import Midway, midways
+from ._packing import most_aligned, most_apart
 from ._relations import (
     EVERYWHERE,
     HOME_CLEARANCE_M,
@@ -183,8 +188,8 @@ def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, 
 class _Term:
     """One constraint as its author wrote it: what it asks of which group, and where it stands.
 
-    Of the last six, one is there: ground that centres must lie in, a tie, a mean distance, the area that the members' sizes
-    and gaps need, how far they are spread, or the points of a route of which one must be walked to.
+    Of the last seven, one is there: ground that centres must lie in, a tie, a mean distance, the area that the members' sizes
+    and gaps need, how far they are spread, a heading, or the points of a route of which one must be walked to.
     """
 
     path: str
@@ -196,6 +201,7 @@ class _Term:
     mean: MeanDistance | None = None
     need_m2: float | None = None
     spread_m: float | None = None
+    heading: Heading | None = None
     route_m: Array | None = None
 
 
@@ -255,6 +261,9 @@ def _own_terms(simspec: SimSpec, group: ActorGroup) -> list[_Term]:
     if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
         text = f"{group.id!r} is to stand out of sight, and no other group is of anything solid"
         found.append(_Term(field(group, "hidden_from"), text, group.id, room=shapely.Polygon()))
+    for heading in (parallel_of(simspec, group), facing_of(group)):
+        if heading:
+            found.append(_Term(heading.path, f"{group.id!r} is to {heading.text}", group.id, heading=heading))
     if walks(simspec, group):
         route_m = np.concatenate(list(loops(simspec, group).values()))
         text = f"{group.id!r} is to walk straight from its place to some point of its patrol route"
@@ -313,7 +322,24 @@ class _Scene:
                 return True
             if np.allclose(before, [shapely.area(one) for one in self.ground.values()], rtol=1e-4):
                 break
-        return any(self._mean_fails(term.group, term.mean) for term in self.terms if term.mean)
+        if any(self._mean_fails(term.group, term.mean) for term in self.terms if term.mean):
+            return True
+        return any(self._headings_fail(term.group, term.heading) for term in self.terms if term.heading and term.heading.lines)
+
+    def _headings_fail(self, own: str, parallel: Heading) -> bool:
+        """Whether nobody of a group can head along its road and face what it is to face."""
+        group = self.simspec.group(own)
+        facing = next((t.heading for t in self.terms if t.group == own and t.heading and not t.heading.lines), None)
+        if facing is None or own not in self.ground:
+            return False
+        theirs = facing.point if facing.of is None else self._ground_of(facing.of)
+        along = group.placement.along
+        assert along is not None
+        road = next(one for one in self.simspec.world.roads if one.id == along.road)
+        # A mitred corner of the road reaches twice as far out as its side.
+        reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
+        kept = any(term.path == field(group, "along") for term in self.terms)
+        return headings_clash(parallel, facing, self.ground[own], theirs, reach_m if kept else None)
 
     def _own_ground(self, group: ActorGroup) -> Geometry:
         """Where the group's relations to the ground and to what is fixed leave centres."""
@@ -385,6 +411,8 @@ class _Scene:
             return True
         if any(self._spread_fails(term.group, term.spread_m) for term in self.terms if term.spread_m):
             return True
+        if self._numbers_fail([self.simspec.group(term.group) for term in self.terms if term.need_m2]):
+            return True
         zones = {
             term.group: (self._zone(self.simspec.group(term.group)), term.need_m2)
             for term in self.terms
@@ -402,10 +430,36 @@ class _Scene:
         return not _shared_out({name: zone for name, (zone, _) in zones.items()}, needs)
 
     def _spread_fails(self, own: str, spread_m: float) -> bool:
-        """Circles of half the spread round the centres do not overlap."""
+        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the centres."""
         count = members_of(self.simspec, self.simspec.group(own))
         room = shapely.area(wide(self.ground[own], spread_m / 2.0))
-        return bool(count > 1 and count * pi * spread_m**2 / 4.0 > room)
+        return bool(count > 1 and (count * pi * spread_m**2 / 4.0 > room or count > most_apart(self.ground[own], spread_m)))
+
+    def _numbers_fail(self, groups: Sequence[ActorGroup]) -> bool:
+        """Whether more members stand on the ground that is left than centres can lie there.
+
+        Circles inside two footprints are as far apart as these. Of several groups the largest, two largest ... are counted together.
+        """
+        if any(self._aligned_fails(group) for group in groups):
+            return True
+        sized = sorted((group for group in groups if not hosts_of(self.simspec, group)), key=_apart_m, reverse=True)
+        for number in range(1, len(sized) + 1):
+            some = sized[:number]
+            apart_m = min(_apart_m(one) for one in some)
+            count = sum(members_of(self.simspec, one) for one in some)
+            if count > 1 and count > most_apart(shapely.union_all([self.ground[one.id] for one in some]), apart_m):
+                return True
+        return any(members_of(self.simspec, one) > max(1, most_apart(self.ground[one.id], _apart_m(one))) for one in groups)
+
+    def _aligned_fails(self, group: ActorGroup) -> bool:
+        """Whether a group that keeps one course has more members than so many rectangles have room."""
+        asset, count = ASSETS[group.asset], members_of(self.simspec, group)
+        commons = [t.heading.common for t in self.terms if t.group == group.id and t.heading]
+        return any(
+            count > most_aligned(self.ground[group.id], (asset.length_m, asset.width_m), group.placement.separation_m, *common)
+            for common in commons
+            if common is not None and common[1] < 45.0 and asset.length_m >= asset.width_m
+        )
 
     def cases_fail(self) -> bool:
         """Whether there is no ground left wherever one member stands whom others relate to, tried in ever smaller parts.
@@ -463,6 +517,11 @@ def _outline(group: ActorGroup) -> Geometry:
     assert at is not None
     one = footprints(ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0)
     return shapely.polygons(one.corners())[0]
+
+
+def _apart_m(group: ActorGroup) -> float:
+    """Least distance between the centres of two members, or of a member and one of a group that wants no less."""
+    return 2.0 * inner_radius_m(group) + group.placement.separation_m
 
 
 def _crowd_m(group: ActorGroup, count: int) -> Array:
