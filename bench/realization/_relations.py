@@ -252,8 +252,9 @@ def clear(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints])
 
     def keeps(some: Footprints) -> Mask:
         hit = crowded(some, obstacles)
-        one, other = crowding(some, hosts)
-        hit[one[~lie_within(some[one], hosts[other])]] = True
+        if len(hosts):
+            one, other = crowding(some, hosts)
+            hit[one[~lie_within(some[one], hosts[other])]] = True
         return ~hit
 
     return Relation(field(group, "separation_m"), text, keeps)

@@ -78,7 +78,9 @@ def _said(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[f
 
 def _ground(simspec: SimSpec, group: ActorGroup) -> list[tuple[float, float]]:
     """Corners of the ground on which a group may stand, or the one place that is fixed."""
-    corners = (group.placement.at,) if group.placement.at else (group.placement.region or simspec.world.area).corners
+    place = group.placement
+    named = next((one for one in simspec.world.areas if place.inside and one.id == place.inside.area), None)
+    corners = (place.at,) if place.at else (named or place.region or simspec.world.area).corners
     return [(one.east_m, one.north_m) for one in corners]
 
 

@@ -160,6 +160,13 @@ def test_fixed_places_grant_the_distance_between_them() -> None:
     assert factor_values(read_document(spec, SimSpec))["nearest_bystander_m"] == pytest.approx(5.0)
 
 
+def test_people_in_an_area_are_no_farther_than_it_allows() -> None:
+    """Where nothing is said of a mean distance, the ground bounds it, and a named area is ground."""
+    radar = "- {id: fixed, asset: radar-vehicle, role: adversary, count: 1, placement: {at: {east_m: 1, north_m: 1}}}"
+    spec = read_document(text("inside: {area: village}", more=radar), SimSpec)
+    assert factor_values(spec)["bystander_proximity_m"] == pytest.approx(math.hypot(89, 89))
+
+
 def test_the_fields_behind_the_nearest_bystander_are_named() -> None:
     """Those that are there."""
     spec = read_document(text("away: {of: radar, min_m: 2, max_m: 90}, distances: [{of: radar, min_m: 15}]"), SimSpec)
