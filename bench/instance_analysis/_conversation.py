@@ -36,6 +36,8 @@ from bench.errors import Fault, LinkLost, RebarError, SetupError
 from ._proposal import ROUNDS, Conversation, Judge, Proposal
 
 COMPATIBLE = "openai-compatible"
+OTHER_CLIENTS = ("cohere", "groq", "huggingface")
+"""Providers whose packages want an HTTP client of another library, and so bring their own."""
 MOST_BYTES = 1_000_000
 MOST_TOKENS = 200_000
 _NEEDED_HEADERS = {"host", "accept", "accept-encoding", "connection", "content-length", "content-type", "user-agent"}
@@ -184,7 +186,7 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
     if "/" in name:  # a gateway, whose address the class of the provider behind it does not know
         return infer_provider(name)
     known = infer_provider_class(name)
-    takes_client = "http_client" in inspect.signature(known.__init__).parameters
+    takes_client = name not in OTHER_CLIENTS and "http_client" in inspect.signature(known.__init__).parameters
     return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]
 
 
