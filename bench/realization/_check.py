@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import shapely
 
@@ -82,25 +82,37 @@ def _wanted_count(simspec: SimSpec, group: ActorGroup) -> tuple[int, int]:
     return (group.members(simspec.world.area.area_m2),) * 2
 
 
+def _outlines(simspec: SimSpec, actors: Sequence[PlacedActor]) -> list[shapely.Polygon | None]:
+    """The actors' footprints, None where their group or asset is unknown.
+
+    By hand and all at once: every scene is judged, and shapely's own turning of a box takes seventy times as long.
+    """
+    assets = {group.id: ASSETS.get(group.asset) for group in simspec.actors}
+    corners = []
+    for actor in actors:
+        asset, heading = assets.get(actor.group), math.radians(actor.heading_deg)
+        ahead, aside = (asset.length_m / 2, asset.width_m / 2) if asset else (0.0, 0.0)
+        east, north = ahead * math.sin(heading), ahead * math.cos(heading)
+        right_east, right_north = aside * math.cos(heading), -aside * math.sin(heading)
+        corners.append(
+            [
+                (actor.east_m + fore * east + side * right_east, actor.north_m + fore * north + side * right_north)
+                for fore, side in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+            ]
+        )
+    if not corners:
+        return []
+    found = shapely.polygons(corners)
+    return [outline if assets.get(actor.group) else None for actor, outline in zip(actors, found, strict=True)]
+
+
 def _outline(simspec: SimSpec, actor: PlacedActor) -> shapely.Polygon | None:
-    """The actor's footprint, None where its group or asset is unknown."""
-    asset = next((ASSETS.get(group.asset) for group in simspec.actors if group.id == actor.group), None)
-    if asset is None:
-        return None
-    # By hand: shapely's own turning of a box takes seven times as long, and every scene is judged.
-    heading = math.radians(actor.heading_deg)
-    ahead, aside = asset.length_m / 2, asset.width_m / 2
-    east, north = ahead * math.sin(heading), ahead * math.cos(heading)
-    right_east, right_north = aside * math.cos(heading), -aside * math.sin(heading)
-    ring = [
-        (actor.east_m + fore * east + side * right_east, actor.north_m + fore * north + side * right_north)
-        for fore, side in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    ]
-    return shapely.polygons(ring)
+    return _outlines(simspec, [actor])[0]
 
 
 def _collisions(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
-    known = [(actor, outline) for actor in realized.actors if (outline := _outline(simspec, actor)) is not None]
+    drawn = zip(realized.actors, _outlines(simspec, realized.actors), strict=True)
+    known = [(actor, outline) for actor, outline in drawn if outline is not None]
     if not known:
         return
     separation = [simspec.group(actor.group).placement.separation_m for actor, _ in known]
@@ -192,8 +204,7 @@ def _group(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fa
                 yield Fault(f"realized: {actor.id}", "is not where placement.at fixes it", "move it there")
         return
     region = _polygon(place.region or simspec.world.area).buffer(SLACK_M)
-    for actor in own:
-        outline = _outline(simspec, actor)
+    for actor, outline in zip(own, _outlines(simspec, own), strict=True):
         if outline is not None and not region.covers(outline):
             yield Fault(f"realized: {actor.id}", "stands outside its region", "keep the whole footprint inside")
         if place.near and not any(_keeps(place.near, actor, other) for other in members.get(place.near.of, [])):
