@@ -38,15 +38,15 @@ def check_placement(simspec: SimSpec) -> list[Fault]:
     """
     if simspec.realized is None:
         return [Fault("realized", "is missing", "place the SimSpec first")]
-    members = _members(simspec, simspec.realized)
+    members, outlines = _members(simspec, simspec.realized), _outlines(simspec, simspec.realized)
     return [
         *_counts(simspec, simspec.realized),
-        *_collisions(simspec, simspec.realized),
-        *(fault for group in simspec.actors for fault in _inside(simspec, group, members)),
+        *_collisions(simspec, simspec.realized, outlines),
+        *(fault for group in simspec.actors for fault in _inside(simspec, group, members, outlines)),
         *(fault for group in simspec.actors for fault in _between(group, members)),
-        *(fault for group in simspec.actors for fault in _group(simspec, group, members)),
-        *(fault for group in simspec.actors for fault in _more(simspec, group, members)),
-        *_routes(simspec, simspec.realized),
+        *(fault for group in simspec.actors for fault in _group(simspec, group, members, outlines)),
+        *(fault for group in simspec.actors for fault in _more(simspec, group, members, outlines)),
+        *_routes(simspec, simspec.realized, outlines),
         *_reports(simspec, simspec.realized, members),
     ]
 
@@ -82,37 +82,32 @@ def _wanted_count(simspec: SimSpec, group: ActorGroup) -> tuple[int, int]:
     return (group.members(simspec.world.area.area_m2),) * 2
 
 
-def _outlines(simspec: SimSpec, actors: Sequence[PlacedActor]) -> list[shapely.Polygon | None]:
-    """The actors' footprints, None where their group or asset is unknown.
+Outlines = dict[str, shapely.Polygon]
+"""Footprints by the actor's id; of an unknown group or asset there is none."""
 
-    By hand and all at once: every scene is judged, and shapely's own turning of a box takes seventy times as long.
-    """
+
+def _outlines(simspec: SimSpec, realized: Realized) -> Outlines:
     assets = {group.id: ASSETS.get(group.asset) for group in simspec.actors}
-    corners = []
-    for actor in actors:
-        asset, heading = assets.get(actor.group), math.radians(actor.heading_deg)
-        ahead, aside = (asset.length_m / 2, asset.width_m / 2) if asset else (0.0, 0.0)
+    known = [(actor, asset) for actor in realized.actors if (asset := assets.get(actor.group)) is not None]
+    # All at once and by hand: shapely's own turning of a box takes far longer, and every scene is judged.
+    rings = []
+    for actor, asset in known:
+        heading = math.radians(actor.heading_deg)
+        ahead, aside = asset.length_m / 2, asset.width_m / 2
         east, north = ahead * math.sin(heading), ahead * math.cos(heading)
         right_east, right_north = aside * math.cos(heading), -aside * math.sin(heading)
-        corners.append(
+        rings.append(
             [
                 (actor.east_m + fore * east + side * right_east, actor.north_m + fore * north + side * right_north)
                 for fore, side in ((1, 1), (1, -1), (-1, -1), (-1, 1))
             ]
         )
-    if not corners:
-        return []
-    found = shapely.polygons(corners)
-    return [outline if assets.get(actor.group) else None for actor, outline in zip(actors, found, strict=True)]
+    outlines = shapely.polygons(rings) if rings else []
+    return {actor.id: outline for (actor, _), outline in zip(known, outlines, strict=True)}
 
 
-def _outline(simspec: SimSpec, actor: PlacedActor) -> shapely.Polygon | None:
-    return _outlines(simspec, [actor])[0]
-
-
-def _collisions(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
-    drawn = zip(realized.actors, _outlines(simspec, realized.actors), strict=True)
-    known = [(actor, outline) for actor, outline in drawn if outline is not None]
+def _collisions(simspec: SimSpec, realized: Realized, footprints: Outlines) -> Iterator[Fault]:
+    known = [(actor, footprints[actor.id]) for actor in realized.actors if actor.id in footprints]
     if not known:
         return
     separation = [simspec.group(actor.group).placement.separation_m for actor, _ in known]
@@ -153,19 +148,18 @@ def _stands_in(simspec: SimSpec, guest: Outlined, host: Outlined) -> bool:
     return False
 
 
-def _inside(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fault]:
+def _inside(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines) -> Iterator[Fault]:
     inside = group.placement.inside
     if inside is None:
         return
     if inside.area is not None:
         rooms = [_polygon(one) for one in simspec.world.areas if one.id == inside.area]
     else:
-        outlines = [_outline(simspec, other) for other in members.get(inside.of or "", [])]
-        rooms = [one for one in outlines if one is not None]
+        rooms = [outlines[other.id] for other in members.get(inside.of or "", []) if other.id in outlines]
     rooms = [room.buffer(SLACK_M) for room in rooms]
     what = f"area {inside.area!r}" if inside.area is not None else f"any member of {inside.of!r}"
     for actor in members.get(group.id, []):
-        outline = _outline(simspec, actor)
+        outline = outlines.get(actor.id)
         if outline is not None and not any(room.covers(outline) for room in rooms):
             yield Fault(f"realized: {actor.id}", f"is not inside {what}", "keep the whole footprint inside")
 
@@ -195,7 +189,7 @@ def _between(group: ActorGroup, members: Members) -> Iterator[Fault]:
             )
 
 
-def _group(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fault]:
+def _group(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines) -> Iterator[Fault]:
     place = group.placement
     own = members.get(group.id, [])
     if place.at is not None:
@@ -204,7 +198,8 @@ def _group(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fa
                 yield Fault(f"realized: {actor.id}", "is not where placement.at fixes it", "move it there")
         return
     region = _polygon(place.region or simspec.world.area).buffer(SLACK_M)
-    for actor, outline in zip(own, _outlines(simspec, own), strict=True):
+    for actor in own:
+        outline = outlines.get(actor.id)
         if outline is not None and not region.covers(outline):
             yield Fault(f"realized: {actor.id}", "stands outside its region", "keep the whole footprint inside")
         if place.near and not any(_keeps(place.near, actor, other) for other in members.get(place.near.of, [])):
@@ -222,7 +217,7 @@ def _group(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fa
             )
 
 
-def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fault]:
+def _more(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines) -> Iterator[Fault]:
     place = group.placement
     own = members.get(group.id, [])
     for actor in own:
@@ -233,7 +228,7 @@ def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fau
                 whom = f"{distance.whom} member of {distance.of!r}" if distance.of else "a point"
                 yield Fault(where, f"does not keep its distance from {whom}", "see distances")
         if place.along:
-            yield from _along(simspec, actor, place.along)
+            yield from _along(simspec, actor, place.along, outlines)
         if place.bearing and (seen := _seen(place.bearing, members)):
             angle = _bearing_deg(seen[0], (actor.east_m, actor.north_m))
             span = (place.bearing.to_deg - place.bearing.from_deg) % 360.0
@@ -249,10 +244,12 @@ def _more(simspec: SimSpec, group: ActorGroup, members: Members) -> Iterator[Fau
             off = _turn_deg(actor.heading_deg, _bearing_deg((actor.east_m, actor.north_m), seen[0]))
             if off > place.facing.within_deg + SLACK_DEG:
                 yield Fault(where, f"heads {off:.2f} degrees off whom it is to face", f"at most {place.facing.within_deg:g}")
-        if place.hidden_from and any(_sees(simspec, actor, eye, place.hidden_from) for eye in _seen(place.hidden_from, members)):
+        if place.hidden_from and any(
+            _sees(simspec, actor, eye, place.hidden_from, outlines) for eye in _seen(place.hidden_from, members)
+        ):
             yield Fault(where, "can be seen from where it is to be hidden", "put something solid between them")
         if place.visible_from and not any(
-            _sees(simspec, actor, eye, place.visible_from) for eye in _seen(place.visible_from, members)
+            _sees(simspec, actor, eye, place.visible_from, outlines) for eye in _seen(place.visible_from, members)
         ):
             yield Fault(where, "cannot be seen from where it is to be visible", "clear the line of sight")
     if place.spread_m:
@@ -299,11 +296,11 @@ def _turn_deg(one_deg: float, other_deg: float) -> float:
     return abs((one_deg - other_deg + 180.0) % 360.0 - 180.0)
 
 
-def _along(simspec: SimSpec, actor: PlacedActor, along: Along) -> Iterator[Fault]:
+def _along(simspec: SimSpec, actor: PlacedActor, along: Along, outlines: Outlines) -> Iterator[Fault]:
     road = next(one for one in simspec.world.roads if one.id == along.road)
     line = shapely.LineString([(point.east_m, point.north_m) for point in road.points])
     covered = line.buffer(road.width_m / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)
-    outline = _outline(simspec, actor)
+    outline = outlines.get(actor.id)
     if outline is None:
         return
     where = f"realized: {actor.id}"
@@ -327,7 +324,7 @@ def _slant_deg(one_deg: float, other_deg: float) -> float:
     return min(_turn_deg(one_deg, other_deg), _turn_deg(one_deg + 180.0, other_deg))
 
 
-def _sees(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight) -> bool:
+def _sees(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight, outlines: Outlines) -> bool:
     """Whether the middle of the actor's top is in sight: each solid outline cuts the line on the ground, and the line's height
     over the cut tells whether it passes above."""
     assert simspec.realized is not None
@@ -339,7 +336,7 @@ def _sees(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight) -> bool
         asset = ASSETS.get(group.asset) if group else None
         if asset is None or not asset.solid or other.group == actor.group:
             continue
-        outline = _outline(simspec, other)
+        outline = outlines.get(other.id)
         if outline is None or outline.covers(shapely.Point(eye)):
             continue
         cut = line.intersection(outline)
@@ -350,7 +347,7 @@ def _sees(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight) -> bool
     return True
 
 
-def _routes(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
+def _routes(simspec: SimSpec, realized: Realized, outlines: Outlines) -> Iterator[Fault]:
     """Patrols must be able to walk straight to some point of their route and round it: nothing solid that stands still may
     reach in, nor the area's border for whoever starts inside it."""
     groups = {group.id: group for group in simspec.actors if group.asset in ASSETS}
@@ -361,7 +358,7 @@ def _routes(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
         (actor, outline)
         for actor in realized.actors
         if actor.group in groups and groups[actor.group].motion.kind == "still" and ASSETS[groups[actor.group].asset].solid
-        if (outline := _outline(simspec, actor)) is not None
+        if (outline := outlines.get(actor.id)) is not None
     ]
     area = _polygon(simspec.world.area)
     told: set[tuple[str, str]] = set()
