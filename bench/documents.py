@@ -106,7 +106,12 @@ def parse_text(text: str, source: str = "") -> tuple[Any, dict[Path_, int]]:
 
 def dump_yaml(document: BaseModel) -> str:
     """YAML text of a document, fields in their declared order, defaults included."""
-    text: str = yaml.safe_dump(json.loads(document.model_dump_json()), sort_keys=False, allow_unicode=True, width=120)
+    return dump_value(json.loads(document.model_dump_json()))
+
+
+def dump_value(value: Any) -> str:
+    """YAML text of plain values, in their order."""
+    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=120)
     return text
 
 

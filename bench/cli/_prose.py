@@ -56,8 +56,8 @@ def prose(
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
-    from bench.documents import dump_yaml
-    from bench.instance_analysis import ModelEndpoint, load_vocabulary, propose, read_prose
+    from bench.documents import dump_value
+    from bench.instance_analysis import ModelEndpoint, annotated_yaml, load_vocabulary, propose, read_prose
 
     given = _text(text, file)
     words = load_vocabulary(vocabulary)
@@ -79,13 +79,13 @@ def prose(
     if explain and not as_json:
         print("\n".join(_explained(found)))
     if out is not None:
-        out.write_text(dump_yaml(found.simspec), encoding="utf-8")
+        out.write_text(annotated_yaml(found), encoding="utf-8")
     if campaign is not None:
-        campaign.write_text(dump_yaml(_campaign(found, found.simspec, points)), encoding="utf-8")
+        campaign.write_text(dump_value(_campaign(found, found.simspec, points)), encoding="utf-8")
     if groups:
         print("\n".join(_grouped(found, found.simspec, decomposition)))
     if not (as_json or explain or groups or out or campaign):
-        print(dump_yaml(found.simspec), end="")
+        print(annotated_yaml(found), end="")
 
 
 def _text(text: str | None, file: Path | None) -> str:
@@ -140,34 +140,40 @@ def _factors(ranges: Sequence[Varied]) -> list[dict[str, Any]]:
     for varied in ranges:
         taken = {one["name"] for one in factors}
         name = varied.name if varied.name not in taken else f"{varied.name}-{len(factors)}"
-        factor: dict[str, Any] = {"name": name, "unit": varied.unit}
+        factor: dict[str, Any] = {"name": name}
+        if varied.unit and not varied.choices:
+            factor["unit"] = varied.unit
         if varied.choices:
-            factor |= {"unit": None, "levels": list(varied.choices), "patches": varied.choices}
+            factor |= {"levels": list(varied.choices), "patches": varied.choices}
         elif varied.levels:
-            factor |= {"levels": list(varied.levels), "sets": varied.paths}
+            factor |= {"levels": list(varied.levels), "sets": list(varied.paths)}
         else:
-            ends = {"low": varied.low, "high": varied.high, "integer": varied.integer}
-            factor |= {"range": ends, "sets": varied.paths}
+            clean = int if varied.integer else float
+            ends = {"low": clean(varied.low or 0.0), "high": clean(varied.high or 0.0), "integer": varied.integer}
+            factor |= {"range": ends, "sets": list(varied.paths)}
         factors.append(factor)
     return factors
 
 
-def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int) -> Any:
-    """A campaign over the ranges: a Latin hypercube, or every combination where there are levels alone."""
+def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int) -> dict[str, Any]:
+    """Plain values of a campaign over the ranges: a Latin hypercube, or every combination where there are levels alone."""
     from bench.campaign import Campaign
     from bench.documents import validate_document
+    from bench.instance_analysis import said_of
 
     factors = _factors(found.ranges)
     ranged = any("range" in one for one in factors)
     method = {"kind": "latin_hypercube", "points": points} if ranged else {"kind": "full_factorial"}
     written = {
+        "format": "rebar.campaign/1",
         "name": "prose",
-        "description": simspec.description,
-        "base": simspec.model_dump(mode="json"),
+        "base": said_of(found),
         "agents": [{"manifest": simspec.agent.manifest}],
+        "decomposition": "search-and-report",
         "design": {"factors": factors, "method": method},
     }
-    return validate_document(written, Campaign, source="campaign")
+    validate_document(written, Campaign, source="campaign")
+    return written
 
 
 def _variations(found: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[str, SimSpec]]:

@@ -7,6 +7,8 @@ print(found.simspec, found.ranges, found.questions)
 
 from __future__ import annotations
 
+from ._annotated import annotated_yaml as annotated_yaml
+from ._annotated import said_of as said_of
 from ._draft import BaseSimSpec as BaseSimSpec
 from ._draft import Question as Question
 from ._draft import Receipt as Receipt
