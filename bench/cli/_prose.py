@@ -101,6 +101,8 @@ def _text(text: str | None, file: Path | None) -> str:
 def _remarks(found: BaseSimSpec, proposed: Proposed | None) -> Iterator[str]:
     for word, other in found.corrected.items():
         yield f"{word!r} was read as {other!r}"
+    for one in found.remarks:
+        yield f"{one.quote!r}: {one.why}"
     for number, question in enumerate(found.questions, start=1):
         yield f"question {number}: {question.quote!r}: {question.ask}"
         yield from (f"  {index}. {reading}" for index, reading in enumerate(question.readings, start=1))

@@ -72,6 +72,7 @@ class BaseSimSpec(Document):
     questions: Annotated[tuple[Question, ...], Field(description="Open ones.")] = ()
     not_expressible: tuple[Unread, ...] = ()
     not_understood: tuple[Unread, ...] = ()
+    remarks: Annotated[tuple[Unread, ...], Field(description="What is read otherwise than it is written, and why.")] = ()
     corrected: Annotated[dict[str, str], Field(description="Words taken for another that they are a letter or two off.")] = {}
 
 
@@ -97,6 +98,7 @@ class Draft:
         self.questions: list[Question] = []
         self.not_expressible: list[Unread] = []
         self.not_understood: list[Unread] = []
+        self.remarks: list[Unread] = []
         self.faults: list[Fault] = []
         self._asked = 0
 
@@ -110,6 +112,12 @@ class Draft:
         (self.not_understood if expressible else self.not_expressible).append(
             Unread(quote=self.quote(span), start=span.start, end=span.end, why=why)
         )
+
+    def remark(self, span: Span, why: str) -> None:
+        """Say that a stretch is read otherwise than it is written."""
+        said = Unread(quote=self.quote(span), start=span.start, end=span.end, why=why)
+        if said not in self.remarks:
+            self.remarks.append(said)
 
     def ask(self, span: Span, question: str, readings: Sequence[str]) -> int:
         """Index of the reading that was chosen beforehand; otherwise the question stays open, and the first goes on."""
@@ -152,6 +160,14 @@ class Draft:
             where = dotted(path)
             self.ranges = [one for one in self.ranges if where not in one.paths]
             self.ranges.append(Varied(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
+
+    def forget(self, path: Path) -> None:
+        """Take back a field, or all fields under a path, and what varies in them."""
+        gone = [one for one in self.entries if one[: len(path)] == path]
+        names = {dotted(one) for one in gone}
+        for one in gone:
+            del self.entries[one]
+        self.ranges = [one for one in self.ranges if not names.intersection(one.paths)]
 
     def document(self, changed: dict[Path, Any] | None = None) -> dict[str, Any]:
         """Plain values of the SimSpec, groups and other lists in the order in which they came up."""
@@ -204,7 +220,7 @@ def dotted(path: Path) -> str:
     return text
 
 
-LISTS = ("actors", "intelligence", "orders", "outages", "failures", "roads", "distances")
+LISTS = ("actors", "intelligence", "orders", "outages", "failures", "roads", "areas", "distances", "no_fly", "report_windows")
 
 
 def _set(root: dict[str, Any], path: Path, value: Any, lists: dict[int, dict[str | int, dict[str, Any]]]) -> None:

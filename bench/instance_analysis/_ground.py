@@ -1,27 +1,92 @@
-"""Phrases of the ground to fields: the area of interest, its halves, the road through it."""
+"""Phrases of the ground to fields: the area of interest and its parts, named pieces, no-fly areas, the fence."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
+from bench.simspec import HOME
+
+from ._coordinates import Coordinates, name_of
 from ._draft import Draft, Path
 from ._phrases import Phrase, Quantity
+from ._places import Places, Point, places_in
 from ._tokens import Span
 from ._vocabulary import Defaults
 
+KINDS = ("AREAWORD", "GROUND", "NAMED", "NOFLY", "FENCE")
+CORNERS_OF_A_CIRCLE = 16
+MIDDLE_SHARE = 1 / 3
+
+
+@dataclass(slots=True)
+class Piece:
+    """A piece of ground as it comes up: what it is, its extent by corners or size and middle, and who stands inside."""
+
+    kind: str
+    id: str
+    span: Span
+    corners: list[Point] = field(default_factory=list)
+    size_m: tuple[float, float] | None = None
+    radius_m: float | None = None
+    middle: Coordinates | str | None = None
+    part: float | None = None
+    extent: Span | None = None
+    times: dict[Literal["from_s", "until_s"], tuple[float, Span]] = field(default_factory=dict)
+    within: list[tuple[str, Span]] = field(default_factory=list)
+
 
 class Ground:
-    """The area and what lies in it. Halves and the road are taken up as they are spoken of, and laid out by `finish`."""
+    """The pieces of ground, laid out by `finish`. `current` is the one that was last spoken of."""
 
-    def __init__(self, draft: Draft, defaults: Defaults) -> None:
-        self._draft, self._defaults = draft, defaults
-        self.parts: list[tuple[str, float, Span]] = []
-        """Group, direction in degrees, and span of each `in the north of the area`."""
-        self.road: Span | None = None
-        """Where a road was first spoken of."""
+    def __init__(self, draft: Draft, defaults: Defaults, places: Places) -> None:
+        self._draft, self._defaults, self._places = draft, defaults, places
+        self.parts: list[tuple[str, float | None, Span]] = []
+        """Group, direction in degrees (None for the middle), and span of each `in the north of the area`."""
+        self.world = Piece("AREAWORD", "area", Span(0, 0))
+        self.pieces: dict[str, Piece] = {}
+        self.current: Piece | None = None
+        self._over: list[tuple[str, Span]] = []
+        self._fence: tuple[Piece, Span] | None = None
+
+    def mention(self, phrase: Phrase) -> Piece:
+        """The piece of ground that a phrase names, which is the one that is spoken of from now on."""
+        part = next((one for kind in KINDS for one in phrase.every(kind)), None)
+        if part is None:  # `inside it`
+            return self.current or self.world
+        if part.kind == "AREAWORD":
+            found = self.world
+        else:
+            text = self._draft.quote(part.span).lower()
+            name = name_of(text) if part.kind == "NAMED" else re.sub(r"[^a-z]+", "-", text).strip("-")
+            name = {"NOFLY": "no-fly", "FENCE": "geofence"}.get(part.kind, name)
+            if part.kind == "NOFLY" and name in self.pieces and not self._is_definite(part.span):
+                name = f"{name}-{sum(1 for one in self.pieces if one.startswith(name)) + 1}"
+            elif part.kind == "NOFLY":
+                name = next((one for one in reversed(self.pieces) if one.startswith(name)), name)
+            found = self.pieces.setdefault(name, Piece(part.kind, name, part.span))
+        self.current = found
+        return found
+
+    def _is_definite(self, span: Span) -> bool:
+        before = self._draft.text[: span.start].lower().split()
+        return bool(before) and before[-1] in ("the", "this", "that")
 
     def area(self, phrase: Phrase) -> None:
+        """A piece of ground with its size."""
+        if any(phrase.every(kind) for kind in KINDS):
+            self.mention(phrase)
+        else:
+            self.current = self.world
+        self.extent(phrase)
+
+    def extent(self, phrase: Phrase) -> None:
+        """The size of the piece that is spoken of."""
         part = phrase.first("DIM") or phrase.first("AREA") or phrase.first("LENGTH")
+        piece = self.current or self.world
         assert part is not None
         assert isinstance(part.value, Quantity)
         quantity = part.value
@@ -31,34 +96,227 @@ class Ground:
         if quantity.kind == "DIM":
             north = quantity.high
         elif quantity.kind == "AREA":
-            east = north = quantity.low**0.5
-        self._draft.put(("world", "area", "corners"), _corners(east, north), phrase.span)
+            east = north = round(quantity.low**0.5, 3)
+        piece.size_m, piece.extent = (east, north), piece.extent.joined(phrase.span) if piece.extent else phrase.span
+        if piece is self.world:
+            self._draft.put(("world", "area", "corners"), _corners(east, north), phrase.span)
+
+    def round(self, quantity: Quantity, span: Span) -> None:
+        """The radius of the piece that is spoken of."""
+        piece = self.current or self.world
+        piece.radius_m, piece.extent = quantity.low, span
+
+    def corners(self, phrase: Phrase) -> None:
+        """Corners of the piece that is spoken of, or the middle of it where there is one place alone."""
+        piece, places = self.current or self.world, places_in(phrase)
+        if len(places) == 1:
+            self.middle(places[0], phrase.span)
+        elif len(places) == 2:
+            self._set_corners(piece, _between(*(self._places.point(one) for one in places)), phrase.span)
+        else:
+            self._set_corners(piece, [self._places.point(one) for one in places], phrase.span)
+
+    def _set_corners(self, piece: Piece, corners: list[Point], span: Span) -> None:
+        piece.corners, piece.extent = corners, span
+        if piece is self.world:
+            self._draft.put(("world", "area", "corners"), corners, span)
+
+    def middle(self, place: Coordinates | str, span: Span) -> None:
+        piece = self.current or self.world
+        piece.middle = place
+        piece.extent = piece.extent.joined(span) if piece.extent else span
+
+    def lies(self, direction: float) -> None:
+        """The piece that is spoken of lies in a part of the area."""
+        if self.current is not None:
+            self.current.part = direction
+
+    def when(self, phrase: Phrase) -> None:
+        """When a no-fly area holds."""
+        time = phrase.first("TIME")
+        if self.current is None or self.current.kind != "NOFLY" or time is None or not isinstance(time.value, Quantity):
+            self._draft.unread(phrase.span, "stands by itself", expressible=True)
+            return
+        if not time.value.single:
+            self.current.times["from_s"] = (time.value.low, phrase.span)
+            self.current.times["until_s"] = (time.value.high, phrase.span)
+        elif phrase.first("UNTIL") or phrase.first("BEFORE"):
+            self.current.times["until_s"] = (time.value.low, phrase.span)
+        else:
+            self.current.times["from_s"] = (time.value.low, phrase.span)
+
+    def put_inside(self, group: str, phrase: Phrase) -> None:
+        """A group stands inside the piece that a phrase names."""
+        piece = self.mention(phrase)
+        if piece is not self.world:
+            piece.within.append((group, phrase.span))
+
+    def overfly(self, phrase: Phrase) -> None:
+        """A piece of ground that must not be flown over."""
+        if any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
+            self._over.append((self.mention(phrase).id, phrase.span))
+        else:
+            self._draft.unread(phrase.span, "a no-fly area is a piece of ground, with its corners or its size and place")
+
+    def stayin(self, phrase: Phrase) -> None:
+        self._fence = (self.mention(phrase), phrase.span)
+
+    # At the end.
+
+    @property
+    def outline(self) -> list[Point]:
+        """Corners of the area of interest."""
+        found: list[Point] = self._draft.entries[("world", "area", "corners")].value
+        return found
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """West, south, east and north of the area of interest."""
+        east, north = [one["east_m"] for one in self.outline], [one["north_m"] for one in self.outline]
+        return min(east), min(north), max(east), max(north)
 
     def finish(self) -> None:
-        """The area, the halves of it that groups stand in, and the road through its middle."""
+        """The area of interest, the parts of it that groups stand in, and the other pieces."""
         path: Path = ("world", "area", "corners")
-        usual = self._defaults
+        self._take_for_the_area()
         if path not in self._draft.entries:
-            self._draft.put(path, _corners(usual.area_east_m, usual.area_north_m), None)
-        corners = self._draft.entries[path].value
-        east, north = corners[2]["east_m"], corners[2]["north_m"]
+            piece, usual = self.world, self._defaults
+            if piece.radius_m or piece.middle is not None:
+                piece.size_m = piece.size_m or (usual.area_east_m, usual.area_north_m)
+                self._draft.put(path, self._laid_out(piece), piece.extent)
+            else:
+                self._draft.put(path, _corners(usual.area_east_m, usual.area_north_m), None)
+        elif self.world.size_m and self.world.middle is not None:
+            self._draft.forget(path)
+            self._draft.put(path, self._laid_out(self.world), self.world.extent)
         for group, direction, span in self.parts:
-            across, up = _halves(direction)
-            region = [
-                {"east_m": e, "north_m": n}
-                for e, n in (
-                    (-east if across <= 0 else 0.0, -north if up <= 0 else 0.0),
-                    (east if across >= 0 else 0.0, -north if up <= 0 else 0.0),
-                    (east if across >= 0 else 0.0, north if up >= 0 else 0.0),
-                    (-east if across <= 0 else 0.0, north if up >= 0 else 0.0),
-                )
+            west, south, east, north = _part_of(self.box, direction)
+            region = _between({"east_m": west, "north_m": south}, {"east_m": east, "north_m": north})
+            note = "the middle third, each way" if direction is None else ""
+            self._draft.put(("actors", group, "placement", "region", "corners"), region, span, note)
+        for piece in self.pieces.values():
+            self._lay_out(piece)
+        self._rules()
+
+    def _take_for_the_area(self) -> None:
+        """A village of some size is the area of interest, where there is no other and nothing tells them apart."""
+        if ("world", "area", "corners") in self._draft.entries:
+            return
+        named = [one for one in self.pieces.values() if one.kind == "GROUND" and one.size_m and not one.corners]
+        if len(named) == 1 and named[0].middle is None and named[0].part is None and not named[0].within:
+            piece = named[0]
+            assert piece.size_m
+            self._draft.put(("world", "area", "corners"), _corners(*piece.size_m), piece.extent)
+            del self.pieces[piece.id]
+
+    def _laid_out(self, piece: Piece) -> list[Point]:
+        if piece.corners:
+            return piece.corners
+        middle = self._middle_of(piece)
+        if piece.radius_m:
+            # Around the circle, so that all of it lies inside.
+            far, step = piece.radius_m / math.cos(math.pi / CORNERS_OF_A_CIRCLE), 2 * math.pi / CORNERS_OF_A_CIRCLE
+            return [
+                _moved(middle, far * math.sin((n + 0.5) * step), far * math.cos((n + 0.5) * step))
+                for n in range(CORNERS_OF_A_CIRCLE)
             ]
-            self._draft.put(("actors", group, "placement", "region", "corners"), region, span)
-        if self.road:
-            ends = [{"east_m": -east, "north_m": 0.0}, {"east_m": east, "north_m": 0.0}]
-            self._draft.put(("world", "roads", "road", "id"), "road", self.road)
-            self._draft.put(("world", "roads", "road", "points"), ends, None, "through the middle of the area, west to east")
-            self._draft.put(("world", "roads", "road", "width_m"), usual.road_width_m, None)
+        assert piece.size_m
+        east, north = piece.size_m
+        return _between(_moved(middle, -east / 2, -north / 2), _moved(middle, east / 2, north / 2))
+
+    def _middle_of(self, piece: Piece) -> Point:
+        if isinstance(piece.middle, Coordinates):
+            return self._places.point(piece.middle)
+        if piece.middle == HOME:
+            return self._places.home
+        if piece.middle is not None and (fixed := self._places.fixed(piece.middle)):
+            return fixed
+        box = self.box if ("world", "area", "corners") in self._draft.entries else (0.0, 0.0, 0.0, 0.0)
+        west, south, east, north = box if piece.part is None else _part_of(box, piece.part)
+        return {"east_m": (west + east) / 2, "north_m": (south + north) / 2}
+
+    def _lay_out(self, piece: Piece) -> None:
+        wanted = piece.within or piece.kind in ("NOFLY", "FENCE") or any(piece.id == one for one, _ in self._over)
+        if isinstance(piece.middle, str) and piece.middle != HOME and self._places.fixed(piece.middle) is None:
+            self._draft.unread(piece.extent or piece.span, "what it lies around has no coordinates")
+            return
+        if not (piece.corners or piece.size_m or piece.radius_m):
+            if (wanted and piece.kind in ("NOFLY", "FENCE")) or (piece.within and piece.kind == "NAMED"):
+                self._draft.unread(piece.span, "neither corners nor size of it are said", expressible=True)
+            return
+        base: dict[str, Path] = {"NOFLY": ("rules", "no_fly", piece.id, "area"), "FENCE": ("rules", "geofence")}
+        where = base.get(piece.kind, ("world", "areas", piece.id))
+        if piece.kind != "FENCE":
+            self._draft.put((*where[:3], "id"), piece.id, piece.span)
+        placed = piece.corners or piece.middle is not None or piece.part is not None
+        notes = ["" if placed else "in the middle of the area, as nothing says where"]
+        if piece.radius_m:
+            notes.append(f"a circle, by {CORNERS_OF_A_CIRCLE} corners around it")
+        self._draft.put((*where, "corners"), self._laid_out(piece), piece.extent, "; ".join(filter(None, notes)))
+        for name, (value, span) in piece.times.items():
+            self._draft.put((*where[:3], name), value, span)
+        for group, span in piece.within:
+            self._draft.put(("actors", group, "placement", "inside", "area"), piece.id, span)
+
+    def _rules(self) -> None:
+        for name, span in self._over:
+            corners = self._draft.entries.get(("world", "areas", name, "corners"))
+            if corners is None:
+                self._draft.unread(span, "neither corners nor size of it are said", expressible=True)
+                continue
+            self._draft.put(("rules", "no_fly", name, "id"), name, span)
+            self._draft.put(("rules", "no_fly", name, "area", "corners"), corners.value, span)
+        if self._fence is not None:
+            piece, span = self._fence
+            found = self.outline if piece is self.world else self._draft.entries.get(("world", "areas", piece.id, "corners"))
+            if found is None:
+                self._draft.unread(span, "neither corners nor size of it are said", expressible=True)
+            elif piece.kind != "FENCE":
+                self._draft.put(("rules", "geofence", "corners"), found if isinstance(found, list) else found.value, span)
+
+    def beside_line(self, line: tuple[Point, Point], direction: float) -> list[Point] | None:
+        """The part of the area of interest on the side of a straight line that lies in a direction; None where there is none."""
+        a, b = line
+        normal = (b["north_m"] - a["north_m"], a["east_m"] - b["east_m"])
+        towards = normal[0] * math.sin(math.radians(direction)) + normal[1] * math.cos(math.radians(direction))
+        if abs(towards) < 1e-6 * math.hypot(*normal):
+            return None
+        sign = math.copysign(1.0, towards)
+
+        def side(one: Point) -> float:
+            return sign * ((one["east_m"] - a["east_m"]) * normal[0] + (one["north_m"] - a["north_m"]) * normal[1])
+
+        kept = _cut(self.outline, side)
+        return kept if len(kept) >= 3 else None
+
+
+def _cut(corners: Sequence[Point], side: Any) -> list[Point]:
+    """The part of a convex polygon where `side` is not negative."""
+    kept: list[Point] = []
+    for one, following in zip(corners, [*corners[1:], corners[0]], strict=True):
+        here, there = side(one), side(following)
+        if here >= 0:
+            kept.append(one)
+        if here * there < 0:
+            share = here / (here - there)
+            kept.append({name: round(one[name] + share * (following[name] - one[name]), 3) for name in ("east_m", "north_m")})
+    return kept
+
+
+def _part_of(box: tuple[float, float, float, float], direction: float | None) -> tuple[float, float, float, float]:
+    """West, south, east and north of the half, quarter, or middle of a box."""
+    west, south, east, north = box
+    across, up = (west + east) / 2, (south + north) / 2
+    if direction is None:
+        half_e, half_n = (east - west) * MIDDLE_SHARE / 2, (north - south) * MIDDLE_SHARE / 2
+        return round(across - half_e, 3), round(up - half_n, 3), round(across + half_e, 3), round(up + half_n, 3)
+    to_east, to_north = _halves(direction)
+    return (
+        across if to_east > 0 else west,
+        up if to_north > 0 else south,
+        across if to_east < 0 else east,
+        up if to_north < 0 else north,
+    )
 
 
 def _halves(direction: float) -> tuple[int, int]:
@@ -68,6 +326,17 @@ def _halves(direction: float) -> tuple[int, int]:
     return across, up
 
 
-def _corners(east_m: float, north_m: float) -> list[dict[str, Any]]:
+def _moved(place: Point, east_m: float, north_m: float) -> Point:
+    return {"east_m": round(place["east_m"] + east_m, 3), "north_m": round(place["north_m"] + north_m, 3)}
+
+
+def _between(a: Point, b: Point) -> list[Point]:
+    """Corners of the rectangle between two opposite ones."""
+    west, east = sorted((a["east_m"], b["east_m"]))
+    south, north = sorted((a["north_m"], b["north_m"]))
+    return [{"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))]
+
+
+def _corners(east_m: float, north_m: float) -> list[Point]:
     east, north = round(east_m / 2, 3), round(north_m / 2, 3)
-    return [{"east_m": e, "north_m": n} for e, n in ((-east, -north), (east, -north), (east, north), (-east, north))]
+    return _between({"east_m": -east, "north_m": -north}, {"east_m": east, "north_m": north})

@@ -15,25 +15,11 @@ from ._tokens import Span, Word
 from ._vocabulary import Meaning
 
 PHRASES = (
-    *("nomark", "noreport", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean", "bearing", "within"),
-    *("atleast", "exact", "away", "near", "road", "inside", "behind", "facing", "hidden", "visible", "between", "apart"),
-    *(
-        "spread",
-        "part",
-        "group",
-        "density",
-        "concealment",
-        "motion",
-        "radius",
-        "weather",
-        "clear",
-        "calm",
-        "wind",
-        "gusts",
-        "sun",
-        "clock",
-    ),
-    *("date", "area", "set", "limit", "altitude", "speed"),
+    *("nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean"),
+    *("bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "roadside", "crossroads", "inside", "behind"),
+    *("facing", "hidden", "visible", "between", "apart", "spread", "part", "group", "density", "concealment", "motion", "loop"),
+    *("radius", "place", "stretch", "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather"),
+    *("clear", "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground", "when"),
 )
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
 LONGEST = 24

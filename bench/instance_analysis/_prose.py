@@ -62,5 +62,6 @@ def finished(draft: Draft, corrected: dict[str, str]) -> BaseSimSpec:
         questions=tuple(draft.questions),
         not_expressible=tuple(draft.not_expressible),
         not_understood=tuple(draft.not_understood),
+        remarks=tuple(draft.remarks),
         corrected=corrected,
     )

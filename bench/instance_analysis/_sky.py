@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import datetime as dt
 
-from bench.simspec import Environment, Origin
+from bench.simspec import Environment
 
 from ._draft import Draft, Path, Varied
 from ._light import sun_moment
 from ._phrases import Phrase, Quantity
+from ._places import Places
 from ._tokens import Clock, Span
 from ._vocabulary import WeatherWords
 
@@ -19,8 +20,8 @@ class Sky:
     RULES = frozenset(["weather", "clear", "wind", "calm", "gusts", "sun", "clock", "date"])
     """Rules of the grammar that are read here, each by the method of its name."""
 
-    def __init__(self, draft: Draft) -> None:
-        self._draft = draft
+    def __init__(self, draft: Draft, places: Places) -> None:
+        self._draft, self._places = draft, places
         self._day_said: tuple[dt.date, Span] | None = None
         self._clock_said: tuple[Clock, Span] | None = None
         self._sun_said: tuple[str, Quantity | None, int, Span] | None = None
@@ -148,7 +149,7 @@ class Sky:
     def _by_the_sun(self, day: dt.date, note: str) -> None:
         assert self._sun_said is not None
         what, quantity, sign, span = self._sun_said
-        origin = Origin()
+        origin = self._places.origin
         moment = sun_moment(what, day, origin.latitude_deg, origin.longitude_deg)  # type: ignore[arg-type]
         if moment is None:
             self._draft.fault(span, f"the sun does not {what} there on {day}", "give the time in UTC")

@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from ._coordinates import NAMED, PLACE, coordinates_of, name_of
+from ._spelling import spelled
 from ._vocabulary import Meaning, Vocabulary
 
 MONTHS = (
@@ -29,13 +31,14 @@ _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<place>{PLACE})
+    |(?P<named>{NAMED})
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&])
     |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
     |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
-SHORTEST_MENDED, LONG = 4, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +112,10 @@ def _plain(match: re.Match[str]) -> tuple[Meaning, ...]:
         case "iso" | "date":
             day = _date(text)
             return (Meaning("DATE", day),) if day else ()
+        case "place":
+            return (Meaning("POINT", coordinates_of(text)),)
+        case "named":
+            return (Meaning("NAMED", name_of(text)),)
         case "left" | "right" | "comma" | "dash" | "stop":
             return (Meaning({"left": "LBR", "right": "RBR", "comma": "COMMA", "dash": "DASH", "stop": "STOP"}[match.lastgroup]),)
     return ()
@@ -146,7 +153,7 @@ def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, mended
     run = list(
         itertools.takewhile(lambda one: one.lastgroup in ("word", "unit", "times"), raw[index : index + vocabulary.longest])
     )
-    texts = [_spelled(one.group(), vocabulary, mended_as) for one in run]
+    texts = [spelled(one.group(), vocabulary, mended_as) for one in run]
     for length in range(len(run), 0, -1):
         phrase = " ".join(texts[:length])
         span = Span(run[0].start(), run[length - 1].end())
@@ -157,47 +164,6 @@ def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, mended
         if phrase in vocabulary.fillers:
             return Word(phrase, span, (), filler=True, mended=mended), length
     return Word(run[0].group(), Span(run[0].start(), run[0].end()), ()), 1
-
-
-def _spelled(text: str, vocabulary: Vocabulary, mended_as: dict[str, str]) -> str:
-    """The word as the vocabulary spells it: itself, or the one word that it is a letter or two off."""
-    lower = re.sub(r"\s+", " ", text.lower().replace("’", "'"))
-    if lower in vocabulary.plain or not lower.isalpha() or len(lower) < SHORTEST_MENDED:
-        return lower
-    if lower not in mended_as:
-        most = 2 if len(lower) >= LONG else 1
-        letters = set(lower)
-        near = {
-            other: off
-            for other in sorted(vocabulary.single)
-            if len(other) >= SHORTEST_MENDED
-            and abs(len(other) - len(lower)) <= most
-            and len(letters.symmetric_difference(other)) <= 2 * most  # an edit changes two letters at the most
-            and (off := edits(lower, other, most)) <= most
-        }
-        best = [other for other, off in near.items() if off == min(near.values())]
-        # The first letter is rarely the wrong one: it parts words that are equally near.
-        best = [one for one in best if one[0] == lower[0]] or best
-        # A word that means something by itself goes before one that is only part of a phrase.
-        best = [one for one in best if one in vocabulary.meanings] or best
-        same = best and all(vocabulary.meanings.get(one, one) == vocabulary.meanings.get(best[0], best[0]) for one in best)
-        mended_as[lower] = best[0] if same else lower
-    return mended_as[lower]
-
-
-def edits(a: str, b: str, most: int) -> int:
-    """Letters dropped, added, changed or swapped with their neighbour between two words; most + 1 where it is more."""
-    before, row = list[int](), list(range(len(b) + 1))
-    for i, x in enumerate(a, start=1):
-        earlier, before, row = before, row, [i]
-        for j, y in enumerate(b, start=1):
-            cost = min(before[j] + 1, row[-1] + 1, before[j - 1] + (x != y))
-            if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
-                cost = min(cost, earlier[j - 2] + 1)
-            row.append(cost)
-        if min(row) > most:
-            return most + 1
-    return row[-1]
 
 
 _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}

@@ -39,6 +39,7 @@ class MotionWords(Document):
 
     kind: Literal["still", "wander"]
     speed_mps: float | None = None
+    patrol: Annotated[bool, Field(description="Along points where they are given.")] = False
     words: Words
 
 
@@ -90,6 +91,9 @@ class VocabularyDocument(Document):
     weather: dict[str, WeatherWords] = {}
     suns: dict[str, Literal["rise", "set", "noon", "midnight"]] = {}
     motions: dict[str, MotionWords] = {}
+    axes: Annotated[dict[str, float], Field(description="How a road runs, in degrees below 180.")] = {}
+    ordinals: dict[str, int] = {}
+    link_reactions: Annotated[dict[str, Literal["continue", "hold", "return"]], Field(description="Without the link.")] = {}
     concealments: dict[str, float] = {}
     words: Annotated[dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")] = {}
     fields: tuple[FieldWords, ...] = ()
@@ -186,6 +190,9 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         "WINDS": document.winds,
         "SUN": document.suns,
         "CONCEAL": document.concealments,
+        "AXIS": document.axes,
+        "NTH": document.ordinals,
+        "LINKDO": document.link_reactions,
     }
     for name, table in tables.items():
         yield from ((word, Meaning(name, value)) for word, value in table.items())
@@ -200,4 +207,5 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
     for one in document.sets:
         yield from ((word.lower(), Meaning("SET", one)) for word in one.words)
     for event in document.events:
-        yield from ((word.lower(), Meaning("EVENT", event)) for word in event.words)
+        name = "TASK" if event.kind in ("mark", "retask") else "EVENT"
+        yield from ((word.lower(), Meaning(name, event)) for word in event.words)

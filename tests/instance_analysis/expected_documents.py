@@ -102,6 +102,9 @@ def _of_group(group: str, base: str, rest: str, value: Any, area: tuple[float, .
             low_e, high_e = (0.0 if 0 < degrees < 180 else -east), (0.0 if degrees > 180 else east)
             low_n, high_n = (0.0 if degrees < 90 or degrees > 270 else -north), (0.0 if 90 < degrees < 270 else north)
             return _corners(f"{placed}.region", low_e, low_n, high_e, high_n)
+        case "middle":
+            third = (round(area[0] / 6, 3), round(area[1] / 6, 3))
+            return _corners(f"{placed}.region", -third[0], -third[1], *third)
         case "along":
             road = {"world.roads[road].id": "road", "world.roads[road].width_m": 6.0}
             for index, east in enumerate((-area[0] / 2, area[0] / 2)):

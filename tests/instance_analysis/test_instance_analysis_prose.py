@@ -87,11 +87,24 @@ def test_what_is_denied_is_left_and_listed(text: str, quote: str) -> None:
 
 def test_relations_that_cannot_be_said_are_listed() -> None:
     """What a SimSpec has no field for is listed with the reason, and the rest stands."""
-    text = "A radar between a house and a shed. Two civilians inside the house. A truck facing north."
+    text = (
+        "A radar at least 30 m from the road. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
+    )
     found = read_prose(text, VOCABULARY)
-    assert [one.quote for one in found.not_expressible] == ["between a house and a shed", "inside the house", "facing north"]
+    quotes = [one.quote for one in found.not_expressible]
+    assert quotes == ["at least 30 m from the road", "near the village", "on average 40 m from a shed"]
     assert found.simspec is not None
-    assert [group.id for group in found.simspec.actors] == ["radar", "house", "shed", "civilian", "truck"]
+    assert [group.id for group in found.simspec.actors] == ["radar", "civilian", "truck", "shed"]
+
+
+def test_what_is_said_of_reports_and_kept_of_marks_is_remarked() -> None:
+    """The bench holds back marks near bystanders; a rule of reports is taken as that rule, and said."""
+    found = read_prose("A radar. Do not report within 50 m of civilians.", VOCABULARY)
+    assert not found.questions
+    assert [one.quote for one in found.remarks] == ["Do not report within 50 m of civilians"]
+    [receipt] = [one for one in found.receipts if one.path == "rules.no_mark_within_m"]
+    assert (receipt.value, receipt.source) == (50.0, "prose")
+    assert "mark true" in receipt.note
 
 
 def test_a_megabyte_is_refused_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

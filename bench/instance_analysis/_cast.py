@@ -1,0 +1,244 @@
+"""Who is spoken of: the groups of a text, what each word for one means, and how many there are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bench.simspec import HOME, Role
+
+from ._coordinates import Coordinates
+from ._draft import Draft, Path
+from ._phrases import Part, Phrase, Quantity
+from ._tokens import Span
+from ._traits import moves
+from ._vocabulary import Meaning, Vocabulary
+
+PLURALS = frozenset(
+    [
+        "people",
+        "persons",
+        "men",
+        "women",
+        "children",
+        "infantrymen",
+        "gunmen",
+        "insurgents",
+        "troops",
+        "civs",
+        "pax",
+        "civvies",
+        "schoolchildren",
+    ]
+)
+DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
+Whom = str | Coordinates
+"""Whom a relation is to: the id of a group, `home`, or a place."""
+
+
+class Cast:
+    """The groups as they come up. `subject` is who is spoken of now, `here` whether this sentence has said so."""
+
+    def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
+        self.draft, self.vocabulary = draft, vocabulary
+        self.groups: dict[str, str] = {}
+        """Ids of the groups, and the vocabulary's name of each."""
+        self.plural: set[str] = set()
+        self.subject: list[str] = []
+        self.here = False
+        self.mission = False
+        self.meant: dict[Span, list[Whom]] = {}
+
+    def of_role(self, role: Role) -> list[str]:
+        return [one for one, name in self.groups.items() if self.vocabulary.role(name) is role]
+
+    def one_of(self, ids: list[str], span: Span) -> list[str]:
+        if len(ids) == 1:
+            return ids
+        chosen = self.draft.ask(span, f"which one is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"])
+        return ids if chosen == len(ids) else [ids[chosen]]
+
+    def _thing(self, phrase: Phrase) -> tuple[str, Span]:
+        if part := phrase.first("ASSET"):
+            return str(part.value), part.span
+        part = phrase.first("AMBIGUOUS")
+        assert part is not None
+        assert isinstance(part.value, tuple)
+        quote = self.draft.quote(part.span)
+        known = [name for name in part.value if name in self.groups.values()]
+        if len(known) == 1 and self._definite(part.span):
+            return known[0], part.span
+        readings = [f"{self.vocabulary.assets[one].asset} ({self.vocabulary.assets[one].role})" for one in part.value]
+        if self._definite(part.span):
+            readings.append("the drone under test")
+        chosen = self.draft.ask(part.span, f"what is meant by {quote!r}?", readings)
+        return (str(part.value[chosen]) if chosen < len(part.value) else ""), part.span
+
+    def _definite(self, span: Span) -> bool:
+        before = self.draft.text[: span.start].rstrip().lower().split()
+        return bool(before) and before[-1].strip(",;:(") in DEFINITE
+
+    def _is_plural(self, span: Span) -> bool:
+        last = self.draft.quote(span).lower().split()[-1]
+        return last in PLURALS or (last.endswith("s") and not last.endswith("ss"))
+
+    def named(self, phrase: Phrase) -> list[str]:
+        """The group or groups that a phrase names: those there are, or a new one."""
+        name, span = self._thing(phrase)
+        if not name:
+            self.mission = True
+            return []
+        count, none = phrase.first("COUNT"), phrase.first("NONE")
+        known = [one for one, other in self.groups.items() if other == name]
+        if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
+            return self.one_of(known, span)
+        if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
+            several = [one for one in known if one in self.plural]
+            if several:  # near a crate, where there are crates: near some member
+                return self.one_of(several, span)
+        if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
+            return []
+        if phrase.rule == "group" and count and (earlier := self._uncounted(known)) and not phrase.first("PERAREA"):
+            readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
+            if self.draft.ask(phrase.span, "who is this?", readings) == 0:
+                self._recount(earlier, phrase, count, span)
+                return [earlier]
+        return [self._new(phrase, name, span, count)]
+
+    def _uncounted(self, known: Sequence[str]) -> str | None:
+        """The one group of these whose number has not been said; None where there is none, or more."""
+        counts = [(one, self.draft.entries.get(("actors", one, "count"))) for one in known]
+        uncounted = [one for one, count in counts if count is not None and count.span is None]
+        return uncounted[0] if len(uncounted) == 1 else None
+
+    def _recount(self, group: str, phrase: Phrase, count: Part, span: Span) -> None:
+        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{group}].count" not in one.paths]
+        self._count(group, phrase, count, span)
+
+    def _new(self, phrase: Phrase, name: str, span: Span, count: Part | None) -> str:
+        words = self.vocabulary.assets[name]
+        number = 1 + sum(1 for one in self.groups.values() if one == name)
+        group = name if number == 1 else f"{name}-{number}"
+        self.groups[group] = name
+        put = self.draft.put
+        put(("actors", group, "id"), group, span)
+        put(("actors", group, "asset"), words.asset, span)
+        put(("actors", group, "role"), str(words.role), span)
+        if phrase.rule == "group" and (per := phrase.first("PERAREA")):
+            if count is None:
+                self.draft.fault(phrase.span, "says per area, and not how many", "write a number before it")
+                return group
+            self.density_of(group, count, per, phrase.span)
+            self.plural.add(group)
+            return group
+        self._count(group, phrase, count, span)
+        return group
+
+    def twins(self, group: str, number: int, span: Span) -> list[str]:
+        """More groups of one of the same kind."""
+        name = self.groups[group]
+        word = Part("COUNT", Quantity("COUNT", 1.0, 1.0), span)
+        return [self._new(Phrase("ref", (), span), name, span, word) for _ in range(number)]
+
+    def _count(self, group: str, phrase: Phrase, count: Part | None, span: Span) -> None:
+        path: Path = ("actors", group, "count")
+        if count is None or not isinstance(count.value, Quantity):
+            if self._is_plural(span):
+                few, most = self._some()
+                self.plural.add(group)
+                self.draft.vary(path, few, most, None, unit=None, integer=True, note="how many is not said; taken for some")
+            else:
+                self.draft.put(path, 1, span)
+            return
+        quantity = count.value
+        low, high = quantity.low, quantity.high
+        where = count.span.joined(span)
+        if bound := phrase.first("ATLEAST"):
+            readings = [f"{low:g}", f"{low:g} to {2 * low:g}"]
+            high = (
+                low if self.draft.ask(bound.span.joined(where), "no upper bound is given; how many?", readings) == 0 else 2 * low
+            )
+        elif phrase.first("WITHIN") and quantity.single:
+            low = 0.0
+        if high > 1:
+            self.plural.add(group)
+        self.draft.vary(path, low, high, where, unit=None, integer=True)
+
+    def _some(self) -> tuple[int, int]:
+        meaning = next((m for m in self.vocabulary.meanings.get("some", ()) if m.kind == "VAGUE"), Meaning("VAGUE", (2, 10)))
+        assert isinstance(meaning.value, tuple)
+        return int(meaning.value[0]), int(meaning.value[1])
+
+    def density_of(self, group: str, count: Part, per: Part, span: Span) -> None:
+        assert isinstance(count.value, Quantity)
+        assert isinstance(per.value, float | int)
+        self.draft.entries.pop(("actors", group, "count"), None)
+        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{group}].count" not in one.paths]
+        low, high = count.value.low * per.value, count.value.high * per.value
+        self.draft.vary(("actors", group, "density_per_km2"), low, high, span, unit="1/km2")
+
+    def introduce(self, phrase: Phrase) -> None:
+        """Speak of the group that a phrase names from now on."""
+        self.mission = False
+        self.subject = self.named(phrase)
+        self.here = bool(self.subject)
+        for group in self.subject:
+            self._adjectives(group, phrase)
+
+    def _adjectives(self, group: str, phrase: Phrase) -> None:
+        for part in phrase.every("CONCEAL"):
+            self.draft.put(("actors", group, "concealment"), part.value, part.span)
+        for part in phrase.every("MOTION"):
+            moves(self.draft, group, part, None)
+
+    def ref(self, phrase: Phrase) -> list[Whom]:
+        """Whom a relation is to: groups, the vehicle's home, or a place. The same words said of several groups mean the same."""
+        ref = phrase.refs[0] if phrase.rule != "ref" else phrase
+        if ref.span not in self.meant:
+            self.meant[ref.span] = self._meant(ref)
+        return self.meant[ref.span]
+
+    def groups_in(self, phrase: Phrase) -> list[str]:
+        """The groups among those that a phrase is about."""
+        return [one for one in self.ref(phrase) if isinstance(one, str) and one in self.groups]
+
+    def _meant(self, ref: Phrase) -> list[Whom]:
+        if point := ref.first("POINT"):
+            assert isinstance(point.value, Coordinates)
+            return [point.value]
+        if ref.first("ORIGIN"):
+            return [Coordinates(0.0, 0.0)]
+        if ref.first("HOME"):
+            return [HOME]
+        if target := ref.first("TARGET"):
+            adversaries = [one for one in self.of_role(Role.ADVERSARY) if one not in self.subject]
+            return [*(self.one_of(adversaries, target.span) if adversaries else [self._new_target(target.span)])]
+        if them := ref.first("THEM"):
+            return [*self._them(them.span)]
+        found = self.named(ref)
+        for group in found:
+            self._adjectives(group, ref)
+        return [*found]
+
+    def _them(self, span: Span) -> list[str]:
+        others = [one for one in self.groups if one not in self.subject]
+        single = self.draft.quote(span).lower() == "it"
+        fitting = [one for one in others if (one not in self.plural) == single] or others
+        if not fitting:
+            self.draft.unread(span, "there is nothing before it that it could mean", expressible=True)
+            return []
+        return self.one_of(fitting, span)
+
+    def _new_target(self, span: Span) -> str:
+        adversaries = [name for name, one in self.vocabulary.assets.items() if one.role is Role.ADVERSARY]
+        chosen = self.draft.ask(span, "what is the target?", [self.vocabulary.assets[one].asset for one in adversaries])
+        return self._new(Phrase("ref", (), span), adversaries[chosen], span, Part("COUNT", Quantity("COUNT", 1.0, 1.0), span))
+
+    def of_bystanders(self, phrase: Phrase) -> bool:
+        """Whether a rule is about bystanders; a word for them makes no group here."""
+        ref = phrase.refs[-1]
+        if part := ref.first("ASSET"):
+            name = str(part.value)
+            return self.vocabulary.role(name) is Role.BYSTANDER
+        if ref.first("THEM"):
+            return bool(self.subject) and all(self.vocabulary.role(self.groups[one]) is Role.BYSTANDER for one in self.subject)
+        return False

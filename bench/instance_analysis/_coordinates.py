@@ -1,0 +1,83 @@
+"""Places in figures: metres east and north of the origin, or degrees of latitude and longitude."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from bench.simspec import Origin
+
+_NUMBER = r"[-+−]?\d{1,9}(?:\.\d{1,9})?"
+_S, _SS = r"\s{0,3}", r"\s{1,3}"  # bounded, so that no text takes more than a few steps at each of its characters
+_MINUTES = rf"{_S}\d{{1,2}}(?:\.\d{{1,9}})?{_S}['′](?:{_S}\d{{1,2}}(?:\.\d{{1,9}})?{_S}(?:\"|″|''))?"
+_DEGREES = rf"\d{{1,3}}(?:\.\d{{1,9}})?(?:{_S}°(?:{_MINUTES})?)?"
+_M = rf"(?:{_S}m\b|{_S}met(?:re|er)s?\b)?"
+_TO = rf"{_S}[,;]?{_S}(?:and{_SS})?"
+PLACE = rf"""\({_S}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}{_M}{_S}\)
+    |\b(?:coordinates|coords){_SS}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}\b
+    |\b(?:position|grid|point){_SS}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}(?![\d.,]*\s?[a-z%°])
+    |\bx{_S}[=:]?{_S}{_NUMBER}{_M}{_TO}y{_S}[=:]?{_S}{_NUMBER}{_M}
+    |\beast(?:ing)?{_S}[=:]?{_S}{_NUMBER}{_M}{_TO}north(?:ing)?{_S}[=:]?{_S}{_NUMBER}{_M}
+    |\be{_S}=?{_S}{_NUMBER}{_M}{_S}[,;/]?{_S}n{_S}=?{_S}{_NUMBER}{_M}
+    |(?:\({_S})?{_DEGREES}{_S}(?:n|s|north|south)\b{_TO}{_DEGREES}{_S}(?:e|w|east|west)\b(?:{_S}\))?
+    |\blat(?:itude)?{_S}[=:]?{_S}{_NUMBER}{_S}°?{_TO}lon(?:g|gitude)?{_S}[=:]?{_S}{_NUMBER}{_S}°?"""
+"""A place, as a regular expression with white space and case set aside."""
+NAMED = (
+    r"\b(?:sector|zone|area|box|field|compound|district|block|objective|site|village)\s{1,3}"
+    r"(?:alpha|alfa|bravo|charlie|delta|echo|foxtrot|golf|hotel|red|blue|green|yellow|(?-i:[A-Z](?![A-Za-z'’]))"
+    r"|\d{1,2}(?![\d.,]*\s?(?:[a-z%°×²/-]|\d)))\b"
+)
+"""A piece of ground with a name of its own, as `sector Alpha`."""
+_A, _E2 = 6378137.0, 6.69437999014e-3  # WGS84
+
+
+@dataclass(frozen=True, slots=True)
+class Coordinates:
+    """A place as it is said: metres east and north, or degrees of latitude and longitude (WGS84) when `degrees`."""
+
+    first: float
+    second: float
+    degrees: bool = False
+
+
+def coordinates_of(text: str) -> Coordinates:
+    """The place that a stretch of the form PLACE states."""
+    lower = text.lower().replace("−", "-")
+    if lower.lstrip().startswith("lat"):
+        latitude, longitude = (float(one) for one in re.findall(r"-?\d+(?:\.\d+)?", lower))
+        return Coordinates(latitude, longitude, degrees=True)
+    sides = re.findall(r"([\d.°'\"′″\s]+)(n|s|e|w)(?:orth|outh|ast|est)?\b", lower)
+    if len(sides) == 2:
+        latitude, longitude = (_degrees(figures) * (-1 if side in "sw" else 1) for figures, side in sides)
+        return Coordinates(latitude, longitude, degrees=True)
+    first, second = (float(one) for one in re.findall(r"[-+]?\d+(?:\.\d+)?", lower))
+    return Coordinates(first, second)
+
+
+def _degrees(figures: str) -> float:
+    return float(sum(float(one) / 60.0**index for index, one in enumerate(re.findall(r"\d+(?:\.\d+)?", figures))))
+
+
+def name_of(text: str) -> str:
+    """The id of a piece of ground that the prose names."""
+    return re.sub(r"\s+", "-", text.strip().lower())
+
+
+def local_m(place: Coordinates, origin: Origin) -> tuple[float, float]:
+    """Metres east and north of the origin, in the plane that touches the earth there (WGS84), to the centimetre."""
+    if not place.degrees:
+        return place.first, place.second
+    latitude, longitude = math.radians(origin.latitude_deg), math.radians(origin.longitude_deg)
+    there = _earth_centred_m(math.radians(place.first), math.radians(place.second), origin.altitude_m)
+    here = _earth_centred_m(latitude, longitude, origin.altitude_m)
+    x, y, z = (a - b for a, b in zip(there, here, strict=True))
+    east = -math.sin(longitude) * x + math.cos(longitude) * y
+    outwards = math.cos(longitude) * x + math.sin(longitude) * y
+    return round(east, 2), round(math.cos(latitude) * z - math.sin(latitude) * outwards, 2)
+
+
+def _earth_centred_m(latitude: float, longitude: float, altitude_m: float) -> tuple[float, float, float]:
+    across = _A / math.sqrt(1.0 - _E2 * math.sin(latitude) ** 2)
+    flat = (across + altitude_m) * math.cos(latitude)
+    return flat * math.cos(longitude), flat * math.sin(longitude), (across * (1 - _E2) + altitude_m) * math.sin(latitude)

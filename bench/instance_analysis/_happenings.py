@@ -1,0 +1,125 @@
+"""What happens during the flight to fields: failures of the vehicle, outages, orders of the operator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ._cast import Cast
+from ._draft import Draft, Path
+from ._phrases import Part, Phrase, Quantity
+from ._tokens import Span
+from ._vocabulary import EventWords
+
+LASTINGS_S = (10.0, 30.0, 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _When:
+    """When something happens, for how long, and what else is said of it; None for what is not."""
+
+    at_s: float | None = None
+    lasting_s: float | None = None
+    within_s: float | None = None
+
+
+class Happenings:
+    """Reads events into a draft, in the order in which they are spoken of."""
+
+    def __init__(self, draft: Draft, cast: Cast, report_on: Callable[[str, Span], str]) -> None:
+        self._draft, self._cast, self._report_on = draft, cast, report_on
+        self._numbers: dict[str, int] = {}
+
+    def event(self, phrase: Phrase) -> None:
+        part = phrase.first("EVENT") or phrase.first("TASK")
+        event = part.value if part is not None else EventWords(part="vehicle.failures", kind="motor_off", words=())
+        assert isinstance(event, EventWords)
+        when = _when(phrase)
+        at_s = when.at_s
+        if at_s is None:
+            at_s = [0.0, 60.0][self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])]
+        base = self._begin(event.part, event.kind, at_s, phrase)
+        lasting = when.lasting_s
+        if lasting is None and event.part == "outages":
+            lasting = LASTINGS_S[self._draft.ask(phrase.span, "for how long?", [f"{one:g} s" for one in LASTINGS_S])]
+        if event.kind == "stop_reporting" and lasting is not None:
+            self._begin(event.part, "resume_reporting", at_s + lasting, phrase)
+        if lasting is not None and event.part != "orders" and event.kind != "battery_drop":
+            self._draft.put((*base, "duration_s"), lasting, phrase.span)
+        if event.part == "orders" and when.within_s is not None:
+            self._draft.put((*base, "within_s"), when.within_s, phrase.span)
+        if event.part == "vehicle.failures":
+            self._failure(base, event.kind, phrase)
+        if part is not None and part.kind == "TASK":
+            self._task(base, phrase)
+
+    def _begin(self, part: str, kind: str, at_s: float, phrase: Phrase) -> Path:
+        number = self._numbers[part] = self._numbers.get(part, -1) + 1
+        key: str | int = f"{kind.replace('_', '-')}-{number + 1}" if part == "orders" else number
+        base: Path = (*part.split("."), key)
+        if part == "orders":
+            self._draft.put((*base, "id"), key, phrase.span)
+        self._draft.put((*base, "at_s"), at_s, phrase.span)
+        self._draft.put((*base, "kind"), kind, phrase.span)
+        return base
+
+    def _failure(self, base: Path, kind: str, phrase: Phrase) -> None:
+        if kind == "battery_drop":
+            left = _low(phrase, "PERCENT")
+            if left is None:
+                readings = [0.1, 0.3]
+                left = readings[self._draft.ask(phrase.span, "to what charge?", [f"{one:.0%}" for one in readings])]
+            self._draft.put((*base, "to_fraction"), left, phrase.span)
+        if kind == "gps_drift":
+            speed = _low(phrase, "SPEED")
+            if speed is None:
+                readings = [0.2, 0.5, 1.0]
+                speed = readings[self._draft.ask(phrase.span, "how fast?", [f"{one:g} m/s" for one in readings])]
+            self._draft.put((*base, "drift_mps"), speed, phrase.span)
+            if direction := phrase.first("DIR"):
+                self._draft.put((*base, "towards_deg"), direction.value, phrase.span)
+        if kind == "motor_off":
+            number = _low(phrase, "COUNT")
+            if number is None:
+                number = 1 + self._draft.ask(phrase.span, "which motor?", ["motor 1", "motor 2", "motor 3", "motor 4"])
+            self._draft.put((*base, "instance"), int(number), phrase.span)
+
+    def _task(self, base: Path, phrase: Phrase) -> None:
+        groups = self._cast.groups_in(phrase)
+        if not groups:
+            self._draft.unread(phrase.span, "an order to mark or to go somewhere is about a report on a group")
+            self._draft.forget(base)
+            return
+        self._draft.put((*base, "intelligence"), self._report_on(groups[0], phrase.span), phrase.span)
+
+
+def _low(phrase: Phrase, kind: str) -> float | None:
+    part = phrase.first(kind)
+    return part.value.low if part is not None and isinstance(part.value, Quantity) else None
+
+
+def _when(phrase: Phrase) -> _When:
+    at_s = lasting_s = until_s = within_s = None
+    before = ""
+    for part in phrase.parts:
+        if not isinstance(part, Part):
+            continue
+        if part.kind == "TIME" and isinstance(part.value, Quantity):
+            time = part.value
+            if before == "FOR":
+                lasting_s = time.low
+            elif before == "WITHIN":
+                within_s = time.low
+            elif before == "UNTIL":
+                until_s = time.low
+            elif not time.single:
+                at_s, until_s = time.low, time.high
+            elif at_s is None:
+                at_s = time.low
+            else:
+                lasting_s = time.low
+        before = part.kind
+    if until_s is not None:
+        at_s = 0.0 if at_s is None else at_s
+        lasting_s = until_s - at_s
+    return _When(at_s, lasting_s, within_s)

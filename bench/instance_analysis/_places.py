@@ -1,0 +1,258 @@
+"""Places by figures: the origin, the vehicle's home, groups that stand at a fixed place, and the ways of patrols."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+from bench.simspec import HOME, Origin
+
+from ._coordinates import Coordinates, local_m
+from ._draft import Draft, Path
+from ._phrases import Part, Phrase, Quantity
+from ._tokens import Span
+from ._vocabulary import Defaults
+
+Point = dict[str, float]
+FARTHEST_M = 20_000.0
+"""Degrees further than this from an origin that is not said are taken for another origin."""
+
+
+class Places:
+    """Reads coordinates into a draft. `finish` settles what a fixed place leaves of a group's other relations."""
+
+    def __init__(self, draft: Draft, defaults: Defaults) -> None:
+        self._draft, self._defaults = draft, defaults
+        self._fixed: dict[str, tuple[Coordinates, Span]] = {}
+        self._patrols: dict[str, Span] = {}
+        self._loops: list[tuple[str, float, str | Coordinates, Span]] = []
+
+    @property
+    def origin(self) -> Origin:
+        """Where metres east and north are counted from: as said, or the SimSpec's default."""
+        given = {
+            name: entry.value
+            for name in ("latitude_deg", "longitude_deg", "altitude_m")
+            if (entry := self._draft.entries.get(("world", "origin", name)))
+        }
+        return Origin.model_construct(**(Origin().model_dump() | given))
+
+    @property
+    def home(self) -> Point:
+        found = [self._draft.entries.get(("vehicle", "home", name)) for name in ("east_m", "north_m")]
+        east, north = (one.value if one else 0.0 for one in found)
+        return {"east_m": east, "north_m": north}
+
+    def point(self, place: Coordinates) -> Point:
+        """The place in metres east and north of the origin."""
+        east, north = local_m(place, self.origin)
+        return {"east_m": east, "north_m": north}
+
+    def set_origin(self, phrase: Phrase) -> None:
+        part = phrase.first("POINT")
+        if part is None or not isinstance(part.value, Coordinates) or not part.value.degrees:
+            self._draft.unread(phrase.span, "an origin is given in degrees of latitude and longitude")
+            return
+        self._put_origin(part.value, phrase.span, "")
+
+    def _put_origin(self, place: Coordinates, span: Span, note: str) -> None:
+        self._draft.put(("world", "origin", "latitude_deg"), round(place.first, 7), span, note)
+        self._draft.put(("world", "origin", "longitude_deg"), round(place.second, 7), span, note)
+
+    def origin_of(self, phrases: Sequence[Phrase]) -> None:
+        """Where no origin is said and the places in degrees lie far from the default one, the first of them is the origin."""
+        if ("world", "origin", "latitude_deg") in self._draft.entries:
+            return
+        for phrase in phrases:
+            for part in _parts(phrase):
+                if isinstance(part.value, Coordinates) and part.value.degrees:
+                    if math.hypot(*local_m(part.value, Origin())) > FARTHEST_M:
+                        note = "no origin is said: the first place in degrees"
+                        self._draft.remark(part.span, f"{note} is the origin")
+                        self._put_origin(part.value, part.span, note)
+                    return
+
+    def set_home(self, phrase: Phrase) -> None:
+        place = self.place_of(phrase)
+        if place is None:
+            return
+        for name, value in self.point(place).items():
+            self._draft.put(("vehicle", "home", name), value, phrase.span, self._converted(place))
+
+    def home_heading(self, phrase: Phrase) -> None:
+        if direction := phrase.first("DIR"):
+            self._draft.put(("vehicle", "home", "heading_deg"), direction.value, phrase.span)
+
+    def _converted(self, place: Coordinates) -> str:
+        if not place.degrees:
+            return ""
+        at = self.origin
+        return f"from the origin at {at.latitude_deg:g}, {at.longitude_deg:g} degrees"
+
+    def place_of(self, phrase: Phrase) -> Coordinates | None:
+        """The first place that a phrase states; None where it is told from a group, whose own place is not known."""
+        part = phrase.first("POINT")
+        if part is not None and isinstance(part.value, Coordinates):
+            return part.value
+        if phrase.refs and not (phrase.refs[0].first("HOME") or phrase.refs[0].first("ORIGIN")):
+            return None
+        east, north = self.steps(phrase)
+        if not phrase.refs or phrase.refs[0].first("ORIGIN"):
+            return Coordinates(east, north)
+        return Coordinates(round(self.home["east_m"] + east, 6), round(self.home["north_m"] + north, 6))
+
+    def steps(self, phrase: Phrase) -> tuple[float, float]:
+        """Metres east and north of `120 m east and 40 m south`."""
+        east = north = 0.0
+        for length, direction in zip(phrase.every("LENGTH"), phrase.every("DIR"), strict=True):
+            assert isinstance(length.value, Quantity)
+            assert isinstance(direction.value, float | int)
+            if not length.value.single:
+                self._draft.fault(phrase.span, "a place is one, not a range", "give one number of each")
+            east += length.value.low * round(math.sin(math.radians(direction.value)), 9)
+            north += length.value.low * round(math.cos(math.radians(direction.value)), 9)
+        return round(east, 6), round(north, 6)
+
+    def stand(self, group: str, place: Coordinates, span: Span) -> None:
+        """Fix where a group of one stands."""
+        if group in self._fixed and self._fixed[group][0] != place:
+            earlier, where = self._fixed[group]
+            readings = [self._draft.quote(where), self._draft.quote(span)]
+            place = (earlier, place)[self._draft.ask(where.joined(span), "two places are given; which holds?", readings)]
+        self._fixed[group] = (place, span)
+
+    def fixed(self, group: str) -> Point | None:
+        """Where a group stands by its coordinates; None where it has none."""
+        return self.point(self._fixed[group][0]) if group in self._fixed else None
+
+    # Ways.
+
+    def patrol(self, group: str, span: Span) -> None:
+        """A group patrols; where is said elsewhere, or not at all."""
+        self._patrols.setdefault(group, span)
+
+    def walk(self, group: str, places: Sequence[Coordinates], span: Span) -> None:
+        self._route(group, [self.point(one) for one in places], span)
+
+    def _route(self, group: str, points: list[Point], span: Span, note: str = "") -> None:
+        base: Path = ("actors", group, "motion")
+        self._draft.forget((*base, "kind"))
+        self._draft.put((*base, "kind"), "patrol", span)
+        self._draft.put((*base, "route"), points, span, note)
+
+    def walk_around(self, group: str, side_m: float, of: str | Coordinates, span: Span) -> None:
+        self._loops.append((group, side_m, of, span))
+
+    # At the end.
+
+    def finish(self, roads: dict[str, list[Point]]) -> None:
+        """Loops around what has a place, patrols along roads, and fixed places with what they leave of other relations."""
+        for group, side_m, of, span in self._loops:
+            self._loop(group, side_m, of, span)
+        for group, span in self._patrols.items():
+            if ("actors", group, "motion", "route") in self._draft.entries:
+                continue
+            along = self._draft.entries.get(("actors", group, "placement", "along", "road"))
+            if along is not None and along.value in roads:
+                self._route(group, roads[along.value], span, "to the end of the road and back")
+            elif ("actors", group, "motion", "kind") in self._draft.entries:
+                self._draft.remark(span, "a patrol without points: walks about, within 25 m of where it starts")
+        for group, (place, span) in self._fixed.items():
+            self._stand(group, place, span)
+
+    def _loop(self, group: str, side_m: float, of: str | Coordinates, span: Span) -> None:
+        middle = self.point(of) if isinstance(of, Coordinates) else self.home if of == HOME else None
+        if middle is None and isinstance(of, str) and of in self._fixed:
+            middle = self.point(self._fixed[of][0])
+        if middle is None:
+            self._draft.unread(span, "a way is given by coordinates, and the place that it runs around has none")
+            return
+        half = side_m / 2
+        corners = ((-half, -half), (half, -half), (half, half), (-half, half))
+        route = [{"east_m": middle["east_m"] + east, "north_m": middle["north_m"] + north} for east, north in corners]
+        self._route(group, route, span)
+
+    def _stand(self, group: str, place: Coordinates, span: Span) -> None:
+        base: Path = ("actors", group, "placement")
+        count = self._draft.entries.get(("actors", group, "count"))
+        point, note = self.point(place), self._converted(place)
+        if count is None or count.value != 1 or any(f"actors[{group}].count" in one.paths for one in self._draft.ranges):
+            self._draft.remark(span, "several cannot stand in one place: they stand near it")
+            number = len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
+            self._draft.put((*base, "distances", number, "point"), point, span, note)
+            self._draft.put((*base, "distances", number, "max_m"), self._defaults.near_m, None, "what near means")
+            return
+        heading, where = self._heading(group, point)
+        self._turn_over(group)
+        for name, value in point.items():
+            self._draft.put((*base, "at", name), value, span, note)
+        if heading is not None:
+            self._draft.put((*base, "at", "heading_deg"), heading, where)
+
+    def _heading(self, group: str, point: Point) -> tuple[float | None, Span | None]:
+        """What a fixed group heads to, in degrees; None where that is not known before placement."""
+        facing: Path = ("actors", group, "placement", "facing")
+        for name in ("heading_deg", "point", "of"):
+            entry = self._draft.entries.get((*facing, name))
+            if entry is None:
+                continue
+            target = entry.value if name == "point" else self.home if entry.value == HOME else None
+            if name == "of" and entry.value in self._fixed:
+                target = self.point(self._fixed[entry.value][0])
+            if name != "heading_deg" and target is None:
+                return None, None
+            self._draft.forget(facing)
+            if target is None:
+                return float(entry.value), entry.span
+            east, north = target["east_m"] - point["east_m"], target["north_m"] - point["north_m"]
+            return round(math.degrees(math.atan2(east, north)) % 360, 2), entry.span
+        return None, None
+
+    def _turn_over(self, group: str) -> None:
+        """A relation of a fixed group to a single free one is said of that other; what cannot be is listed."""
+        base: Path = ("actors", group, "placement")
+        placed = {
+            path[:4]
+            for path in self._draft.entries
+            if path[:3] == base and len(path) > 3 and path[3] not in ("at", "separation_m")
+        }
+        for relation in sorted(placed, key=str):
+            span = next(
+                (entry.span for path, entry in self._draft.entries.items() if path[:4] == relation and entry.span), Span(0, 0)
+            )
+            values = {path[4:]: entry for path, entry in self._draft.entries.items() if path[:4] == relation}
+            self._draft.forget(relation)
+            other = values.get(("of",))
+            target = None if other is None else ("actors", other.value, "placement", relation[3])
+            if relation[3] in ("region", "along", "inside"):
+                self._draft.remark(span, "its place is fixed by coordinates, which says this")
+            elif target and relation[3] in ("near", "bearing") and self._free(str(target[1])) and not self._has(target):
+                for path, entry in values.items():
+                    value = (
+                        group
+                        if path == ("of",)
+                        else (entry.value + 180) % 360
+                        if path[0] in ("from_deg", "to_deg")
+                        else entry.value
+                    )
+                    self._draft.put((*target, *path), value, entry.span, entry.note)
+            else:
+                self._draft.unread(span, "the place of this group is fixed by coordinates")
+
+    def _free(self, group: str) -> bool:
+        count = self._draft.entries.get(("actors", group, "count"))
+        return group not in self._fixed and count is not None and count.value == 1
+
+    def _has(self, relation: Path) -> bool:
+        return any(path[: len(relation)] == relation for path in self._draft.entries)
+
+
+def _parts(phrase: Phrase) -> list[Part]:
+    inner = [_parts(one) if isinstance(one, Phrase) else [one] for one in phrase.parts]
+    return list(itertools.chain.from_iterable(inner))
+
+
+def places_in(phrase: Phrase) -> list[Coordinates]:
+    """Every place that a phrase states, in order."""
+    return [one.value for one in _parts(phrase) if isinstance(one.value, Coordinates)]

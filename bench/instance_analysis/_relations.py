@@ -1,0 +1,222 @@
+"""What is said of where a group stands, to the relations of its placement: to other groups, to places, to the vehicle's home."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from bench.simspec import HOME
+
+from ._coordinates import Coordinates
+from ._draft import Draft, Path
+from ._ground import Ground
+from ._phrases import Phrase, Quantity
+from ._places import Places
+from ._tokens import Span
+from ._traits import length_of
+from ._vocabulary import Defaults
+
+NO_OWN_DISTANCE = "a group has no distance to itself"
+
+
+class Whose(Protocol):
+    """Whom relations are to, as the reader knows it."""
+
+    groups: dict[str, str]
+    plural: set[str]
+
+    def ref(self, phrase: Phrase) -> list[str | Coordinates]:
+        """Groups, the vehicle's home, or a place."""
+
+
+class Relations:
+    """Reads the relations of one group into a draft; each rule of the grammar by the method of its name."""
+
+    RULES = frozenset(
+        [
+            *("near", "within", "atleast", "exact", "away", "mean", "bearing", "part", "inside", "behind", "landgap"),
+            *("facing", "hidden", "visible", "between", "apart", "spread"),
+        ]
+    )
+
+    def __init__(self, draft: Draft, defaults: Defaults, ground: Ground, places: Places, who: Whose) -> None:
+        self._draft, self._defaults, self._ground, self._places, self._who = draft, defaults, ground, places, who
+
+    def _distance(
+        self, group: str, phrase: Phrase, low: float, high: float | None, *, every: bool = False, note: str = ""
+    ) -> None:
+        for other in self._who.ref(phrase):
+            self._keep(group, other, phrase.span, low, high, every=every, note=note)
+
+    def _keep(
+        self, group: str, other: str | Coordinates, span: Span, low: float, high: float | None, *, every: bool, note: str
+    ) -> None:
+        if other == group:
+            self._draft.unread(span, NO_OWN_DISTANCE)
+            return
+        base: Path = ("actors", group, "placement")
+        low, high = round(low, 6), None if high is None else round(high, 6)
+        defaulted = span if note != "default" else None
+        if isinstance(other, Coordinates) or every or (*base, "near", "of") in self._draft.entries:
+            where: Path = (*base, "distances", self._rows(base))
+            if isinstance(other, str):
+                self._draft.put((*where, "whom"), "every" if every else "some", span)
+        else:
+            where = (*base, "near")
+        if isinstance(other, str):
+            self._draft.put((*where, "of"), other, span)
+        else:
+            self._draft.put((*where, "point"), self._places.point(other), span)
+        if low > 0.0:
+            self._draft.put((*where, "min_m"), low, span, note)
+        if high is not None:
+            self._draft.put((*where, "max_m"), high, defaulted, "what near means" if defaulted is None else note)
+
+    def _rows(self, base: Path) -> int:
+        return len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
+
+    def near(self, group: str, phrase: Phrase) -> None:
+        self._distance(group, phrase, 0.0, self._defaults.near_m, note="default")
+
+    def within(self, group: str, phrase: Phrase) -> None:
+        length = length_of(self._draft, phrase)
+        self._distance(group, phrase, 0.0 if length.single else length.low, length.high)
+
+    def atleast(self, group: str, phrase: Phrase) -> None:
+        if not phrase.refs:
+            self._draft.unread(phrase.span, "it is not said from what")
+            return
+        self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
+
+    def _band(self, length: Quantity) -> tuple[float, float, str]:
+        if not length.single:
+            return length.low, length.high, ""
+        share = self._defaults.exact_share
+        return length.low * (1 - share), length.high * (1 + share), f"{length.low:g} m within {share:.0%}"
+
+    def exact(self, group: str, phrase: Phrase) -> None:
+        low, high, note = self._band(length_of(self._draft, phrase))
+        self._distance(group, phrase, low, high, note=note)
+
+    def away(self, group: str, phrase: Phrase) -> None:
+        others: list[str] = [one for one in self._who.groups if one != group]
+        low, high, note = self._band(length_of(self._draft, phrase))
+        chosen = self._draft.ask(phrase.span, "away from what?", [*others, "the vehicle's start"]) if others else 0
+        self._keep(group, [*others, HOME][chosen], phrase.span, low, high, every=False, note=note)
+
+    def mean(self, group: str, phrase: Phrase) -> None:
+        length, of = length_of(self._draft, phrase), self._who.ref(phrase)
+        groups = [one for one in of if isinstance(one, str)]
+        if not groups:
+            self._draft.unread(phrase.span, "a mean distance is to a group or to the vehicle's start")
+            return
+        base: Path = ("actors", group, "placement", "mean_distance")
+        self._draft.put((*base, "of"), groups[0], phrase.span)
+        self._draft.vary((*base, "mean_m"), length.low, length.high, phrase.span, unit="m")
+
+    def bearing(self, group: str, phrase: Phrase) -> None:
+        part = phrase.first("DIR")
+        assert part is not None
+        assert isinstance(part.value, float | int)
+        self.towards(group, self._who.ref(phrase), float(part.value), phrase.span)
+        for other in self._who.ref(phrase)[:1] if phrase.first("LENGTH") else []:
+            low, high, note = self._band(length_of(self._draft, phrase))
+            self._keep(group, other, phrase.span, low, high, every=False, note=note)
+
+    def towards(self, group: str, of: list[str | Coordinates], direction: float, span: Span) -> None:
+        """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth between these."""
+        half = 45.0 if direction % 90 == 0 else 22.5
+        base: Path = ("actors", group, "placement", "bearing")
+        if of and of[0] == group:
+            self._draft.unread(span, NO_OWN_DISTANCE)
+        elif of:
+            self._seen(base, of, span)
+            self._draft.put((*base, "from_deg"), (direction - half) % 360, span)
+            self._draft.put((*base, "to_deg"), (direction + half) % 360, span)
+
+    def offset(self, group: str, east_m: float, north_m: float, of: str, span: Span) -> None:
+        """So many metres east and north of a group, whose own place is not known before placement."""
+        direction = round(math.degrees(math.atan2(east_m, north_m)) % 360, 3)
+        away_m = round(math.hypot(east_m, north_m), 3)
+        low, high, note = self._band(Quantity("LENGTH", away_m, away_m))
+        base: Path = ("actors", group, "placement", "bearing")
+        self._draft.put((*base, "of"), of, span)
+        self._draft.put((*base, "from_deg"), (direction - 22.5) % 360, span, f"around {direction:g} degrees")
+        self._draft.put((*base, "to_deg"), (direction + 22.5) % 360, span, f"around {direction:g} degrees")
+        self._keep(group, of, span, low, high, every=False, note=note)
+
+    def _seen(self, base: Path, of: list[str | Coordinates], span: Span) -> None:
+        if of and isinstance(of[0], Coordinates):
+            self._draft.put((*base, "point"), self._places.point(of[0]), span)
+        elif of and of[0] == base[1]:
+            self._draft.unread(span, "a group has no such relation to itself")
+        elif of:
+            self._draft.put((*base, "of"), of[0], span)
+
+    def part(self, group: str, phrase: Phrase) -> None:
+        part = phrase.first("DIR")
+        direction = float(part.value) if part is not None and isinstance(part.value, float | int) else None
+        self._ground.parts.append((group, direction, phrase.span))
+
+    def inside(self, group: str, phrase: Phrase) -> None:
+        if not phrase.refs:
+            self._ground.put_inside(group, phrase)
+            return
+        for other in self._who.ref(phrase):
+            if isinstance(other, Coordinates) or other not in self._who.groups:
+                self._draft.unread(phrase.span, "nobody stands inside a point")
+            elif other == group:
+                self._draft.unread(phrase.span, "a group does not stand inside itself")
+            else:
+                self._draft.put(("actors", group, "placement", "inside", "of"), other, phrase.span)
+
+    def landgap(self, group: str, phrase: Phrase) -> None:
+        self._draft.unread(phrase.span, "a SimSpec has no distance or direction from a piece of ground")
+
+    def behind(self, group: str, phrase: Phrase) -> None:
+        of = self._who.ref(phrase)
+        base: Path = ("actors", group, "placement", "hidden_from")
+        if not of:
+            return
+        if len(phrase.refs) > 1:
+            self._seen(base, self._who.ref(phrase.refs[1]), phrase.span)
+        else:
+            near = f"near {of[0]}"
+            readings = [f"{near}, out of sight of the vehicle's start", f"{near}, on whichever side"]
+            if self._draft.ask(phrase.span, "behind it as seen from where?", readings) == 0:
+                self._seen(base, [HOME], phrase.span)
+        self._keep(group, of[0], phrase.span, 0.0, self._defaults.near_m, every=False, note="default")
+
+    def facing(self, group: str, phrase: Phrase) -> None:
+        base: Path = ("actors", group, "placement", "facing")
+        if phrase.refs:
+            self._seen(base, self._who.ref(phrase), phrase.span)
+        elif direction := phrase.first("DIR"):
+            self._draft.put((*base, "heading_deg"), direction.value, phrase.span)
+
+    def hidden(self, group: str, phrase: Phrase) -> None:
+        self._seen(("actors", group, "placement", "hidden_from"), self._who.ref(phrase), phrase.span)
+
+    def visible(self, group: str, phrase: Phrase) -> None:
+        self._seen(("actors", group, "placement", "visible_from"), self._who.ref(phrase), phrase.span)
+
+    def between(self, group: str, phrase: Phrase) -> None:
+        ends = [one for ref in phrase.refs for one in self._who.ref(ref)]
+        names = [one for one in ends if isinstance(one, str) and one != group]
+        if len(names) == 1 and len(ends) == 1 and names[0] in self._who.plural:
+            names *= 2
+        if len(names) != 2 or len(ends) > 2:
+            self._draft.unread(phrase.span, "between is said of two groups, or of two members of one")
+            return
+        base: Path = ("actors", group, "placement", "between")
+        self._draft.put((*base, "first"), names[0], phrase.span)
+        self._draft.put((*base, "second"), names[1], phrase.span)
+
+    def apart(self, group: str, phrase: Phrase) -> None:
+        length = length_of(self._draft, phrase)
+        self._draft.vary(("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m")
+
+    def spread(self, group: str, phrase: Phrase) -> None:
+        """Anywhere in the area, which is what a group without a relation has; or in a piece of ground of its own."""
+        if phrase.first("GROUND") or phrase.first("NAMED"):
+            self._ground.put_inside(group, phrase)

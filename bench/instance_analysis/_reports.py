@@ -1,0 +1,55 @@
+"""What is said of intelligence to fields: about which group, how old, how sure, when it comes."""
+
+from __future__ import annotations
+
+from bench.simspec import Role
+
+from ._cast import Cast
+from ._draft import Draft, Path
+from ._phrases import Phrase, Quantity
+from ._tokens import Span
+
+UNITS = {"latency_s": "s", "delivered_s": "s", "uncertainty_m": "m"}
+
+
+class Reports:
+    """Reads reports into a draft; what is said of one before it is known whom it is about waits."""
+
+    def __init__(self, draft: Draft, cast: Cast) -> None:
+        self._draft, self._cast = draft, cast
+        self._report: str | None = None
+        self._pending: list[tuple[str, Quantity, Span]] = []
+
+    def field(self, name: str, quantity: Quantity, span: Span) -> None:
+        """A number of the report that is spoken of."""
+        if self._report is None:
+            self._pending.append((name, quantity, span))
+            return
+        path: Path = ("intelligence", self._report, name)
+        self._draft.vary(path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority")
+
+    def intelligence(self, phrase: Phrase) -> None:
+        of_subject = self._cast.subject and phrase.refs[0].first("THEM")
+        groups = self._cast.subject if of_subject else self._cast.groups_in(phrase)
+        if not self._cast.here:
+            self._cast.subject = groups
+        for group in groups:
+            if self._cast.vocabulary.role(self._cast.groups[group]) is Role.CLUTTER:
+                self._draft.unread(phrase.span, "intelligence here is about adversaries or bystanders")
+                continue
+            self._report = self.on(group, phrase.span)
+            pending, self._pending = self._pending, []
+            for name, quantity, span in pending:
+                self.field(name, quantity, span)
+
+    def on(self, group: str, span: Span) -> str:
+        """Id of the report on a group, which there is from then on."""
+        report = f"{group}-sighting"
+        if ("intelligence", report, "id") not in self._draft.entries:
+            self._draft.put(("intelligence", report, "id"), report, span)
+            self._draft.put(("intelligence", report, "about"), group, span)
+        return report
+
+    def finish(self) -> None:
+        for _name, _, span in self._pending:
+            self._draft.unread(span, "no intelligence is spoken of", expressible=True)

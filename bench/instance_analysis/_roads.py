@@ -1,0 +1,285 @@
+"""Phrases of roads to fields: how many there are, how they run, and who stands on, beside or off them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from ._draft import Draft, Path
+from ._ground import Ground
+from ._phrases import Part, Phrase, Quantity
+from ._places import Places, Point, places_in
+from ._tokens import Span
+from ._traits import length_of
+from ._vocabulary import Defaults
+
+WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
+NO_LEAST = "a SimSpec has no least distance from a road; the largest one stands"
+
+
+@dataclass(slots=True)
+class Road:
+    """A road as it comes up: the direction that it runs in, the part of the area that it lies in, or its points."""
+
+    id: str
+    span: Span
+    axis: float | None = None
+    axis_span: Span | None = None
+    part: float | None = None
+    points: list[Point] = field(default_factory=list)
+    points_span: Span | None = None
+    width: tuple[float, Span] | None = None
+
+
+class Roads:
+    """The roads, laid out by `finish`. `current` are those that were last spoken of."""
+
+    RULES = frozenset(["road", "roadgap", "roadside", "crossroads"])
+    """What is said of a group."""
+
+    def __init__(self, draft: Draft, defaults: Defaults, ground: Ground, places: Places) -> None:
+        self._draft, self._defaults, self._ground, self._places = draft, defaults, ground, places
+        self.roads: list[Road] = []
+        self.current: list[Road] = []
+        self._meant: dict[Span, Road] = {}
+        self._sides: list[tuple[str, Road, float, Span]] = []
+        self._crossings: list[tuple[str, Span]] = []
+
+    def mention(self, phrase: Phrase) -> None:
+        """Roads that are spoken of; `the road` of which nothing is said makes none."""
+        word = phrase.first("ROAD")
+        assert word is not None
+        if not self.roads and self._plain(phrase) and self._definite(phrase):
+            self._draft.unread(phrase.span, "stands by itself", expressible=True)
+            return
+        self._spoken(phrase)
+
+    def _plain(self, phrase: Phrase) -> bool:
+        return not any(phrase.every(kind) for kind in ("COUNT", "DIR", "AXIS", "LENGTH"))
+
+    def _definite(self, phrase: Phrase) -> bool:
+        begin = min(
+            one.span.start for kind in ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM") for one in phrase.every(kind)
+        )
+        before = self._draft.text[:begin].lower().split()
+        return bool(before) and before[-1] in ("the", "this", "that")
+
+    def _spoken(self, phrase: Phrase) -> list[Road]:
+        number = _count(phrase)
+        described = any(phrase.every(kind) for kind in ("DIR", "AXIS")) and not self._fitting(phrase)
+        if not self.roads or (number or 1) > 1 or (described and (number or not self._definite(phrase))):
+            self.current = [self._new(phrase) for _ in range(max(1, min(number or 1, 8)))]
+            return self.current
+        fitting = self._fitting(phrase) or (self.roads if phrase.first("ROAD") else self.current) or self.roads
+        if phrase.first("LENGTH") and len(fitting) > 1:
+            fitting = [one for one in fitting if one.width is None] or fitting
+        if len(fitting) > 1 and phrase.rule != "roads" and phrase.span not in self._meant:
+            chosen = self._draft.ask(phrase.span, "which road is meant?", [self._described(one) for one in fitting])
+            self._meant[phrase.span] = fitting[chosen]
+        self.current = [self._meant.get(phrase.span, fitting[0])] if phrase.rule != "roads" else fitting
+        for one in self.current:
+            self._describe(one, phrase)
+        return self.current
+
+    def _described(self, road: Road) -> str:
+        return f"{road.id}, {self._draft.quote(road.axis_span or road.points_span or road.span)!r}"
+
+    def is_meant(self, phrase: Phrase) -> Phrase:
+        """`on it`, `beside it`, where a road was spoken of last."""
+        side = phrase.first("ALONG") or Part("BESIDE", None, phrase.span)
+        return Phrase("road", (side,), phrase.span)
+
+    def _fitting(self, phrase: Phrase) -> list[Road]:
+        """The roads there are that a phrase describes; none where it describes none."""
+        found = self.roads
+        if nth := phrase.first("NTH"):
+            assert isinstance(nth.value, int | float)
+            return found[int(nth.value) - 1 : int(nth.value)]
+        if part := phrase.first("DIR"):
+            return [one for one in found if one.part == part.value]
+        if axis := phrase.first("AXIS"):
+            return [one for one in found if one.axis == axis.value]
+        return []
+
+    def _new(self, phrase: Phrase) -> Road:
+        road = Road("road" if not self.roads else f"road-{len(self.roads) + 1}", phrase.span)
+        self.roads.append(road)
+        self._describe(road, phrase)
+        return road
+
+    def _describe(self, road: Road, phrase: Phrase) -> None:
+        if (part := phrase.first("DIR")) and phrase.rule in ("roads", "road") and isinstance(part.value, float | int):
+            road.part = float(part.value)
+        if (axis := phrase.first("AXIS")) and isinstance(axis.value, float | int):
+            road.axis, road.axis_span = float(axis.value), phrase.span
+        if phrase.rule in ("roads", "road") and (width := phrase.first("LENGTH")) and isinstance(width.value, Quantity):
+            road.width = (width.value.low, phrase.span)
+
+    def axis(self, phrase: Phrase) -> None:
+        """How a road runs: the first of those spoken of that nothing says it of yet."""
+        if phrase.first("CROSSING"):
+            for one in self.current[1:2] or self.roads[1:2]:
+                one.axis, one.axis_span = self._across(self.roads[0]), phrase.span
+            return
+        free = [one for one in self.current if one.axis is None and not one.points]
+        free = free or [one for one in self.roads if one.axis is None and not one.points]
+        if not free:
+            self._draft.unread(phrase.span, "it is not said of which road", expressible=True)
+            return
+        part = phrase.first("AXIS") or phrase.every("DIR")[-1]
+        assert isinstance(part.value, float | int)
+        free[0].axis, free[0].axis_span = float(part.value) % 180, phrase.span
+
+    def _across(self, road: Road) -> float:
+        return ((WEST_TO_EAST if road.axis is None else road.axis) + 90) % 180
+
+    def width(self, phrase: Phrase) -> None:
+        length = length_of(self._draft, phrase)
+        for one in self.current:
+            one.width = (length.low, phrase.span)
+        if not self.current:
+            self._draft.unread(phrase.span, "it is not said of what", expressible=True)
+
+    def through(self, phrase: Phrase) -> None:
+        """The points of a road."""
+        points = [self._places.point(one) for one in places_in(phrase)]
+        free = [one for one in self.current if not one.points] or self.current
+        if not free or len(points) < 2:
+            self._draft.unread(phrase.span, "a road has two points at least", expressible=True)
+            return
+        free[0].points, free[0].points_span = points, phrase.span
+
+    # Of a group.
+
+    def road(self, group: str, phrase: Phrase) -> None:
+        self._along(group, self._spoken(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span)
+
+    def _along(self, group: str, road: Road, where: str, span: Span) -> None:
+        base: Path = ("actors", group, "placement", "along")
+        self._draft.put((*base, "road"), road.id, span)
+        self._draft.put((*base, "where"), where, span)
+
+    def roadgap(self, group: str, phrase: Phrase) -> None:
+        road, length = self._spoken(phrase)[0], length_of(self._draft, phrase)
+        if phrase.first("ATLEAST"):
+            self._draft.unread(phrase.span, "a SimSpec has no least distance from a road")
+            return
+        low, high = (0.0 if length.single else length.low), length.high
+        if length.single and not phrase.first("WITHIN"):
+            share = self._defaults.exact_share
+            low, high = length.low * (1 - share), length.high * (1 + share)
+        self._along(group, road, "beside", phrase.span)
+        self._draft.put(("actors", group, "placement", "along", "within_m"), round(high, 6), phrase.span)
+        if low > 0:
+            self._draft.unread(phrase.span, NO_LEAST)
+
+    def roadside(self, group: str, phrase: Phrase) -> None:
+        """North of a road: in the part of the area that lies there."""
+        road, direction = self._spoken(phrase)[0], phrase.first("DIR")
+        assert direction is not None
+        assert isinstance(direction.value, float | int)
+        self._sides.append((group, road, float(direction.value), phrase.span))
+        if phrase.first("LENGTH"):
+            self.roadgap(group, phrase)
+
+    def crossroads(self, group: str, phrase: Phrase) -> None:
+        self._crossings.append((group, phrase.span))
+
+    # At the end.
+
+    def finish(self) -> None:
+        """The roads through the area as it then is, and what depends on where they run."""
+        if self._crossings:
+            for _ in range(2 - len(self.roads)):
+                self._new(Phrase("road", (), self._crossings[0][1]))
+        self._defaults_of_axes()
+        laid = {road.id: self._lay_out(road) for road in self.roads}
+        for group, road, direction, span in self._sides:
+            region = self._ground.beside_line((laid[road.id][0], laid[road.id][-1]), direction)
+            if region is None:
+                self._draft.unread(span, "the road runs that way")
+                continue
+            self._draft.put(
+                ("actors", group, "placement", "region", "corners"), region, span, f"the area on that side of {road.id}"
+            )
+        for group, span in self._crossings:
+            middle = _crossing(laid[self.roads[0].id], laid[self.roads[1].id])
+            if middle is None:
+                self._draft.unread(span, "these roads do not cross")
+                continue
+            base: Path = ("actors", group, "placement", "distances")
+            row = len({path[4] for path in self._draft.entries if path[:4] == base})
+            self._draft.put((*base, row, "point"), middle, span)
+            self._draft.put((*base, row, "max_m"), self._defaults.near_m, None, "what near means")
+
+    @property
+    def laid_out(self) -> dict[str, list[Point]]:
+        """Points of every road, once `finish` has laid them out."""
+        return {one.id: self._draft.entries[("world", "roads", one.id, "points")].value for one in self.roads}
+
+    def _defaults_of_axes(self) -> None:
+        free = [one for one in self.roads if one.axis is None and not one.points and one.part is None]
+        taken = [one.axis for one in self.roads if one.axis is not None]
+        for one in free:
+            one.axis = next((axis for axis in (WEST_TO_EAST, NORTH_TO_SOUTH) if axis not in taken), None)
+            taken += [one.axis] if one.axis is not None else []
+
+    def _lay_out(self, road: Road) -> list[Point]:
+        base: Path = ("world", "roads", road.id)
+        self._draft.put((*base, "id"), road.id, road.span)
+        points = road.points or self._line(road)
+        said = road.points_span or road.axis_span or (road.span if road.part is not None else None)
+        note = "" if road.points else self._note(road)
+        self._draft.put((*base, "points"), points, said, note)
+        width, span = road.width or (self._defaults.road_width_m, None)
+        self._draft.put((*base, "width_m"), width, span)
+        return points
+
+    def _note(self, road: Road) -> str:
+        through = "through the middle of the area" if road.part is None else "through the middle of that part of the area"
+        return through if road.axis_span or road.part is not None else f"{through}, {_named(road.axis)}"
+
+    def _line(self, road: Road) -> list[Point]:
+        """The straight way through the middle of the area, or of the part of it that the road lies in, from edge to edge."""
+        west, south, east, north = self._ground.box
+        middle_e, middle_n = (west + east) / 2, (south + north) / 2
+        axis = road.axis
+        if road.part is not None:
+            radians = math.radians(road.part)
+            middle_e += round(math.sin(radians), 6) * (east - west) / 4
+            middle_n += round(math.cos(radians), 6) * (north - south) / 4
+            axis = (NORTH_TO_SOUTH if road.part in (90, 270) else WEST_TO_EAST) if axis is None else axis
+        radians = math.radians(WEST_TO_EAST if axis is None else axis)
+        to_e, to_n = round(math.sin(radians), 9), round(math.cos(radians), 9)
+        reach = min((span / abs(to) for span, to in (((east - west) / 2, to_e), ((north - south) / 2, to_n)) if to), default=0.0)
+        if road.part is not None and road.axis is not None:
+            reach = min(reach, *(abs(edge) for edge in (east - west, north - south)))
+        sign = 1.0 if to_e > 0 or (to_e == 0 and to_n < 0) else -1.0
+        return [
+            {"east_m": round(middle_e + end * sign * reach * to_e, 3), "north_m": round(middle_n + end * sign * reach * to_n, 3)}
+            for end in (-1.0, 1.0)
+        ]
+
+
+def _named(axis: float | None) -> str:
+    return "north to south" if axis == NORTH_TO_SOUTH else "west to east"
+
+
+def _count(phrase: Phrase) -> int | None:
+    part = phrase.first("COUNT")
+    return int(part.value.low) if part is not None and isinstance(part.value, Quantity) else None
+
+
+def _crossing(one: Sequence[Point], other: Sequence[Point]) -> Point | None:
+    """Where two straight roads cross; None where they do not."""
+    a, b, c, d = one[0], one[-1], other[0], other[-1]
+    r = (b["east_m"] - a["east_m"], b["north_m"] - a["north_m"])
+    s = (d["east_m"] - c["east_m"], d["north_m"] - c["north_m"])
+    cross = r[0] * s[1] - r[1] * s[0]
+    if abs(cross) < 1e-9:
+        return None
+    share = ((c["east_m"] - a["east_m"]) * s[1] - (c["north_m"] - a["north_m"]) * s[0]) / cross
+    if not 0.0 <= share <= 1.0:
+        return None
+    return {"east_m": round(a["east_m"] + share * r[0], 3), "north_m": round(a["north_m"] + share * r[1], 3)}
