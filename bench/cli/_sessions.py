@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 
 def register(app: typer.Typer) -> None:
@@ -33,15 +34,18 @@ def simulate(
         print(dump_json(result), end="")
     else:
         console = Console()
-        table = Table(
-            title=f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
-        )
+        ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
+        # Reasons and evidence name fields as actors[people]: not markup.
+        console.print(ended, markup=False, highlight=False, soft_wrap=True)
+        table = Table()
         for column in ("observable", "considered", "x", "evidence"):
             table.add_column(column, justify="right" if column == "x" else "left")
         for one in result.observations:
             evidence = "; ".join(f"{item.time_s:.1f} s {item.text}" for item in one.evidence[:2])
-            table.add_row(one.observable, "yes" if one.considered else "no", "" if one.x is None else f"{one.x:.3f}", evidence)
-        console.print(table)
+            value = "" if one.x is None else f"{one.x:.3f}"
+            table.add_row(one.observable, "yes" if one.considered else "no", value, Text(evidence))
+        if result.observations:
+            console.print(table)
         if (out / "recording.mcap").is_file():
             console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
     if not result.outcome.counts:

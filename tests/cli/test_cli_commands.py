@@ -188,6 +188,18 @@ def test_an_agent_that_does_not_exist_is_a_matter_of_input(tmp_path: Path, capsy
     assert "recording:" not in text
 
 
+def test_a_scene_that_cannot_be_names_the_fields_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names in brackets are fields, and no markup of the terminal."""
+    simspec = tmp_path / "yard.yaml"
+    corners = "[{east_m: 0, north_m: 0}, {east_m: 60, north_m: 0}, {east_m: 60, north_m: 60}]"
+    simspec.write_text(
+        f"name: yard\nworld: {{area: {{corners: {corners}}}}}\nactors:\n"
+        "- {id: people, asset: civilian, role: bystander, count: 2, placement: {distances: [{of: home, min_m: 90}]}}\n"
+    )
+    assert run(["simulate", str(simspec), "--out", str(tmp_path / "out")]) == 1
+    assert "(actors[people].placement.distances[0])" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("trouble", "words"),
     [
