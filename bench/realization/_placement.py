@@ -38,6 +38,9 @@ REPORT_SHARE = 0.8
 
 ATTEMPTS = 8
 
+HOPELESS = 0.8
+"""Share of a group's members: where crowding leaves fewer a place, drawing places again will not do."""
+
 
 class PlacementUnsound(RebarError):
     """Places were found that `check_placement` does not accept: a fault of the bench, of which nothing is written or flown."""
@@ -73,7 +76,8 @@ def _found(simspec: SimSpec) -> SimSpec:
         except Stuck as reason:
             if stuck is None and (clash := find_clash(simspec, order)):
                 raise clash from None
-            if budget.spent or (reason.crowded and stuck is not None and stuck.crowded):
+            again = stuck is not None and stuck.crowded
+            if budget.spent or (reason.crowded and (again or reason.share < HOPELESS)):
                 stuck = reason
                 break
             stuck = reason

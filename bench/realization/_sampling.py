@@ -46,12 +46,13 @@ Placed = dict[str, Footprints]
 class Stuck(Exception):
     """This attempt found no place for somebody; `sentence` says for whom and why, from places tried afresh.
 
-    `crowded` tells that there were places enough, and that the members kept each other out of them.
+    `crowded` tells that there were places enough, and that the members kept each other out of them; `share` how many of them
+    found one.
     """
 
-    def __init__(self, sentence: Callable[[], str], *, crowded: bool = False) -> None:
+    def __init__(self, sentence: Callable[[], str], *, crowded: bool = False, share: float = 1.0) -> None:
         super().__init__()
-        self.sentence, self.crowded = sentence, crowded
+        self.sentence, self.crowded, self.share = sentence, crowded, share
 
 
 @dataclass(slots=True)
@@ -169,7 +170,7 @@ class Sampler:
                 return crowd.members()
             # Random places jam: when many bring few in, ever more would bring in ever fewer.
             if len(pool) >= CROWD * missing and self.count - crowd.count > missing * (1.0 - 1.0 / CROWD):
-                raise Stuck(lambda: self._explain(crowd.count), crowded=True)
+                raise Stuck(lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count)
         raise Stuck(lambda: self._explain(crowd.count))
 
     def _at_mean_distance(self, target_m: Array) -> Footprints:
@@ -296,7 +297,14 @@ class _Crowd:
         close = np.nonzero(square < reach * reach)[0]
         if but is not None:
             close = close[close != but]
+        if self._overlaps(one, close, square[close]):
+            return False
         return len(close) == 0 or not bool(crowded(one, room[close])[0])
+
+    def _overlaps(self, one: Footprints, close: NDArray[np.intp], square_m2: Array) -> bool:
+        """Whether circles inside footprints are too near already: most of those that do not fit are known by that."""
+        inner = self._room.half_m[close].min(axis=1) + one.half_m[0].min() + np.maximum(self._room.gap_m[close], one.gap_m[0])
+        return bool(np.any(square_m2 < (inner - 1e-9) ** 2))
 
     def put(self, index: int, one: Footprints) -> None:
         room = self._room
