@@ -29,6 +29,7 @@ import shapely
 from bench.errors import RebarError
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight, SimSpec
 
+from ._bands import Band, bands_of
 from ._footprint import Array, Footprints, footprints, joined, no_footprints
 from ._headings import Heading, facing_of, headings_clash, parallel_of
 from ._midway import Midway, midways
@@ -201,6 +202,7 @@ class _Term:
     mean: MeanDistance | None = None
     need_m2: float | None = None
     spread_m: float | None = None
+    band: Band | None = None
     heading: Heading | None = None
     route_m: Array | None = None
 
@@ -250,10 +252,11 @@ def _own_terms(simspec: SimSpec, group: ActorGroup) -> list[_Term]:
     for relation in standing(simspec, group):
         if (room := relation.room()) is not None:
             found.append(_Term(relation.path, f"{group.id!r} is to {relation.text}", group.id, room=room))
+    bands = bands_of(simspec, group)
     for tie in ties(simspec, group):
         text = f"{group.id!r} is to {tie.text}"
         if tie.points is None:
-            found.append(_Term(tie.path, text, group.id, tie=tie))
+            found.append(_Term(tie.path, text, group.id, tie=tie, band=bands.get(tie.path)))
         elif (room := tie.bound(tie.points).room()) is not None:
             found.append(_Term(tie.path, text, group.id, room=room))
     for way in midways(simspec, group):
@@ -270,7 +273,8 @@ def _own_terms(simspec: SimSpec, group: ActorGroup) -> list[_Term]:
         found.append(_Term(f"actors[{group.id}].motion.route", text, group.id, route_m=route_m))
     if mean := group.placement.mean_distance:
         text = f"the mean distance of {group.id!r} to {mean.of!r} is to be {mean.mean_m:g} m"
-        found.append(_Term(field(group, "mean_distance"), text, group.id, mean=mean))
+        path = field(group, "mean_distance")
+        found.append(_Term(path, text, group.id, mean=mean, band=bands[path]))
     return found
 
 
@@ -307,7 +311,7 @@ class _Scene:
     notes: list[str] = dataclass_field(default_factory=list)
 
     def ground_fails(self) -> bool:
-        """Whether some group has no ground left, or a mean distance is out of reach."""
+        """Whether some group has no ground left, is to keep two distances at once, or a mean distance that is out of reach."""
         peopled = [group for group in self.order if members_of(self.simspec, group)]
         self.ground = {group.id: self._own_ground(group) for group in peopled}
         bound = [term for term in self.terms if term.tie]
@@ -323,6 +327,9 @@ class _Scene:
             if np.allclose(before, [shapely.area(one) for one in self.ground.values()], rtol=1e-4):
                 break
         if any(self._mean_fails(term.group, term.mean) for term in self.terms if term.mean):
+            return True
+        banded = [term for term in self.terms if term.band]
+        if any(self._bands_fail(term, other) for number, term in enumerate(banded) for other in banded[:number]):
             return True
         return any(self._headings_fail(term.group, term.heading) for term in self.terms if term.heading and term.heading.lines)
 
@@ -340,6 +347,13 @@ class _Scene:
         reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
         kept = any(term.path == field(group, "along") for term in self.terms)
         return headings_clash(parallel, facing, self.ground[own], theirs, reach_m if kept else None)
+
+    def _bands_fail(self, one: _Term, other: _Term) -> bool:
+        """Whether two of a group's distances to the same others, of whom there are some, exclude each other."""
+        if one.group != other.group or one.band is None or other.band is None:
+            return False
+        peopled = is_home(self.simspec, one.band.of) or bool(members_of(self.simspec, self.simspec.group(one.band.of)))
+        return peopled and one.band.excludes(other.band)
 
     def _own_ground(self, group: ActorGroup) -> Geometry:
         """Where the group's relations to the ground and to what is fixed leave centres."""

@@ -193,3 +193,32 @@ def test_headings_that_clash(lane: dict[str, Any], facing: dict[str, Any], regio
         place(simspec)
     assert {"actors[cars].placement.along.parallel_deg", "actors[cars].placement.facing"} <= set(refused.value.clash)
     assert not any("radar" in path for path in refused.value.clash)
+
+
+NEAR = {"of": "radar", "max_m": 6.0}
+FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
+
+
+@pytest.mark.parametrize(
+    ("asked", "fields"),
+    [
+        ({"near": NEAR, "away": FAR}, {"near", "away"}),
+        ({"distances": [{**NEAR, "whom": "some"}, {"of": "radar", "min_m": 10.0}]}, {"distances[0]", "distances[1]"}),
+        ({"away": FAR, "mean_distance": {"of": "radar", "mean_m": 9.0}}, {"away", "mean_distance"}),
+        ({"near": {**FAR, "of": "home"}, "distances": [{**NEAR, "of": "home"}]}, None),
+    ],
+)
+def test_distances_that_exclude_each_other(asked: dict[str, Any], fields: set[str] | None) -> None:
+    """No place is near somebody and far from everybody of the same group; both fields are named, and no others are."""
+    groups = [group("people", "civilian", 3, **asked), group("radar", "radar-vehicle", 2)]
+    clash = clash_of(yard(*groups))
+
+    assert clash is not None
+    assert fields is None or set(clash) == {f"actors[people].placement.{name}" for name in fields}
+
+
+def test_distances_to_different_members_exclude_nothing() -> None:
+    """Near one of two and far from some member, or from nobody: that can be kept, and is."""
+    both = {"near": NEAR, "distances": [{"of": "radar", "whom": "some", "min_m": 10.0}]}
+    apart = group("radar", "radar-vehicle", 2, spread_m=20.0)
+    assert check_placement(place(yard(group("people", "civilian", 3, **both), apart))) == []
