@@ -31,28 +31,15 @@ from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight
 
 from ._bands import Band, bands_of
 from ._footprint import Array, Footprints, footprints, joined, no_footprints
+from ._ground import EVERYWHERE, Geometry, coarse, ground, wide
 from ._headings import Heading, facing_of, headings_clash, parallel_of
 from ._midway import Midway, midways
 from ._packing import most_aligned, most_apart
-from ._relations import (
-    EVERYWHERE,
-    HOME_CLEARANCE_M,
-    Geometry,
-    Tie,
-    coarse,
-    field,
-    ground,
-    hosts_of,
-    inner_radius_m,
-    is_home,
-    members_of,
-    outer_radius_m,
-    region_of,
-    standing,
-    ties,
-    wide,
-)
+from ._relations import HOME_CLEARANCE_M, Tie, field
+from ._standing import standing
+from ._ties import ties
 from ._ways import closes, first_legs, loops, open_routes, seen_room, walks
+from ._whom import hosts_of, inner_radius_m, is_home, members_of, outer_radius_m, region_of
 
 ROUNDS = 6
 PIECES = 200

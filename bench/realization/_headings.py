@@ -10,7 +10,8 @@ import shapely
 
 from bench.simspec import ActorGroup, SimSpec
 
-from ._relations import Geometry, field, wide
+from ._ground import Geometry, wide
+from ._relations import field
 
 _HAIR = 1e-6
 

@@ -11,7 +11,9 @@ import shapely
 from bench.simspec import HOME, ActorGroup, Between, SimSpec
 
 from ._footprint import Footprints
-from ._relations import Geometry, Mask, Relation, field, is_home, point_of, wide
+from ._ground import Geometry, wide
+from ._relations import Mask, Relation, field
+from ._whom import is_home, point_of
 
 
 @dataclass(frozen=True, slots=True)

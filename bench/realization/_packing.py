@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 import shapely.affinity
 
-from ._relations import Geometry
+from ._ground import Geometry
 
 _HAIR = 1e-6
 _SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)

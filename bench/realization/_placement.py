@@ -29,9 +29,10 @@ from bench.simspec import (
 from ._check import check_placement
 from ._clash import PlacementInfeasible, check_areas, check_fixed_ways, find_clash
 from ._footprint import Array, Footprints
-from ._relations import Geometry, ground, members_of, related
+from ._ground import Geometry, ground
 from ._sampling import Budget, Placed, Stuck, fixed_places, sampled
 from ._ways import route_faults
+from ._whom import members_of, related
 
 REPORT_SHARE = 0.8
 """Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies well inside."""

@@ -14,26 +14,17 @@ from numpy.typing import NDArray
 
 from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 
+from ._aim import aimed_deg, facing_target
 from ._clash import PlacementInfeasible
 from ._footprint import Array, Footprints, crowded, footprints, joined, no_footprints
+from ._ground import Geometry, drawn_from, ground
 from ._midway import midways
-from ._relations import (
-    Geometry,
-    Relation,
-    Solids,
-    aimed_deg,
-    clear,
-    common_room,
-    drawn_from,
-    facing_target,
-    ground,
-    members_of,
-    region_of,
-    spots_of,
-    standing,
-    ties,
-)
+from ._relations import Relation, common_room
+from ._sight import Solids
+from ._standing import clear, standing
+from ._ties import ties
 from ._ways import open_routes, open_ways
+from ._whom import members_of, region_of, spots_of
 
 ROUNDS = 5
 POOL = 4096

@@ -20,27 +20,17 @@ from ortools.sat.python import cp_model
 
 from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
 
+from ._aim import aimed_deg, facing_target
 from ._clash import narrowed_ground
 from ._footprint import Array, Footprints, footprints, gaps, joined, no_footprints
+from ._ground import Geometry, drawn_from, ground
 from ._midway import midways
-from ._relations import (
-    Geometry,
-    Tie,
-    aimed_deg,
-    clear,
-    common_room,
-    drawn_from,
-    facing_target,
-    ground,
-    members_of,
-    region_of,
-    related,
-    spots_of,
-    standing,
-    ties,
-)
+from ._relations import Tie, common_room
 from ._sampling import Placed, fixed_places, solids_among
+from ._standing import clear, standing
+from ._ties import ties
 from ._ways import closes, closing_pairs, open_routes, open_ways, walks, walls_among
+from ._whom import members_of, region_of, related, spots_of
 
 TRIES = 2
 MORE_TRIES = 6

@@ -19,7 +19,9 @@ from bench.errors import Fault
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
 from ._footprint import Array, Footprints, joined, no_footprints
-from ._relations import EVERYWHERE, Geometry, Relation, ground, members_of, region_of
+from ._ground import EVERYWHERE, Geometry, ground
+from ._relations import Relation
+from ._whom import members_of, region_of
 
 INSET_M = 0.5
 """How far inside the border a point of a route is taken that lies beyond it; as the simulation does."""
