@@ -68,6 +68,20 @@ def mixed(seed: int) -> str:
     return told(yard(69.3, *((name, asset, 20, {"separation_m": 0.0}) for name, asset in kinds), seed=seed))
 
 
+def at_home(seed: int) -> str:
+    """Half of a yard under houses, people in them near a post at its edge, and others between two of the houses."""
+    return told(
+        yard(
+            66.0,
+            ("houses", "house", 20, {"separation_m": 0.2}),
+            ("post", "crate", 1, {"region": square(0, 0, 12)}),
+            ("families", "civilian", 40, {"inside": {"of": "houses"}, "near": {"of": "post", "max_m": 30}}),
+            ("neighbours", "civilian", 4, {"between": {"first": "houses", "second": "houses", "within_m": 8}}),
+            seed=seed,
+        )
+    )
+
+
 def north_of_the_north(seed: int) -> str:
     """People who would have to stand outside the area."""
     house = ("house", "house", 1, {"region": square(40, 80, 20)})
@@ -103,6 +117,7 @@ def main(count: int) -> None:
     timed("60 crates at 60 % fill, no gap asked for", sixty(24.0), 5)
     timed("60 crates at 50 % fill", sixty(26.3), 5)
     timed("20 houses, 20 sheds, 20 trees at 60 % fill", mixed, 5)
+    timed("20 houses at 50 % fill, 40 people in some, 4 between two", at_home, 5)
     timed("impossible by bearing and distance", north_of_the_north, 5)
     timed("impossible by areas that regions share", overfull, 5)
     timed("1000 people in a yard of 20 by 20 m", lambda seed: told(yard(20, ("p", "civilian", 1000, {}), seed=seed)), 5)
