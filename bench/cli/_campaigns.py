@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from ._named import named
+
 if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate
 
@@ -50,9 +52,11 @@ def run(
     if executor != "local":
         raise SetupError(Fault("--executor", f"{executor!r} is not there yet", "use local; docs/scope.md says what is there"))
     if dry_run:
-        _say_plan(campaign, workers, session_s, as_json=as_json)
+        with named(campaign):
+            _say_plan(campaign, workers, session_s, as_json=as_json)
         return
-    _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()))
+    with named(campaign):
+        _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()))
 
 
 def realize(
@@ -65,8 +69,9 @@ def realize(
     from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
 
     asked = load_campaign(campaign)
-    plans = realizations(asked)
-    infeasible = write_scenes(plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0)))
+    with named(campaign):
+        plans = realizations(asked)
+        infeasible = write_scenes(plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0)))
     written = [plan.id for plan in plans if plan.id not in infeasible]
     if as_json:
         quality = campaign_quality(asked).model_dump(mode="json")
@@ -74,7 +79,7 @@ def realize(
     else:
         print(f"{len(written)} realized SimSpecs in {out / 'simspecs'}")
         for name, reason in infeasible.items():
-            print(f"{name}: {reason}")
+            print(f"{campaign}: {name}: {reason}")
     if infeasible:
         raise typer.Exit(1)
 

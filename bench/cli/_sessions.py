@@ -35,6 +35,8 @@ def simulate(
     else:
         console = Console()
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
+        if not result.simulated_s:
+            ended = f"{simspec}: {ended}"
         # Reasons and evidence name fields as actors[people]: not markup.
         console.print(ended, markup=False, highlight=False, soft_wrap=True)
         table = Table()

@@ -227,3 +227,73 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(tmp_path: Path, cap
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
         assert run(["run", str(campaign), "--out", str(out)]) == 1
         assert f"rebar: {tmp_path / 'file'}" in capsys.readouterr().err
+
+
+YARD = """
+name: yard
+world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 20, north_m: 0}, {east_m: 20, north_m: 20}, {east_m: 0, north_m: 20}]}}
+vehicle: {home: {east_m: -30, north_m: -30}}
+"""
+BOWTIE = YARD.replace("east_m: 20, north_m: 20", "east_m: 0, north_m: 19")
+
+
+def actors(**fields: str) -> str:
+    return (
+        YARD
+        + "actors: [{id: people, asset: civilian, role: bystander, "
+        + ", ".join(f"{k}: {v}" for k, v in fields.items())
+        + "}]"
+    )
+
+
+BAD = {
+    "contradictory range": (actors(count="{low: 10, high: 5}"), "count.range: high 5 must exceed low 10"),
+    "zero area": (
+        actors(count="3", placement="{region: {corners: [" + "{east_m: 1, north_m: 1}, " * 4 + "]}}"),
+        "encloses less than",
+    ),
+    "a thousand in a small yard": (actors(count="1000"), "lower the counts, lower separation_m or widen the region"),
+    "a unit that does not fit": (
+        actors(count="3", placement="{spread_cm: 5}"),
+        "unknown field 'spread_cm' (did you mean spread_m?)",
+    ),
+    "unknown asset": (
+        actors(count="3", asset="tank").replace("asset: civilian, ", ""),
+        "there is no asset 'tank' (the catalogue has",
+    ),
+    "crossed": (BOWTIE.replace("{east_m: 20, north_m: 0}", "{east_m: 20, north_m: 22}"), "the polygon crosses itself"),
+    "circle": (
+        YARD
+        + "actors: [{id: a, asset: tree, role: clutter, count: 1, placement: {near: {of: b, max_m: 9}}},"
+        + " {id: b, asset: tree, role: clutter, count: 1, placement: {near: {of: a, max_m: 9}}}]",
+        "relate to each other in a circle (drop one of the relations)",
+    ),
+    "two distances": (
+        YARD
+        + "actors: [{id: a, asset: tree, role: clutter, count: 1}, {id: b, asset: crate, role: clutter, count: 2,"
+        + " placement: {near: {of: a, max_m: 4}, away: {of: a, min_m: 5, max_m: 9}}}]",
+        "(actors[b].placement.near)",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_situations_are_answered_with_file_field_and_mend(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a SimSpec to fly and as a campaign's base: refused within two seconds, with the file, the field, and what would do."""
+    document, said = BAD[name]
+    simspec, campaign = tmp_path / "yard.yaml", tmp_path / "camp.yaml"
+    simspec.write_text(document)
+    base = "".join(f"  {line}\n" for line in document.strip().splitlines())
+    campaign.write_text(f"name: camp\nagents: [{{manifest: reference-naive}}]\nbase:\n{base}")
+    out = str(tmp_path / "out")
+
+    for line in (["simulate", str(simspec), "--out", out], ["realize", str(campaign), "--out", out]):
+        began = time.process_time()
+        assert run(line) in (1, 2)
+        assert time.process_time() - began < 2.0
+        told = "".join(capsys.readouterr())
+        assert line[1] in told
+        assert said in told
+        assert "Traceback" not in told
