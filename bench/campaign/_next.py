@@ -150,7 +150,8 @@ class _Evidence:
         return (min(low for low, _ in found), max(high for _, high in found)) if found else None
 
     def _open(self, factor: str, agent: str, node: str) -> tuple[float, float] | None:
-        mine = self.runs.filter(pl.col("agent") == agent, pl.col("node") == node)
+        active = [point for point, levels in self.levels.items() if not isinstance(levels[factor], str)]
+        mine = self.runs.filter(pl.col("agent") == agent, pl.col("node") == node, pl.col("design_point").is_in(active))
         x = np.array([float(self.levels[point][factor]) for point in mine["design_point"]])
         passed = mine["passed"].to_numpy().astype(np.float64)
         # The curve is of difficulty, which passing falls with; where passing rises with the factor, its negative stands in.

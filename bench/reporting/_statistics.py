@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 import polars as pl
 
 from bench.errors import Fault, SetupError
+from bench.realization import INACTIVE
 from bench.scoring import (
     FactorLevel,
     Independence,
@@ -256,14 +257,20 @@ def factors_that_matter(data: ReportData) -> FactorsMatter:
     )
 
 
-def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel]], str]:
+def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel | None]], str]:
     stated = data.campaign.get("design")
     if not isinstance(stated, Mapping) or not stated.get("factors"):
         return {}, "The campaign's design varies no factor."
     points = points_of(data)
     if points is None:
         return {}, "The campaign's design cannot be read, so scores cannot be held against its factors."
-    return {point.id: point.levels for point in points}, ""
+    switched = {one["name"] for one in stated["factors"] if one.get("when")}
+    return {point.id: _active(point.levels, switched) for point in points}, ""
+
+
+def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, FactorLevel | None]:
+    """Levels with None for conditional factors that are inactive; of any other factor that word is a level."""
+    return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
 
 
 def _table(one: NodeFactors, frame: pl.DataFrame) -> FactorTable:

@@ -119,7 +119,10 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
     """
     if not factor.numeric or len(values) < 4 or len(factor.levels) < 2 or len(set(values)) < 2:
         return None
-    x, y = factor.numbers(), np.asarray(values, dtype=np.float64)
+    x, y = factor.numbers(), np.asarray(values, dtype=np.float64)[factor.active]
+    points = [point for point, active in zip(points, factor.active, strict=True) if active]
+    if len(y) < 4 or len(set(y.tolist())) < 2:
+        return None
     ranked = np.asarray(stats.rankdata(x)), np.asarray(stats.rankdata(y))
     clusters = cluster_codes(points)
     test, bend_p = _bend(x, y, clusters)
@@ -259,7 +262,7 @@ def _against_first(factor: FactorColumn) -> Term:
         columns = ((numbers - numbers.min()) / np.ptp(numbers))[:, None]
     else:
         columns = np.eye(len(factor.levels))[factor.codes()][:, 1:]
-    return Term((factor.name,), columns)
+    return Term((factor.name,), factor.spread_out(columns))
 
 
 def _odds(factor: FactorColumn, fit: _Likelihood | _Firth, place: slice) -> list[OddsRatio]:

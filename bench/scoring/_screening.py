@@ -48,7 +48,7 @@ class NodeFactors:
 
 
 def node_factors(
-    scores: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel]], agent: str, node: str
+    scores: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel | None]], agent: str, node: str
 ) -> NodeFactors | None:
     """Analyse one node of one agent; None where none of its runs was considered at a known design point.
 
@@ -90,7 +90,7 @@ def factor_frame(analyses: Iterable[NodeFactors]) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=FACTOR_COLUMNS)
 
 
-def _factors(rows: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel]]) -> tuple[FactorColumn, ...]:
+def _factors(rows: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel | None]]) -> tuple[FactorColumn, ...]:
     return factor_columns([levels[point] for point in rows["design_point"]])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,20 +19,28 @@ RANK_TOLERANCE = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class FactorColumn:
-    """The level of one factor in every run under analysis."""
+    """The level of one factor in every run under analysis, None in runs in which it is inactive.
+
+    Such a run tells nothing of the factor's effect: what differs between active and inactive is due to what switches it.
+    """
 
     name: str
-    values: tuple[FactorLevel, ...]
+    values: tuple[FactorLevel | None, ...]
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """(runs,) where it has a level."""
+        return np.array([one is not None for one in self.values], dtype=np.bool_)
 
     @property
     def numeric(self) -> bool:
         """Whether its levels are numbers; true and false are names."""
-        return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.values)
+        return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.values if one is not None)
 
     @property
     def levels(self) -> tuple[FactorLevel, ...]:
         """Each level once: numbers rising, names in the order of the runs."""
-        seen = dict.fromkeys(self.values)
+        seen = dict.fromkeys(one for one in self.values if one is not None)
         return tuple(sorted(seen, key=float)) if self.numeric else tuple(seen)
 
     @property
@@ -40,22 +48,32 @@ class FactorColumn:
         """Whether an analysis of variance takes it as a straight line."""
         return self.numeric and len(self.levels) > MOST_LEVELS
 
+    def among(self, rows: NDArray[np.bool_]) -> FactorColumn:
+        """The same in some of the runs."""
+        return FactorColumn(self.name, tuple(one for one, kept in zip(self.values, rows, strict=True) if kept))
+
     def numbers(self) -> NDArray[np.float64]:
-        """Its values; only for a numeric factor."""
-        return np.array([float(one) for one in self.values])
+        """Its values where it is active; only for a numeric factor."""
+        return np.array([float(one) for one in self.values if one is not None])
 
     def codes(self) -> NDArray[np.int64]:
-        """The place of each run's level among `levels`."""
+        """The place of each run's level among `levels`, where it is active."""
         place = {level: number for number, level in enumerate(self.levels)}
-        return np.array([place[one] for one in self.values], dtype=np.int64)
+        return np.array([place[one] for one in self.values if one is not None], dtype=np.int64)
+
+    def spread_out(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(runs, k) columns of the active runs, 0 elsewhere."""
+        whole = np.zeros((len(self.values), columns.shape[1]))
+        whole[self.active] = columns
+        return whole
 
     def contrasts(self) -> NDArray[np.float64]:
-        """(runs, degrees of freedom): a standardised line, or levels coded to sum to zero."""
+        """(runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0 where it is inactive."""
         if self.is_line:
             numbers = self.numbers()
-            return np.asarray((numbers - numbers.mean()) / numbers.std(), dtype=np.float64)[:, None]
+            return self.spread_out(((numbers - numbers.mean()) / numbers.std())[:, None])
         unit = np.vstack([np.eye(len(self.levels) - 1), -np.ones(len(self.levels) - 1)])
-        return np.asarray(unit[self.codes()], dtype=np.float64)
+        return self.spread_out(unit[self.codes()])
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +114,11 @@ class Terms:
         return f"cannot be told from {', '.join(others)}" if others else ""
 
 
-def factor_columns(levels: Sequence[Mapping[str, FactorLevel]]) -> tuple[FactorColumn, ...]:
-    """Columns from each run's levels, in the order of the first run. Raises ValueError where runs have different factors."""
+def factor_columns(levels: Sequence[Mapping[str, FactorLevel | None]]) -> tuple[FactorColumn, ...]:
+    """Columns from each run's levels, None where a factor is inactive, in the order of the first run.
+
+    Raises ValueError where runs have different factors.
+    """
     names = tuple(levels[0]) if levels else ()
     if any(set(one) != set(names) for one in levels):
         raise ValueError("every run must have a level of every factor")
@@ -206,11 +227,20 @@ class Independence:
 def independence(factors: Sequence[FactorColumn]) -> Independence:
     """Check a design's factors against each other, over the runs given."""
     varied = [one for one in factors if len(one.levels) > 1]
-    lines = itertools.combinations([one for one in varied if one.numeric], 2)
-    classed = itertools.combinations([one for one in varied if not one.is_line], 2)
+    lines = _varied_pairs([one for one in varied if one.numeric])
+    classed = _varied_pairs([one for one in varied if not one.is_line])
     r, r_pair = _largest((abs(float(np.corrcoef(a.numbers(), b.numbers())[0, 1])), (a.name, b.name)) for a, b in lines)
     v, v_pair = _largest((cramers_v(a, b), (a.name, b.name)) for a, b in classed)
     return Independence(r, r_pair, v, v_pair)
+
+
+def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColumn, FactorColumn]]:
+    """Each two over the runs in which both are active, where both vary there."""
+    for a, b in itertools.combinations(factors, 2):
+        both = a.active & b.active
+        one, other = a.among(both), b.among(both)
+        if len(one.levels) > 1 and len(other.levels) > 1:
+            yield one, other
 
 
 def cramers_v(first: FactorColumn, second: FactorColumn) -> float:

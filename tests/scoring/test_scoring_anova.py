@@ -10,7 +10,17 @@ import pytest
 from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.multitest import multipletests
 
-from bench.scoring import FactorColumn, anova, benjamini_hochberg, cramers_v, factor_columns, holm, independence
+from bench.scoring import (
+    FactorColumn,
+    anova,
+    benjamini_hochberg,
+    correlation,
+    cramers_v,
+    factor_columns,
+    holm,
+    independence,
+    logistic,
+)
 from bench.scoring._anova import CLUSTERED, PLAIN, clustered_errors, scaled_residuals
 
 
@@ -200,3 +210,54 @@ def test_residuals_that_are_all_alike_have_no_spread_to_test() -> None:
     assert _equal_spread(np.tile([1.0, -1.0], 4), design) is None
     torn = _equal_spread(np.array([0.0, 2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0]), design)
     assert torn is None or torn < 0.05
+
+
+def conditional(level: str = "inactive") -> tuple[list[dict[str, object]], list[float], list[str]]:
+    """Sixty runs: GPS drifts in half of them, by a number of its own, and only there costs something; a flag plays no part."""
+    draw = np.random.default_rng(4)
+    rows: list[dict[str, object]] = []
+    y = []
+    for run in range(60):
+        drifts = run % 2 == 0
+        drift = float(draw.uniform(1.0, 9.0)) if drifts else None
+        rows.append({"gps": "drifts" if drifts else "fine", "drift": drift, "beacon": level if run % 3 else "on"})
+        y.append(50.0 - (4.0 * drift if drift is not None else 20.0) + float(draw.normal(0.0, 1.0)))
+    return rows, y, [str(run) for run in range(60)]
+
+
+def test_a_range_that_is_active_in_some_runs_is_a_line_there() -> None:
+    """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside it."""
+    rows, y, points = conditional()
+    found = anova(y, factor_columns(rows), points)
+    effects = {one.term: one for one in found.effects}
+
+    assert effects["drift"].df == 1
+    assert effects["drift"].p is not None
+    assert effects["drift"].p < 1e-6
+    assert not [one for one in found.left_out if one.term in ("drift", "gps")]
+
+
+def test_a_level_that_is_called_inactive_is_a_level() -> None:
+    """The word changes nothing: only None stands for a factor that is not there."""
+    named, y, points = conditional("inactive")
+    other, _, _ = conditional("off")
+
+    assert [(e.term, e.df, e.p) for e in anova(y, factor_columns(named), points).effects] == [
+        (e.term, e.df, e.p) for e in anova(y, factor_columns(other), points).effects
+    ]
+    assert factor_columns(named)[2].levels == ("on", "inactive")
+
+
+def test_conditional_ranges_are_correlated_where_they_are_active() -> None:
+    """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own ends."""
+    rows, y, points = conditional()
+    columns = factor_columns(rows)
+    found = correlation(y, columns[1], points)
+
+    assert found is not None
+    assert found.n == 30
+    assert found.pearson < -0.95
+    passed = [value + (run % 5) * 4.0 > 34.0 for run, value in enumerate(y)]
+    (odds,) = (one for one in logistic(passed, columns, points).odds if one.factor == "drift")
+    assert (odds.base, odds.level) == tuple(str(columns[1].levels[end]) for end in (0, -1))
+    assert odds.estimate is None or odds.estimate < 1.0
