@@ -233,7 +233,7 @@ def _narrowed(factor: Factor, evidence: _Evidence) -> _Next | None:
 
 def _bounds(factor: Factor) -> tuple[float, float] | None:
     """The ends of a factor of numbers; None where it is none, or its levels stand for more than their number."""
-    if factor.when or factor.patches:
+    if factor.patches:
         return None
     if factor.range is not None:
         return factor.range.low, factor.range.high

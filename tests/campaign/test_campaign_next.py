@@ -170,3 +170,21 @@ def test_campaigns_from_which_nothing_follows(tmp_path: Path) -> None:
         propose_next(whole)
     with pytest.raises(SetupError, match="varies no factor"):
         propose_next(finished(tmp_path / "b", lambda _: 1.0))
+
+
+def test_a_conditional_range_that_matters_narrows_by_the_runs_in_which_it_is_active(tmp_path: Path) -> None:
+    """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the boundary."""
+    switch = {"name": "weather", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
+    fog = {**FOG, "when": "weather == 12.0"}
+
+    def chance(levels: Mapping[str, Any]) -> float:
+        return 0.5 if levels["fog"] == "inactive" else steep(levels)
+
+    folder = finished(tmp_path, chance, factors=[switch, fog, WIND], method={"kind": "sobol", "points": 128}, seed=5)
+    proposal = propose_next(folder)
+    kept = {factor.name: factor for factor in proposal.campaign.design.factors}
+
+    assert kept["fog"].range is not None
+    assert 0.5 < kept["fog"].range.low < 3.0 < kept["fog"].range.high < 5.5
+    assert kept["fog"].when == "weather == 12.0"
+    assert "weather" in kept
