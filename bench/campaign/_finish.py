@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import polars as pl
 
@@ -93,13 +94,17 @@ def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
 
 @dataclass(frozen=True, slots=True)
 class CampaignRuns:
-    """The runs of a campaign that have a result, as scoring takes them; recordings, and why each ended so, by realization."""
+    """The runs of a campaign that have a result, as scoring takes them; recordings, and why each ended so, by realization.
+
+    `fidelity` is the one at which they were flown.
+    """
 
     decomposition: Decomposition
     study: tuple[str, ...]
     runs: tuple[ScoredRun, ...]
     recordings: Mapping[str, Path]
     reasons: Mapping[str, str]
+    fidelity: Literal["full", "overhead"] = "full"
 
 
 def read_runs(path: Path, decomposition: str | None = None) -> CampaignRuns:
@@ -121,7 +126,7 @@ def read_runs(path: Path, decomposition: str | None = None) -> CampaignRuns:
             for run in runs
         ]
     reasons = {entry.id: entry.reason for entry in entries}
-    return CampaignRuns(asked, studied(asked, campaign.study), tuple(runs), recordings, reasons)
+    return CampaignRuns(asked, studied(asked, campaign.study), tuple(runs), recordings, reasons, campaign.fidelity)
 
 
 def read_campaign_folder(path: Path, decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:

@@ -13,6 +13,7 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
+from ._design import realizations
 from ._document import Campaign
 from ._folder import CampaignFolder, write_result
 from ._journal import Journal
@@ -40,11 +41,10 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
 
 
 def check_surrogates(campaign: Campaign) -> None:
-    """Raises SetupError with all that no surrogate can fly."""
+    """Raises SetupError with all that no surrogate can fly, in any of a campaign's scenes."""
     from bench.simulation.overhead import unfit
 
-    situation = campaign.situation
-    asked = [fault for agent in campaign.agents for fault in unfit(situation.model_copy(update={"agent": agent}))]
+    asked = [fault for plan in realizations(campaign) for fault in unfit(plan.simspec)]
     if asked:
         raise SetupError(list({str(fault): fault for fault in asked}.values()))
 

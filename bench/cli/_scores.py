@@ -91,6 +91,7 @@ class Target:
     scores: pl.DataFrame
     summary: pl.DataFrame
     last_words: tuple[str, ...] = field(default=())
+    fidelity: Literal["full", "overhead"] | None = None
 
     def report(self, *, per_run: bool) -> ScoreReport:
         """The document that `--json` prints."""
@@ -98,7 +99,9 @@ class Target:
 
         told = run_reports(self.scores, self.sources.recordings) if per_run or self.kind == "run" else None
         absent = absent_pairs(self.asked, self.runs)
-        return score_report(self.kind, self.source, self.asked, self.study, self.scores, self.summary, absent, told)
+        return score_report(
+            self.kind, self.source, self.asked, self.study, self.scores, self.summary, absent, told, self.fidelity
+        )
 
     def explained(self, node: str, limit: int) -> Explanation:
         """Why a node has its numbers. Raises SetupError for one that there is not."""
@@ -173,6 +176,7 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> T
         scores=scores,
         summary=summary_frame(scores, found.decomposition),
         last_words=tuple(words),
+        fidelity=found.fidelity,
     )
 
 
@@ -205,6 +209,7 @@ def _of_run(folder: Path, decomposition: str | None) -> Target:
         scores=scores,
         summary=summary_frame(scores, asked),
         last_words=(f"{result.outcome}, {result.simulated_s:.1f} simulated s",),
+        fidelity="full",
     )
 
 

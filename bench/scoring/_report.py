@@ -86,6 +86,10 @@ class ScoreReport(Document):
     format: Literal["rebar.score-report/1"] = "rebar.score-report/1"
     kind: Literal["campaign", "run", "observations"]
     source: Annotated[str, Field(description="The folder or file that was scored, as it was named.")]
+    fidelity: Annotated[
+        Literal["full", "overhead"] | None,
+        Field(description="overhead: surrogates on a ground plan, not the agents themselves. Null where nobody says."),
+    ] = None
     decomposition: str
     decomposition_sha256: Annotated[str, Field(description="Digest of the decomposition: scores compare where it is equal.")]
     study: Annotated[tuple[str, ...], Field(description="Key attributes whose difficulties make a configuration.")]
@@ -133,11 +137,13 @@ def score_report(
     summary: pl.DataFrame,
     absent: int,
     runs: tuple[RunReport, ...] | None = None,
+    fidelity: Literal["full", "overhead"] | None = None,
 ) -> ScoreReport:
     """The whole document over a score table and its summary."""
     return ScoreReport(
         kind=kind,
         source=source,
+        fidelity=fidelity,
         decomposition=decomposition.name,
         decomposition_sha256=decomposition.digest,
         study=tuple(study),

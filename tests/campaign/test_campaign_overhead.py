@@ -7,7 +7,18 @@ from typing import Any
 
 import pytest
 
-from bench.campaign import Campaign, CampaignFolder, finish_campaign, load_asked, load_campaign, run_campaign, verify_folder
+from bench.campaign import (
+    Campaign,
+    CampaignFolder,
+    estimate_campaign,
+    finish_campaign,
+    load_asked,
+    load_campaign,
+    read_runs,
+    run_campaign,
+    verify_folder,
+)
+from bench.cli._scores import campaign_report
 from bench.contracts import Outcome, SessionResult
 from bench.errors import SetupError
 from bench.simspec import AgentSpec
@@ -32,9 +43,9 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     assert summary.outcomes == {Outcome.COMPLETED: 4}
     for realization in tmp_path.joinpath("runs").iterdir():
         result = SessionResult.model_validate_json((folder.run(realization.name) / "result.json").read_bytes())
-        assert result.details == {"fidelity": "overhead", "not_computed": ["OBS-093"]}
+        assert result.details == {"fidelity": "overhead", "not_computed": []}
         assert {one.observable for one in result.observations} == set(asked.observables)
-        assert [one.observable for one in result.observations if not one.considered] == ["OBS-093"]
+        assert all(one.considered for one in result.observations)
     assert verify_folder(tmp_path) == []
     body = (tmp_path / "report.html").read_text().partition("</main>")[0]
     told = body.count("Overhead fidelity: surrogates on a ground plan")
@@ -58,3 +69,39 @@ def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_
         run_campaign(campaign, tmp_path, load_asked(campaign.decomposition))
 
     assert not (tmp_path / "campaign.yaml").exists()
+
+
+def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    campaign = load_campaign(DEMO.with_name("full.yaml"))
+    faults = next(factor for factor in campaign.design.factors if factor.name == "fault")
+    broken = {"vehicle.failures": [{"at_s": 90.0, "kind": "motor_off", "instance": 1}]}
+    changed = faults.model_copy(update={"patches": {**faults.patches, "battery_drop": broken}})
+    factors = tuple(changed if factor is faults else factor for factor in campaign.design.factors)
+    design = campaign.design.model_copy(update={"factors": factors})
+    asked = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
+
+    with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
+        run_campaign(asked, tmp_path, load_asked(asked.decomposition))
+
+    assert not (tmp_path / "simspecs").exists()
+
+
+def test_the_scores_for_a_machine_name_the_fidelity(tmp_path: Path) -> None:
+    campaign = overhead()
+    run_campaign(
+        campaign, tmp_path, load_asked(campaign.decomposition), finish=lambda place: finish_campaign(place.path) and None
+    )
+
+    assert campaign_report(tmp_path).fidelity == "overhead"
+    assert read_runs(tmp_path).fidelity == "overhead"
+
+
+@pytest.mark.parametrize("name", ["full", "rescue"])
+def test_campaigns_with_orders_failures_and_rules_can_be_foretold(name: str) -> None:
+    campaign = load_campaign(DEMO.with_name(f"{name}.yaml"))
+
+    estimate = estimate_campaign(campaign, workers=2)
+
+    assert estimate.outcomes == {"completed": estimate.realizations}
+    naive, careful = ([one.pass_rate for one in estimate.nodes if one.agent == agent.label] for agent in campaign.agents)
+    assert naive != careful

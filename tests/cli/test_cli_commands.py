@@ -142,6 +142,7 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
     assert {row["agent"] for row in first["nodes"]} == {"reference-naive"}
+    assert first["fidelity"] == "full"
     assert run(["verify", str(out)]) == 0
     assert (out / "report.html").stat().st_size > 1_000_000
 

@@ -25,6 +25,7 @@ ASKED: dict[str, tuple[str, dict[str, Any]]] = {
     "declared": ("bystanders_declared", {}),
     "flown": ("mission_flown", {"home_m": 10.0}),
     "tracks": ("no_false_tracks", {"within_m": 15.0}),
+    "confidence": ("track_confidence_honest", {}),
 }
 NAMES = list(ASKED)
 
@@ -131,26 +132,26 @@ def test_without_time_it_reports_nothing_and_with_little_only_the_urgent_one() -
 
 def test_what_it_cannot_compute_is_named_and_not_considered() -> None:
     observed = flown(scene())
-    asked = {"odd": ("detection_share", {"role": "bystander", "max_range_m": 50.0}), **ASKED}
+    asked = {"odd": ("detection_share", {"role": "bystander", "max_visible": 0.6}), **ASKED}
 
-    assert observed.missing == ("tracks",)
-    assert not observed.considered[:, NAMES.index("tracks")].any()
-    (reason,) = observed.of(0)[NAMES.index("tracks")].evidence
+    assert observed.missing == ("confidence",)
+    assert not observed.considered[:, NAMES.index("confidence")].any()
+    (reason,) = observed.of(0)[NAMES.index("confidence")].evidence
     assert "cannot compute" in reason.text
-    assert computed(asked) == tuple(name for name in NAMES if name != "tracks")
+    assert computed(asked) == tuple(name for name in NAMES if name != "confidence")
 
 
 def test_what_no_surrogate_flies_is_refused_all_at_once() -> None:
     stranger = scene().model_copy(update={"agent": AgentSpec(manifest="my-agent")})
-    ordered = scene(orders=[{"id": "home", "kind": "return", "at_s": 50.0}])
-
-    ruled = scene(rules={"report_deadline_s": 60.0, "bystander_standoff_m": 20.0, "no_mark_within_m": 30.0})
+    broken = scene(vehicle={"failures": [{"kind": "motor_off", "at_s": 50.0, "instance": 1}]})
+    empty = scene(vehicle={"failures": [{"kind": "battery_drop", "at_s": 50.0, "to_fraction": 0.1}]})
+    tuned = scene().model_copy(update={"agent": AgentSpec(manifest=AWARE, options={"overlap": 0.1})})
 
     with pytest.raises(SetupError) as refused:
-        pack([stranger, ordered, ruled])
+        pack([stranger, broken, empty, tuned])
 
-    where = {fault.where for fault in refused.value.faults}
-    assert where == {"agents", "orders", "rules.report_deadline_s", "rules.bystander_standoff_m"}
+    where = [fault.where for fault in refused.value.faults]
+    assert where == ["agents", "vehicle.failures[0]", "vehicle.failures[0]", "agent.options"]
 
 
 def test_values_lie_in_their_range_in_the_scenes_of_the_demo() -> None:

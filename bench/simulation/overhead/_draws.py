@@ -9,6 +9,7 @@ from scipy.special import ndtri
 Floats = NDArray[np.float64]
 Seeds = NDArray[np.uint64]
 Counts = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)

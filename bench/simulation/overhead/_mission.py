@@ -1,20 +1,25 @@
 """The surrogates: what the reference agents do, on a ground plan, many missions at once.
 
 They keep the reference agents' order of work: the most urgent sub-area first, a lawnmower over it, a round about what is
-not identified yet, a report; the bystander-aware one withholds the mark where it knows of people, sweeps the surroundings
-where it knows of none, and comes back at the end. docs/fidelity.md lists what they leave out.
+not identified yet, a report; the bystander-aware one withholds the mark where it knows of people, looks round where it has not
+seen enough, and comes back at the end. docs/fidelity.md lists what they leave out.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ._batch import EPOCH_S, EPOCHS, Batch, Bools
-from ._draws import Counts, Floats, normal, uniform
+from ._batch import EPOCH_S, EPOCHS, Batch
+from ._delays import delayed, opens_s, stood_through
+from ._draws import Bools, Counts, Floats
+from ._homeward import Homeward
+from ._hunts import NEVER_S, Hunts
+from ._known import Known, Memory
+from ._outcome import Flown, outcome
 from ._paths import along, around, legs
-from ._views import Stretch, Views, look, rightly
+from ._views import Stretch, Views, look, shown
 
 READY_S = 5.7
 """From the start to arming, of the simulated PX4."""
@@ -29,49 +34,34 @@ FIRST_HEIGHT_M = 6.0
 DOWN_S = 19.0
 """From over home, low, to disarmed; the reference agent plans with LANDING_S."""
 
-LANDING_S = 24.0
-SAFE_HEIGHT_M = 15.0
 DESCENT_MPS = 1.5
-PLANNED_DESCENT_MPS = 1.2
+LAST_WORD_S = 3.0
 TURN_S = 3.0
-RESERVE_S = 8.0
 SEARCH_S = 15.0
+HURRY_S = 30.0
 INSPECT_MPS = 8.0
+SAFE_HEIGHT_M = 15.0
 
-MIN_FRAMES = 6
-MIN_VIEWPOINT_RAD = np.radians(25.0)
-FRAMES_A_LOOK = 4.0
-MOST_LOOKS = 4.0
-MEAN_SCORE = 0.9
-"""Mean score of a right label, for the confidence that a track reaches."""
-
-SWAY_M = 2.5
-"""One sigma by which a sighting's place and the aircraft's are off across the line of sight: near below, a wide angle."""
-
+MEMORY_S = 45.0
+UNSEEN_SHARE = 0.08
 BYSTANDER_MARGIN_M = 6.0
-KNOWN_FRAMES = 2.0
+PEOPLE_MARGIN_M = 6.0
+CAREFUL_MPS2 = 2.0
+CORNER_MPS = 4.0
+BRAKING_MPS2 = 2.5
 
 SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
 
-_LUCK_SEEN, _LUCK_LABEL, _LUCK_COUNT, _LUCK_PLACE, _LUCK_SWAY = 1000, 2000, 3000, 4000, 6000
-_NEVER_S = np.inf
+
+def _disc() -> Floats:
+    """Places of a disc of radius 1 on a grid: some 11 m apart in surroundings of 56 m."""
+    steps = np.linspace(-1.0, 1.0, 11)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    disc: Floats = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0]
+    return disc
 
 
-@dataclass(frozen=True, slots=True)
-class Flown:
-    """What came of a batch. Times are inf where something never happened; tasks are in the order of the SimSpec."""
-
-    reported_s: Floats  # (n, k)
-    marked_s: Floats  # (n, k)
-    declared: Bools  # (n, k) bystanders, in the first report
-    clear_mark: Bools  # (n, k) marked while no bystander was within the no-mark distance
-    near_at_report_m: Floats  # (n, k) true distance of the nearest bystander to the target
-    error_m: Floats  # (n, k)
-    exposure_s: Floats  # (n, k)
-    entered: Bools  # (n, a) inside a sub-area at some moment
-    reached: Bools  # (n,) some sub-area was flown to
-    end_s: Floats  # (n,)
-    views: Views
+_DISC = _disc()
 
 
 def fly(batch: Batch) -> Flown:
@@ -80,22 +70,32 @@ def fly(batch: Batch) -> Flown:
 
 
 class _Flight:
-    """The state of all missions of a batch; `rows` are those that take part in a step."""
+    """The state of all missions of a batch; `rows` are those that take part in a step, `task` one of each."""
 
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
         count, tasks = batch.task_radius_m.shape
         self._everybody = batch.places()
+        self._hunts = Hunts(batch)
+        self._homeward = Homeward(batch)
+        self._eventful = bool(batch.interrupted.any())
+        self._slows = bool(np.isfinite(batch.slow_mps).any())
         self._now_s = np.full(count, READY_S)
         self._away_s = self._now_s
         self._place_m = batch.home_m.copy()
+        self._course: list[Stretch] = []
         self._views: list[Views] = []
+        self._memory = Memory(batch)
         self._task_is = batch.task_radius_m > 0.0
         self._done = ~self._task_is
+        self._passes = np.zeros((count, tasks), dtype=np.int64)
+        self._heeded = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
+        self._settled = np.zeros((count, tasks), dtype=np.bool_)  # reported, or to be when that is allowed
+        self._over = np.zeros(count, dtype=np.bool_)  # nothing is left but to come down
         self._reached = np.zeros(count, dtype=np.bool_)
-        self._reported_s = np.full((count, tasks), _NEVER_S)
-        self._marked_s = np.full((count, tasks), _NEVER_S)
-        self._declared = np.zeros((count, tasks), dtype=np.bool_)
+        self._reported_s = np.full((count, tasks), NEVER_S)
+        self._marked_s = np.full((count, tasks), NEVER_S)
+        self._known = Known.nobody((count, tasks))
         depth = batch.height_m / np.sin(batch.tilt_rad)
         self._middle_m = np.minimum(batch.height_m / np.maximum(np.tan(batch.tilt_rad), 1e-3), 400.0)
         self._swath_m = 2.0 * depth * batch.tan_half
@@ -103,143 +103,237 @@ class _Flight:
 
     def whole(self) -> Flown:
         """From the start to the ground."""
-        tasks = self._task_is.shape[1]
-        first_s = np.where(self._task_is, self._batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
-        self._now_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0)) + CLIMB_S
-        self._away_s = self._now_s.copy()
-        for _ in range(tasks):
+        batch, tasks = self._batch, self._task_is.shape[1]
+        first_s = np.where(self._task_is, batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
+        begin_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0))
+        if self._eventful:
+            begin_s = stood_through(batch.stands_s, begin_s, batch.limit_s)
+            self._over = (batch.ends_s <= begin_s) | (batch.interrupted & (begin_s >= batch.limit_s))
+        self._now_s = begin_s + CLIMB_S + np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
+        self._away_s = self._now_s - np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
+        again = 4 if self._eventful or (batch.task_delivered_s > 0.0).any() else 1
+        for _ in range(again * tasks):
             rows, task = self._choose()
             if len(rows):
                 self._work_on(rows, task)
         for place in range(tasks):
             self._revisit(place)
+        self._mark_as_ordered()
         self._go_home()
         return self._outcome()
 
     # Which task.
 
     def _choose(self) -> tuple[Counts, Counts]:
-        """The most urgent, then nearest, of what is known and fits; what comes later is waited for."""
+        """What is ordered to be next, then the most urgent, then the nearest; what comes later is waited for."""
         batch = self._batch
+        if self._eventful:
+            self._take_up_again()
         away_m = np.hypot(*np.moveaxis(batch.task_m - self._place_m[:, None, :], -1, 0))
         late_s = np.maximum(batch.task_delivered_s - self._now_s[:, None], 0.0)
         key = batch.task_priority * 1e6 + away_m + np.where(late_s > 0.0, 1e9 + 1e6 * late_s, 0.0)
-        key = np.where(self._done, np.inf, key)
+        if self._eventful:
+            key = np.where(
+                self._is_ordered(self._now_s), -1e10 * (1.0 + np.where(np.isinf(batch.first_s), 0.0, batch.first_s)), key
+            )
+        key = np.where(self._done | self._over[:, None], np.inf, key)
         task = key.argmin(axis=1)
         row = np.arange(len(task))
-        open_ = ~self._done[row, task]
-        self._done[row, task] = True
+        open_ = ~self._done[row, task] & ~self._over
+        self._done[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
+        if self._eventful:
+            begin_s = np.where(begin_s > self._now_s, stood_through(batch.stands_s, begin_s, batch.limit_s), begin_s)
+            ended = open_ & (begin_s >= batch.ends_s)
+            self._over |= ended
+            self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)
+            open_ &= ~ended
         fits = open_ & self._fits(row, task, begin_s, SEARCH_S)
         rows = np.flatnonzero(fits)
         self._now_s[rows] = begin_s[rows]
         return rows, task[rows]
 
+    def _is_ordered(self, now_s: Floats) -> Bools:
+        """(n, k) ordered to be next, by then, and known when it was."""
+        first_s = self._batch.first_s
+        ordered: Bools = (first_s <= now_s[:, None]) & (self._batch.task_delivered_s <= first_s)
+        return ordered
+
+    def _take_up_again(self) -> None:
+        """What was given up, and is ordered to be next, waits again."""
+        heeds = self._is_ordered(self._now_s) & ~self._heeded
+        self._heeded |= heeds
+        again = heeds & self._done & self._task_is & np.isinf(self._hunts.found_s)
+        self._done &= ~again
+        self._passes[again] = 0
+
     def _fits(self, rows: Counts, task: Counts, begin_s: Floats, work_s: float | Floats) -> Bools:
-        batch = self._batch
-        goal_m = batch.task_m[rows, task]
-        there_s = _apart_m(self._place_m[rows], goal_m) / batch.speed_mps[rows] + TURN_S
-        back_s = (_apart_m(goal_m, batch.home_m[rows]) / batch.speed_mps[rows] + TURN_S) * batch.returns[rows]
-        down_s = np.maximum(batch.height_m[rows] - SAFE_HEIGHT_M, 0.0) / PLANNED_DESCENT_MPS
-        home_s = np.maximum(back_s, down_s) + LANDING_S
-        fits: Bools = begin_s + there_s + work_s + home_s + RESERVE_S < batch.limit_s[rows]
+        """Whether there is time to go to a task, work there for a while, and come home."""
+        goal_m = self._batch.task_m[rows, task]
+        there_s = self._homeward.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows] + TURN_S
+        fits: Bools = begin_s + there_s + work_s < self._homeward.latest_s(rows, goal_m, begin_s)
         return fits
 
     # One task.
 
     def _work_on(self, rows: Counts, task: Counts) -> None:
         batch = self._batch
-        toward = batch.task_m[rows, task] - self._place_m[rows]
-        heading_rad = np.arctan2(toward[:, 0], toward[:, 1])
-        radius_m = batch.task_radius_m[rows, task]
         self._reached[rows] = True
-        path_m = self._lawnmower(rows, batch.task_m[rows, task], radius_m, heading_rad)
-        hunt = _Hunt(batch, rows, batch.task_actor[rows, task])
-        hunt.take(self._fly_along(rows, path_m, batch.speed_mps[rows], SEARCH_MOMENTS), SEARCH_MOMENTS)
-        self._inspect(hunt)
-        again = self._worth_another(hunt, task, path_m)
-        if len(again):
-            more = self._lawnmower(
-                rows[again], batch.task_m[rows[again], task[again]], radius_m[again], heading_rad[again] + np.pi / 2.0
-            )
-            found = self._fly_along(rows[again], more, batch.speed_mps[rows[again]], SEARCH_MOMENTS)
-            hunt.take(found, SEARCH_MOMENTS)
-            self._inspect(hunt)
-        self._report(hunt, task)
+        toward = batch.task_m[rows, task] - self._place_m[rows]
+        heading_rad = np.arctan2(toward[:, 0], toward[:, 1]) + self._passes[rows, task] % 2 * np.pi / 2.0
+        rows, task, heading_rad = self._search(rows, task, heading_rad)
+        if not len(rows):
+            return
+        path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad + np.pi / 2.0)
+        again = self._worth_another(rows, task, path_m)
+        self._search(rows[again], task[again], heading_rad[again] + np.pi / 2.0)
 
-    def _worth_another(self, hunt: _Hunt, task: Counts, path_m: Floats) -> Counts:
+    def _search(self, rows: Counts, task: Counts, heading_rad: Floats) -> tuple[Counts, Counts, Floats]:
+        """One pass over a sub-area and what follows from it; those that have not found and were not called away."""
+        batch = self._batch
+        self._passes[rows, task] += 1
+        path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad)
+        stays = self._fly_along(rows, path_m, SEARCH_MOMENTS, task=task)
+        rows, task, heading_rad = rows[stays], task[stays], heading_rad[stays]
+        open_ = self._still_open(rows, task)
+        inspected = np.flatnonzero(open_ & (self._hunts.frames[rows, task] >= 2.0))
+        stays = np.ones(len(rows), dtype=np.bool_)
+        if len(inspected):
+            some = rows[inspected], task[inspected]
+            stays[inspected] = self._fly_around(*some, self._targets_m(*some))
+            self._look_round(*(one[stays[inspected]] for one in some))
+        left = stays & np.isinf(self._hunts.found_s[rows, task]) & ~self._over[rows]
+        return rows[left], task[left], heading_rad[left]
+
+    def _still_open(self, rows: Counts, task: Counts) -> Bools:
+        """Settle what was identified on the way; whether it is not reported yet."""
+        found_s = self._hunts.found_s[rows, task]
+        found = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
+        if len(found):
+            self._judge(rows[found], task[found], found_s[found])
+            again = found[~self._settled[rows[found], task[found]] & ~self._over[rows[found]]]
+            if len(again):  # seen more of it by now
+                self._judge(rows[again], task[again], self._now_s[rows[again]])
+        open_: Bools = ~self._settled[rows, task] & ~self._over[rows]
+        return open_
+
+    def _judge(self, rows: Counts, task: Counts, at_s: Floats) -> None:
+        """Report at a moment what the policy is content with by then; the careful one may want to see more first."""
+        careful = self._batch.aware[rows]
+        plain = ~careful
+        self._say(rows[plain], task[plain], at_s[plain], marks=True)
+        rows, task, at_s = rows[careful], task[careful], at_s[careful]
+        if not len(rows):
+            return
+        known = self._knows(rows, task, at_s)
+        self._known.put(rows, task, known)
+        near = known.near > 0
+        self._say(rows[near], task[near], at_s[near], marks=False)
+        rows, task, at_s = rows[~near], task[~near], at_s[~near]
+        clear = self._unseen(rows, task, at_s) <= UNSEEN_SHARE
+        self._say(rows[clear], task[clear], at_s[clear], marks=True)
+
+    def _say(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
+        """Reported as soon as that is allowed."""
+        batch = self._batch
+        said_s = opens_s(batch.closed_s[rows], at_s)
+        said_s = np.where(said_s < batch.limit_s[rows] - LAST_WORD_S, said_s, NEVER_S)
+        self._reported_s[rows, task] = said_s
+        self._settled[rows, task] = True
+        if marks:
+            self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], said_s)
+
+    def _look_round(self, rows: Counts, task: Counts) -> None:
+        """After a round: what is identified is reported, by the careful one once it has swept what it has not seen."""
+        batch = self._batch
+        left = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._hunts.found_s[rows, task]))
+        if not len(left):
+            return
+        rows, task = rows[left], task[left]
+        toward = batch.task_m[rows, task] - self._place_m[rows]
+        around_m = batch.no_mark_m[rows] + BYSTANDER_MARGIN_M
+        path_m = self._lawnmower(rows, self._targets_m(rows, task), around_m, np.arctan2(toward[:, 0], toward[:, 1]))
+        self._fly_along(rows, path_m, RING_MOMENTS)
+        at_s = self._now_s[rows]
+        self._judge(rows, task, at_s)
+        left = np.flatnonzero(~self._settled[rows, task])  # what one sweep does not show stays unseen
+        self._say(rows[left], task[left], at_s[left], marks=False)
+
+    def _worth_another(self, rows: Counts, task: Counts, path_m: Floats) -> Counts:
         """A second pass, across, where nothing else waits and there is time."""
-        rows = hunt.rows
-        open_ = np.isinf(hunt.found_s) & self._done[rows].all(axis=1)
+        waits = ~self._done[rows] & (self._batch.task_delivered_s[rows] <= self._now_s[rows][:, None])
+        open_ = ~waits.any(axis=1) & (self._passes[rows, task] < 2)
         steps = np.diff(path_m, axis=1)
         work_s = np.hypot(steps[:, :, 0], steps[:, :, 1]).sum(axis=1) / self._batch.speed_mps[rows]
         return np.flatnonzero(open_ & self._fits(rows, task, self._now_s[rows], work_s))
-
-    def _inspect(self, hunt: _Hunt) -> None:
-        """A round about what was seen and is not identified."""
-        own = np.flatnonzero(np.isinf(hunt.found_s) & (hunt.frames >= 2.0))
-        if len(own):
-            rows = hunt.rows[own]
-            center_m = self._batch.start_m[rows, hunt.actor[own]]
-            hunt.take(self._fly_around(rows, center_m), RING_MOMENTS)
-
-    def _report(self, hunt: _Hunt, task: Counts) -> None:
-        batch = self._batch
-        found = np.flatnonzero(np.isfinite(hunt.found_s))
-        rows, task, at_s = hunt.rows[found], task[found], hunt.found_s[found]
-        self._reported_s[rows, task] = at_s
-        careful = batch.aware[rows]
-        plain = np.flatnonzero(~careful)
-        self._marked_s[rows[plain], task[plain]] = at_s[plain]
-        rows, task, at_s, actor = rows[careful], task[careful], at_s[careful], hunt.actor[found][careful]
-        if not len(rows):
-            return
-        known = self._knows(rows, actor, at_s)
-        self._declared[rows[known], task[known]] = True
-        rows, task, actor = rows[~known], task[~known], actor[~known]
-        if not len(rows):
-            return
-        known = self._knows(rows, actor, self._now_s[rows])
-        sweep = np.flatnonzero(~known)
-        if len(sweep):
-            some = rows[sweep]
-            around_m = batch.no_mark_m[some] + BYSTANDER_MARGIN_M
-            path_m = self._lawnmower(some, batch.start_m[some, actor[sweep]], around_m, np.zeros(len(some)))
-            self._fly_along(some, path_m, batch.speed_mps[some], RING_MOMENTS)
-            known = self._knows(rows, actor, self._now_s[rows])
-        self._reported_s[rows, task] = self._now_s[rows]
-        self._declared[rows, task] = known
-        self._marked_s[rows[~known], task[~known]] = self._now_s[rows[~known]]
 
     def _revisit(self, place: int) -> None:
         """Back to a target whose mark was withheld, after all the rest."""
         batch = self._batch
         order = np.argsort(np.where(self._task_is, batch.task_priority, 99), axis=1, kind="stable")[:, place]
         row = np.arange(len(batch))
-        withheld = np.isfinite(self._reported_s[row, order]) & np.isinf(self._marked_s[row, order])
+        withheld = (self._reported_s[row, order] <= self._now_s) & np.isinf(self._marked_s[row, order]) & ~self._over
+        withheld &= opens_s(batch.closed_s, self._now_s) <= self._now_s
         round_s = 2.0 * np.pi * self._ring_m / INSPECT_MPS
         rows = np.flatnonzero(withheld & self._fits(row, order, self._now_s, round_s))
         if not len(rows):
             return
         chosen = order[rows]
-        actor = batch.task_actor[rows, chosen]
-        seen = self._fly_around(rows, batch.start_m[rows, actor])
-        clear = ~_counted(batch, seen, rows, actor, self._everybody_at(rows, self._now_s[rows]))
-        self._marked_s[rows[clear], chosen[clear]] = self._now_s[rows[clear]]
+        stays = self._fly_around(rows, chosen, self._targets_m(rows, chosen))
+        rows, chosen = rows[stays], chosen[stays]
+        at_s = self._now_s[rows]
+        clear = self._memory.near(rows, chosen, at_s, self._everybody_at(rows, at_s), lately=True).near == 0
+        clear[clear] = self._unseen(rows[clear], chosen[clear], at_s[clear]) <= UNSEEN_SHARE
+        said_s = opens_s(batch.closed_s[rows], at_s)
+        self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
+
+    def _mark_as_ordered(self) -> None:
+        """Targets that were identified by then; the careful one refuses where it knows of people, or has not looked."""
+        batch = self._batch
+        for index in range(batch.mark_s.shape[1]):
+            at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
+            row = np.arange(len(batch))
+            able = (batch.mark_task[:, index] >= 0) & (self._hunts.found_s[row, task] <= at_s) & (at_s <= self._now_s)
+            able &= opens_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
+            rows = np.flatnonzero(able)
+            if not len(rows):
+                continue
+            chosen, when_s = task[rows], at_s[rows]
+            careful = batch.aware[rows]
+            refuses = careful & (self._knows(rows, chosen, when_s).near > 0)
+            refuses[careful] |= self._unseen(rows[careful], chosen[careful], when_s[careful]) > UNSEEN_SHARE
+            rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
+            self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
+            self._reported_s[rows, chosen] = np.minimum(self._reported_s[rows, chosen], when_s)
 
     def _go_home(self) -> None:
         batch = self._batch
         rows = np.arange(len(batch))
-        away_m = _apart_m(self._place_m, batch.home_m)
+        away_m = np.hypot(*(self._place_m - batch.home_m).T)
         lower_s = np.maximum(batch.height_m - SAFE_HEIGHT_M, 0.0) / DESCENT_MPS
-        path_m = np.stack((self._place_m, np.where(batch.returns[:, None], batch.home_m, self._place_m)), axis=1)
-        begin_s = self._now_s
-        stretch, there_s = along(rows, path_m, begin_s, batch.speed_mps, batch.height_m, batch.rate_hz, HOME_MOMENTS)
-        high_m = np.maximum(batch.height_m[:, None] - DESCENT_MPS * (stretch.time_s - begin_s[:, None]), SAFE_HEIGHT_M)
-        lowered = replace(stretch, height_m=np.minimum(high_m, stretch.height_m))
-        self._views.append(look(batch, lowered, self._everybody_at(rows, begin_s)))
+        goal_m = np.where(batch.returns[:, None], batch.home_m, self._place_m)
+        begin_s = self._now_s.copy()
+        path_m = self._homeward.paths(rows, np.stack((self._place_m, goal_m), axis=1), begin_s)
+        stretch, there_s = along(rows, path_m, begin_s, batch.speed_mps, batch.height_m, HOME_MOMENTS)
+        since_s = np.where(batch.keeps_up, there_s, begin_s)
+        high_m = np.maximum(
+            batch.height_m[:, None] - DESCENT_MPS * np.maximum(stretch.time_s - since_s[:, None], 0.0), SAFE_HEIGHT_M
+        )
+        stretch = replace(stretch, height_m=np.minimum(high_m, stretch.height_m))
         flies = np.where(batch.returns & (away_m > 1e-6), there_s - begin_s, 0.0)
-        self._now_s = begin_s + np.maximum(flies, lower_s) + DOWN_S
+        end_s = begin_s + np.where(batch.keeps_up, flies + lower_s, np.maximum(flies, lower_s))
+        place_m = goal_m
+        if self._slows:
+            stretch, end_s = self._slowed(stretch, end_s)
+        if self._eventful:
+            stretch, end_s, _ = delayed(batch, stretch, end_s, self._homeward.latest_s(rows, self._place_m, begin_s))
+            down = batch.down_s < end_s
+            stretch, place_m = _cut(stretch, goal_m, np.where(down, np.maximum(batch.down_s, begin_s), np.inf), self._place_m)
+            end_s = np.where(down, np.maximum(batch.down_s, begin_s) + lower_s, end_s)
+        self._views.append(self._seen(stretch, begin_s))
+        self._course.append(stretch)
+        self._place_m = place_m
+        self._now_s = end_s + DOWN_S
 
     # Flying.
 
@@ -249,198 +343,199 @@ class _Flight:
         path_m = legs(center_m, radius_m, heading_rad, self._swath_m[rows], near_m, self._middle_m[rows])
         return np.concatenate((self._place_m[rows][:, None, :], path_m), axis=1)
 
-    def _fly_along(self, rows: Counts, path_m: Floats, speed_mps: Floats, moments: int) -> Views:
-        batch = self._batch
-        stretch, end_s = along(rows, path_m, self._now_s[rows], speed_mps, batch.height_m[rows], batch.rate_hz[rows], moments)
-        return self._taken(stretch, end_s, path_m[:, -1])
+    def _fly_along(self, rows: Counts, path_m: Floats, moments: int, task: Counts | None = None) -> Bools:
+        if not len(rows):
+            return np.zeros(0, dtype=np.bool_)
+        batch, begin_s = self._batch, self._now_s[rows]
+        path_m = self._homeward.paths(rows, path_m, begin_s)
+        stretch, end_s = along(rows, path_m, begin_s, batch.speed_mps[rows], batch.height_m[rows], moments)
+        return self._taken(stretch, end_s, path_m[:, -1], task)
 
-    def _fly_around(self, rows: Counts, center_m: Floats) -> Views:
+    def _fly_around(self, rows: Counts, task: Counts, center_m: Floats) -> Bools:
+        """Once round a target, until that is settled."""
         batch = self._batch
         radius_m = self._ring_m[rows]
-        there_s = np.abs(_apart_m(self._place_m[rows], center_m) - radius_m) / batch.speed_mps[rows] + TURN_S
+        apart_m = self._homeward.way_m(rows, self._place_m[rows], center_m, self._now_s[rows])
+        speed_mps = batch.speed_mps[rows]
+        braking_s = np.maximum(speed_mps - CORNER_MPS, 0.0) ** 2 / (2.0 * BRAKING_MPS2 * speed_mps)
+        there_s = self._now_s[rows] + np.abs(apart_m - radius_m) / speed_mps + braking_s
         stretch, end_s = around(
-            rows,
-            center_m,
-            self._place_m[rows],
-            radius_m,
-            self._now_s[rows] + there_s,
-            INSPECT_MPS,
-            batch.height_m[rows],
-            batch.rate_hz[rows],
-            RING_MOMENTS,
+            rows, center_m, self._place_m[rows], radius_m, there_s, INSPECT_MPS, batch.height_m[rows], RING_MOMENTS
         )
-        return self._taken(stretch, end_s, stretch.place_m[:, -1])
+        return self._taken(stretch, end_s, stretch.place_m[:, -1], task, round_it=True)
 
-    def _taken(self, stretch: Stretch, end_s: Floats, place_m: Floats) -> Views:
-        rows = stretch.rows
+    def _taken(
+        self, stretch: Stretch, end_s: Floats, place_m: Floats, task: Counts | None = None, *, round_it: bool = False
+    ) -> Bools:
+        """Fly a stretch as far as nothing calls away from it; (r,) whether it stays with its task."""
+        rows, begin_s = stretch.rows, self._now_s[stretch.rows]
         climbed_m = FIRST_HEIGHT_M + CLIMB_MPS * (stretch.time_s - self._away_s[rows][:, None])
         stretch = replace(stretch, height_m=np.minimum(stretch.height_m, climbed_m))
-        views = look(self._batch, stretch, self._everybody_at(rows, self._now_s[rows]))
+        if self._slows:
+            stretch, end_s = self._slowed(stretch, end_s)
+        astray_s = self._batch.ends_s[rows]
+        if self._eventful:
+            stretch, end_s, astray_s = delayed(self._batch, stretch, end_s)
+        over_s = self._homeward.turns_back_s(stretch, begin_s, end_s, self._away_s[rows])
+        over_s = np.minimum(over_s, np.maximum(np.minimum(astray_s, self._batch.ends_s[rows]), begin_s))
+        views = self._seen(stretch, begin_s)
+        leaves_s = np.full(len(rows), np.inf)
         self._views.append(views)
-        self._now_s[rows] = end_s
+        self._memory.add(views)
+        if task is not None:
+            seen = self._hunts.looked(rows, task, stretch, views, self._everybody_at(rows, begin_s))
+            found_s = self._hunts.found_by(seen)
+            leaves_s = self._leaves_s(rows, task, found_s, begin_s, end_s, round_it=round_it)
+            until_s = np.minimum(over_s, leaves_s)
+            self._hunts.take(seen, found_s, until_s)
+        called_s = np.minimum(over_s, leaves_s)
+        cut_s = np.where(called_s < end_s, np.maximum(called_s, begin_s), np.inf)
+        if np.isfinite(cut_s).any():
+            limit_s = np.full(len(self._batch), np.inf)
+            limit_s[rows] = cut_s
+            flown = views.time_s <= limit_s[views.row]
+            self._views[-1] = views.where(flown)
+            self._memory.keep(flown)
+            stretch, place_m = _cut(stretch, place_m, cut_s, self._place_m[rows])
+        self._course.append(stretch)
+        self._now_s[rows] = np.minimum(end_s, cut_s)
         self._place_m[rows] = place_m
+        self._over[rows] |= over_s < np.minimum(end_s, np.maximum(leaves_s, begin_s))
+        if task is None:
+            return ~self._over[rows]
+        diverted = (leaves_s < end_s) & ~self._over[rows] & np.isinf(self._hunts.found_s[rows, task])
+        self._done[rows[diverted], task[diverted]] = False
+        gone: Bools = diverted | self._over[rows]
+        ready = np.flatnonzero(gone & np.isfinite(self._hunts.found_s[rows, task]))
+        if len(ready):
+            some = rows[ready], task[ready]
+            self._judge(*some, self._hunts.found_s[some])
+        stays: Bools = ~gone
+        return stays
+
+    def _leaves_s(self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool) -> Floats:
+        """(r,) when something else is turned to: the target is settled, or another task is more urgent; inf for never."""
+        batch = self._batch
+        leaves_s = np.full(len(rows), np.inf)
+        settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))
+        settles &= ~self._settled[rows, task]
+        at = np.flatnonzero(settles)
+        if len(at):
+            content = ~batch.aware[rows[at]]
+            careful = at[~content]
+            if len(careful):
+                content[~content] = self._knows(rows[careful], task[careful], found_s[careful]).near > 0
+            leaves_s[at[content]] = np.maximum(found_s[at[content]], begin_s[at[content]])
+        others = ~self._done[rows]
+        if others.any():
+            found = np.flatnonzero(others.any(axis=1))
+            leaves_s[found] = np.minimum(
+                leaves_s[found], self._called_s(rows[found], task[found], found_s[found], begin_s[found])
+            )
+        return leaves_s
+
+    def _called_s(self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats) -> Floats:
+        """(r,) when another task that waits is more urgent than this one, or would come too late otherwise."""
+        batch, others = self._batch, ~self._done[rows]
+        told_s, rank = batch.task_delivered_s[rows], batch.task_priority[rows]
+        urgent = others & (rank < rank[np.arange(len(rows)), task][:, None]) & (told_s > begin_s[:, None])
+        urgent &= ~self._is_ordered(self._now_s)[rows, task][:, None]
+        called_s: Floats = np.where(urgent, told_s, np.inf).min(axis=1)
+        called_s = np.where(called_s < found_s, called_s, np.inf)
+        if self._eventful:
+            first_s = batch.first_s[rows]
+            ordered = others & (told_s <= first_s) & (first_s > begin_s[:, None])
+            called_s = np.minimum(called_s, np.where(ordered, first_s, np.inf).min(axis=1))
+        here_m = batch.task_m[rows, task]
+        for other in range(others.shape[1]):
+            waits = np.flatnonzero(others[:, other] & (told_s[:, other] <= found_s) & np.isfinite(found_s))
+            if len(waits):
+                some, goal_m = rows[waits], batch.task_m[rows[waits], other]
+                way_s = (
+                    self._homeward.way_m(some, here_m[waits], goal_m, begin_s[waits]) / batch.pace_mps[some] + TURN_S + SEARCH_S
+                )
+                fits_s = self._homeward.latest_s(some, goal_m, begin_s[waits]) - way_s
+                due_s = told_s[waits, other] + batch.deadline_s[some] - way_s
+                hurry_s = np.maximum(np.minimum(fits_s, due_s) - HURRY_S, found_s[waits])
+                called_s[waits] = np.where(hurry_s < fits_s, np.minimum(called_s[waits], hurry_s), called_s[waits])
+        return called_s
+
+    def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
+        """Slow by the time that it is near anybody."""
+        batch, rows = self._batch, stretch.rows
+        people_m = np.where((batch.role[rows] == 0)[..., None], self._everybody_at(rows, self._now_s[rows]), 1e9)
+        away_m = people_m[:, None] - stretch.place_m[:, :, None]
+        nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
+        room_m = np.maximum(nearest_m - batch.slow_within_m[rows][:, None] - PEOPLE_MARGIN_M, 0.0)
+        limit_mps = np.sqrt(np.minimum(batch.slow_mps[rows], 1e6)[:, None] ** 2 + 2.0 * CAREFUL_MPS2 * room_m)
+        flown_m = np.hypot(*np.moveaxis(np.diff(stretch.place_m, axis=1, prepend=stretch.place_m[:, :1]), -1, 0))
+        span_s = np.maximum(stretch.span_s, flown_m / limit_mps)
+        later_s = np.cumsum(span_s - stretch.span_s, axis=1)
+        return replace(stretch, time_s=stretch.time_s + later_s, span_s=span_s), end_s + later_s[:, -1]
+
+    def _seen(self, stretch: Stretch, begin_s: Floats) -> Views:
+        """Who is in the picture, where the detector says anything."""
+        views = look(self._batch, stretch, self._everybody_at(stretch.rows, begin_s))
+        for span in range(self._batch.blind_s.shape[1]):
+            since_s, until_s = self._batch.blind_s[views.row, span].T
+            views = views.where((views.time_s < since_s) | (views.time_s >= until_s))
         return views
 
     def _everybody_at(self, rows: Counts, time_s: Floats) -> Floats:
         return self._everybody[(time_s // EPOCH_S).astype(np.int64) % EPOCHS, rows]
 
+    def _targets_m(self, rows: Counts, task: Counts) -> Floats:
+        """Where targets were last seen: about where they stand."""
+        return self._everybody_at(rows, self._now_s[rows])[
+            np.arange(len(rows)), np.maximum(self._batch.task_actor[rows, task], 0)
+        ]
+
     # What it knows, and what came of it.
 
-    def _knows(self, rows: Counts, actor: Counts, until_s: Floats) -> Bools:
-        """Whether some bystander near a target was seen often enough by then."""
-        views = Views.joined(self._views)
-        limit_s = np.full(len(self._batch), -np.inf)
-        limit_s[rows] = until_s
-        early = views.where(views.time_s <= limit_s[views.row])
-        return _counted(self._batch, early, rows, actor, self._everybody_at(rows, until_s))
+    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> Known:
+        """Who near a target was seen often enough by then."""
+        return self._memory.near(rows, task, until_s, self._everybody_at(rows, until_s))
+
+    def _unseen(self, rows: Counts, task: Counts, until_s: Floats) -> Floats:
+        """(r,) share of the surroundings of a target that was not looked at lately."""
+        if not len(rows):
+            return np.zeros(0)
+        batch = self._batch
+        radius_m = batch.no_mark_m[rows] + BYSTANDER_MARGIN_M
+        places_m = self._targets_m(rows, task)[:, None] + radius_m[:, None, None] * _DISC[None]
+        index = np.full(len(batch), -1)
+        index[rows] = np.arange(len(rows))
+        seen = np.zeros(places_m.shape[:2], dtype=np.bool_)
+        for stretch in self._course:
+            own = index[stretch.rows]
+            late = (own >= 0) & (stretch.time_s[:, -1] >= (until_s[own] - MEMORY_S)) & (stretch.time_s[:, 0] <= until_s[own])
+            part = np.flatnonzero(late)
+            if len(part):
+                at = own[part]
+                seen[at] |= shown(batch, stretch.part(part), places_m[at], until_s[at] - MEMORY_S, until_s[at])
+        unseen: Floats = 1.0 - seen.mean(axis=1)
+        return unseen
 
     def _outcome(self) -> Flown:
-        batch = self._batch
-        count, tasks = self._reported_s.shape
-        rows, task = np.nonzero(self._task_is & (batch.task_actor >= 0))
-        actor = batch.task_actor[rows, task]
-        people = batch.role == 0
-        shape = (count, tasks)
-        near_m, exposure_s, clear = np.full(shape, np.inf), np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-        apart_m = np.stack([_nearest_m(batch, rows, actor, people, places) for places in self._everybody])
-        limit_m = batch.no_mark_m[rows]
-        exposure_s[rows, task] = (apart_m < limit_m).mean(axis=0) * batch.limit_s[rows]
-        near_m[rows, task] = apart_m[_epoch(self._reported_s[rows, task]), np.arange(len(rows))]
-        clear[rows, task] = apart_m[_epoch(self._marked_s[rows, task]), np.arange(len(rows))] >= limit_m
-        return Flown(
+        return outcome(
+            self._batch,
+            self._everybody,
+            self._course,
+            Views.joined(self._views),
             reported_s=self._reported_s,
             marked_s=self._marked_s,
-            declared=self._declared,
-            clear_mark=clear & np.isfinite(self._marked_s),
-            near_at_report_m=near_m,
-            error_m=self._errors_m(),
-            exposure_s=exposure_s,
-            entered=self._entered(),
+            found_s=self._hunts.found_s,
+            known=self._known,
             reached=self._reached,
+            took_off_s=self._away_s - CLIMB_S,
             end_s=self._now_s,
-            views=Views.joined(self._views),
+            place_m=self._place_m,
         )
 
-    def _errors_m(self) -> Floats:
-        """How far a reported place is off: wander of satellite navigation, and the box's jitter over several looks."""
-        batch, tasks = self._batch, self._task_is.shape[1]
-        pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)
-        sigma_m = np.sqrt(batch.gps_m**2 + pixel_m**2 / MOST_LOOKS)
-        luck = normal(batch.seeds, _LUCK_PLACE, 2 * tasks).reshape(len(batch), tasks, 2)
-        return sigma_m[:, None] * np.hypot(luck[:, :, 0], luck[:, :, 1])
 
-    def _entered(self) -> Bools:
-        batch = self._batch
-        inside = np.zeros(batch.role.shape, dtype=np.bool_)
-        reach_m2 = np.where(self._task_is, batch.task_radius_m**2, -1.0)
-        for task in range(self._task_is.shape[1]):
-            for places in (batch.start_m, *self._everybody):
-                away_m = places - batch.task_m[:, task][:, None, :]
-                inside |= away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2 <= reach_m2[:, task, None]
-        return inside
-
-
-class _Hunt:
-    """The looks at the targets of one task in each of some missions, until each is identified."""
-
-    def __init__(self, batch: Batch, rows: Counts, actor: Counts) -> None:
-        self.rows = rows
-        self.actor = actor
-        self.found_s = np.full(len(rows), _NEVER_S)
-        self.frames = np.zeros(len(rows))
-        self._batch = batch
-        self._right = np.zeros(len(rows))
-        self._from = np.full(len(rows), np.nan)  # direction of the first sighting, and the spread to either side
-        self._low = np.zeros(len(rows))
-        self._high = np.zeros(len(rows))
-        self._looks = 0
-
-    def take(self, views: Views, moments: int) -> None:
-        """More views, moment by moment."""
-        batch, size = self._batch, len(self.rows)
-        index = np.full(len(batch), -1)
-        index[self.rows] = np.arange(size)
-        own = views.where((index[views.row] >= 0) & (views.actor == self.actor[np.maximum(index[views.row], 0)]))
-        at = (index[own.row], own.moment)
-        shape = (size, moments)
-        frames, detection, wrong, bearing, time_s = (np.zeros(shape) for _ in range(5))
-        frames[at], detection[at], wrong[at] = own.frames, own.detection, own.mislabel
-        seeds = batch.seeds[self.rows] + (self.actor + 1).astype(np.uint64)
-        seen = uniform(seeds, _LUCK_SEEN + self._looks, moments) < detection
-        label = np.repeat(uniform(seeds, _LUCK_LABEL + self._looks, -(-moments // 4)), 4, axis=1)[:, :moments]
-        sway_m = SWAY_M * normal(seeds, _LUCK_SWAY + self._looks, moments)[at]
-        away_m = np.hypot(own.east_m, own.north_m)
-        bearing[at], time_s[at] = np.arctan2(-own.east_m, -own.north_m) + np.arctan2(sway_m, away_m), own.time_s
-        self._looks += 1
-        self._follow(seen, label >= wrong, frames, bearing, time_s)
-
-    def _follow(self, seen: Bools, right: Bools, frames: Floats, bearing_rad: Floats, time_s: Floats) -> None:
-        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been seen by then."""
-        row = np.arange(len(seen))
-        first = bearing_rad[row, seen.argmax(axis=1)]
-        self._from = np.where(np.isnan(self._from) & seen.any(axis=1), first, self._from)
-        turned = np.where(seen, _wrapped(bearing_rad - np.nan_to_num(self._from)[:, None]), 0.0)
-        low = np.minimum(np.minimum.accumulate(turned, axis=1), self._low[:, None])
-        high = np.maximum(np.maximum.accumulate(turned, axis=1), self._high[:, None])
-        # A moment stands for all frames until the next one: the angle that goes by meanwhile has been seen too.
-        step = np.abs(_wrapped(np.diff(bearing_rad, axis=1, append=bearing_rad[:, -1:])))
-        both = (frames > 0.0) & (np.roll(frames, -1, axis=1) > 0.0)
-        had = np.cumsum(np.where(seen, frames, 0.0), axis=1) + self.frames[:, None]
-        good = np.cumsum(np.where(seen & right, frames, 0.0), axis=1) + self._right[:, None]
-        share = good / np.maximum(had, 1e-9)
-        looks = np.clip(good / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
-        sure = share * (1.0 - (1.0 - MEAN_SCORE) ** looks) >= self._batch.min_confidence[self.rows][:, None]
-        wide = high - low + np.where(both, step, 0.0) >= MIN_VIEWPOINT_RAD
-        enough = seen & right & sure & wide & (had >= MIN_FRAMES) & (share > 0.5)
-        when_s = np.where(enough.any(axis=1), time_s[row, enough.argmax(axis=1)], _NEVER_S)
-        self.found_s = np.minimum(self.found_s, when_s)
-        self._low, self._high, self.frames, self._right = low[:, -1], high[:, -1], had[:, -1], good[:, -1]
-
-
-def _wrapped(angle_rad: Floats) -> Floats:
-    wrapped: Floats = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
-    return wrapped
-
-
-def counts(batch: Batch, views: Views, chance: Floats) -> Floats:
-    """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with its luck.
-
-    Misses hang together for a while, so the spread is that of as many looks as there are such whiles.
-    """
-    actors = batch.role.shape[1]
-    flat = views.row * actors + views.actor
-    size = len(batch) * actors
-    mean = np.bincount(flat, views.frames * chance, size).reshape(-1, actors)
-    together = np.maximum(2.0 * batch.correlation_s * batch.rate_hz, 1.0)[views.row]
-    spread = np.bincount(flat, views.frames * together * chance * (1.0 - chance), size).reshape(-1, actors)
-    return mean + np.sqrt(spread) * normal(batch.seeds, _LUCK_COUNT, actors)
-
-
-def _counted(batch: Batch, views: Views, rows: Counts, actor: Counts, places_m: Floats) -> Bools:
-    """Whether of the bystanders who stand near these targets some was seen often enough to be known."""
-    known = counts(batch, views, rightly(views))[rows] >= KNOWN_FRAMES
-    target_m = batch.start_m[rows, actor]
-    apart_m = np.hypot(*np.moveaxis(places_m - target_m[:, None, :], -1, 0))
-    near = apart_m <= (batch.no_mark_m[rows] + BYSTANDER_MARGIN_M)[:, None]
-    found: Bools = (known & near & (batch.role[rows] == 0)).any(axis=1)
-    return found
-
-
-def _nearest_m(batch: Batch, rows: Counts, actor: Counts, people: Bools, places_m: Floats) -> Floats:
-    """Distance from targets to the nearest bystander; inf where there is none."""
-    target_m = places_m[rows, actor]
-    away_m = places_m[rows] - target_m[:, None, :]
-    apart_m2 = away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2
-    nearest: Floats = np.sqrt(np.where(people[rows], apart_m2, np.inf).min(axis=1, initial=np.inf))
-    return nearest
-
-
-def _epoch(time_s: Floats) -> Counts:
-    """The epoch of each moment; the first for what never was."""
-    epoch: Counts = (np.where(np.isfinite(time_s), time_s, 0.0) // EPOCH_S).astype(np.int64) % EPOCHS
-    return epoch
-
-
-def _apart_m(one: Floats, other: Floats) -> Floats:
-    apart: Floats = np.hypot(one[:, 0] - other[:, 0], one[:, 1] - other[:, 1])
-    return apart
+def _cut(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -> tuple[Stretch, Floats]:
+    """What is flown of a stretch up to a moment (r,), the rest without a span, and where it ends."""
+    flown = stretch.time_s <= cut_s[:, None]
+    count = flown.sum(axis=1)
+    last_m = np.where((count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m)
+    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(np.isfinite(cut_s)[:, None], last_m, place_m)

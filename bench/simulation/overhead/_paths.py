@@ -33,7 +33,7 @@ def legs(center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Float
 
 
 def along(
-    rows: Counts, corners_m: Floats, begin_s: Floats, speed_mps: Floats, height_m: Floats, rate_hz: Floats, moments: int
+    rows: Counts, corners_m: Floats, begin_s: Floats, speed_mps: Floats, height_m: Floats, moments: int
 ) -> tuple[Stretch, Floats]:
     """The corners flown one after the other, seen at so many moments; and when the last is reached."""
     steps = np.diff(corners_m, axis=1)
@@ -54,7 +54,8 @@ def along(
     turn_rad[:, :-1] *= length_m[:, 1:] > 1e-6
     heading_rad = course_rad[row, on] + turn_rad[row, on] * np.clip(1.0 - left_s / TURN_S, 0.0, 1.0)
     high_m = np.repeat(height_m[:, None], moments, axis=1)
-    stretch = Stretch(rows, begin_s[:, None] + since_s, place_m, heading_rad, high_m, rate_hz * took_s / moments)
+    span_s = np.repeat(took_s[:, None] / moments, moments, axis=1)
+    stretch = Stretch(rows, begin_s[:, None] + since_s, place_m, heading_rad, high_m, span_s)
     return stretch, begin_s + took_s
 
 
@@ -66,7 +67,6 @@ def around(
     begin_s: Floats,
     speed_mps: float,
     height_m: Floats,
-    rate_hz: Floats,
     moments: int,
 ) -> tuple[Stretch, Floats]:
     """Once round a place, facing it, from the side where it comes from."""
@@ -78,4 +78,5 @@ def around(
     place_m = center_m[:, None, :] + radius_m[:, None, None] * out
     high_m = np.repeat(height_m[:, None], moments, axis=1)
     time_s = begin_s[:, None] + since[None, :] * took_s[:, None]
-    return Stretch(rows, time_s, place_m, angle + np.pi, high_m, rate_hz * took_s / moments), begin_s + took_s
+    span_s = np.repeat(took_s[:, None] / moments, moments, axis=1)
+    return Stretch(rows, time_s, place_m, angle + np.pi, high_m, span_s), begin_s + took_s

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._detector import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
-from ._batch import Batch, Bools
-from ._draws import Counts, Floats
+from ._batch import Batch
+from ._draws import Bools, Counts, Floats
 
 Narrow = NDArray[np.float32]
 
@@ -19,14 +19,21 @@ BLOCK = 24
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A flown piece of some missions: `rows` (r,), and at j moments of each where it was, which way it looked, how high."""
+    """A flown piece of some missions: `rows` (r,), and at j moments of each where it was, which way it looked, how high.
+
+    A moment stands for a span; it is in the middle of it.
+    """
 
     rows: Counts
     time_s: Floats  # (r, j)
     place_m: Floats  # (r, j, 2)
     heading_rad: Floats  # (r, j)
     height_m: Floats  # (r, j)
-    frames: Floats  # (r,) that stand behind one moment
+    span_s: Floats  # (r, j)
+
+    def part(self, some: Counts) -> Stretch:
+        """Some of the missions."""
+        return Stretch(*(getattr(self, name)[some] for name in Stretch.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +46,7 @@ class Views:
     time_s: Floats
     east_m: Floats
     north_m: Floats
+    range_m: Floats
     frames: Floats
     height_px: Floats
     detection: Floats
@@ -57,6 +65,23 @@ class Views:
 
 def look(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
     """Who is in the picture on a stretch, while everybody stands at `places_m` (r, a, 2)."""
+    at, moment, actor = _shown(batch, stretch, places_m)
+    away = places_m[at, actor] - stretch.place_m[at, moment]
+    return _clear(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
+
+
+def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats) -> Bools:
+    """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two moments (r,)."""
+    at, moment, place = _shown(batch, stretch, places_m)
+    time_s = stretch.time_s[at, moment]
+    long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0
+    counts = long & (time_s >= since_s[at]) & (time_s <= until_s[at])
+    found = np.zeros(places_m.shape[:2], dtype=np.bool_)
+    found[at[counts], place[counts]] = True
+    return found
+
+
+def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Counts, Counts]:
     rows, place_m = stretch.rows, stretch.place_m
     sine, cosine = np.sin(stretch.heading_rad), np.cos(stretch.heading_rad)
     own = place_m[:, :, 0] * sine + place_m[:, :, 1] * cosine
@@ -74,9 +99,8 @@ def look(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
     )
     east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
     found = [_in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows))) for begin in range(0, len(rows), BLOCK)]
-    at, moment, actor = (np.concatenate(one) for one in zip(*found, strict=True))
-    away = places_m[at, actor] - place_m[at, moment]
-    return _clear(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
+    at, moment, place = (np.concatenate(one) for one in zip(*found, strict=True))
+    return at, moment, place
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +167,8 @@ def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Co
         time_s=stretch.time_s[at, moment],
         east_m=east,
         north_m=north,
-        frames=stretch.frames[at],
+        range_m=range_m,
+        frames=batch.rate_hz[row] * stretch.span_s[at, moment],
         height_px=height_px,
         detection=np.where(perfect, 1.0, batch.ceiling[row] * share),
         mislabel=np.where(perfect, 0.0, wrong),
