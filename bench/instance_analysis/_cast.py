@@ -46,6 +46,8 @@ class Cast:
         self.subject: list[str] = []
         self.here = False
         self.mission = False
+        self.spoken: list[str] = []
+        """The groups that this sentence has named; `it` is one of these before it is one of another sentence."""
         self.meant: dict[Span, list[Whom]] = {}
 
     def of_role(self, role: Role) -> list[str]:
@@ -83,6 +85,11 @@ class Cast:
 
     def named(self, phrase: Phrase) -> list[str]:
         """The group or groups that a phrase names: those there are, or a new one."""
+        found = self._found(phrase)
+        self.spoken += found
+        return found
+
+    def _found(self, phrase: Phrase) -> list[str]:
         name, span = self._thing(phrase)
         if not name:
             self.mission = True
@@ -138,6 +145,18 @@ class Cast:
         name = self.groups[group]
         word = Part("COUNT", Quantity("COUNT", 1.0, 1.0), span)
         return [self._new(Phrase("ref", (), span), name, span, word) for _ in range(number)]
+
+    def count_later(self, group: str, quantity: Quantity, span: Span) -> bool:
+        """Say how many there are of a group of which it has not been said; False where it has."""
+        path: Path = ("actors", group, "count")
+        entry = self.draft.entries.get(path)
+        if entry is None or (entry.span is not None and not entry.note):
+            return False
+        self.draft.forget(path)
+        self.draft.vary(path, quantity.low, quantity.high, span, unit=None, integer=True)
+        if quantity.high > 1:
+            self.plural.add(group)
+        return True
 
     def _count(self, group: str, phrase: Phrase, count: Part | None, span: Span) -> None:
         path: Path = ("actors", group, "count")
@@ -221,12 +240,13 @@ class Cast:
 
     def _them(self, span: Span) -> list[str]:
         others = [one for one in self.groups if one not in self.subject]
-        single = self.draft.quote(span).lower() == "it"
+        single = self.draft.quote(span).lower() in ("it", "him", "her")
         fitting = [one for one in others if (one not in self.plural) == single] or others
         if not fitting:
             self.draft.unread(span, "there is nothing before it that it could mean", expressible=True)
             return []
-        return self.one_of(fitting, span)
+        recent = [one for one in fitting if one in self.spoken]
+        return recent if len(recent) == 1 else self.one_of(fitting, span)
 
     def _new_target(self, span: Span) -> str:
         adversaries = [name for name, one in self.vocabulary.assets.items() if one.role is Role.ADVERSARY]
@@ -235,7 +255,7 @@ class Cast:
 
     def of_bystanders(self, phrase: Phrase) -> bool:
         """Whether a rule is about bystanders; a word for them makes no group here."""
-        ref = phrase.refs[-1]
+        ref = phrase if phrase.rule == "ref" else phrase.refs[-1]
         if part := ref.first("ASSET"):
             name = str(part.value)
             return self.vocabulary.role(name) is Role.BYSTANDER

@@ -29,16 +29,22 @@ class Happenings:
     def __init__(self, draft: Draft, cast: Cast, report_on: Callable[[str, Span], str]) -> None:
         self._draft, self._cast, self._report_on = draft, cast, report_on
         self._numbers: dict[str, int] = {}
+        self._last = ""
 
     def event(self, phrase: Phrase) -> None:
-        part = phrase.first("EVENT") or phrase.first("TASK")
+        part = phrase.first("EVENT") or phrase.first("TASK") or phrase.first("ORDER")
         event = part.value if part is not None else EventWords(part="vehicle.failures", kind="motor_off", words=())
         assert isinstance(event, EventWords)
         when = _when(phrase)
+        if part is not None and part.kind == "ORDER" and when.at_s is None:
+            when = _When(_low(phrase, "COUNT"))  # `hold @40`: a SimSpec's times are seconds
         at_s = when.at_s
         if at_s is None:
             at_s = [0.0, 60.0][self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])]
-        base = self._begin(event.part, event.kind, at_s, phrase)
+        kind = event.kind
+        if part is not None and part.kind == "ORDER" and kind == "resume" and self._last == "stop_reporting":
+            kind = "resume_reporting"
+        base = self._begin(event.part, kind, at_s, phrase)
         lasting = when.lasting_s
         if lasting is None and event.part == "outages":
             lasting = LASTINGS_S[self._draft.ask(phrase.span, "for how long?", [f"{one:g} s" for one in LASTINGS_S])]
@@ -57,6 +63,7 @@ class Happenings:
         number = self._numbers[part] = self._numbers.get(part, -1) + 1
         key: str | int = f"{kind.replace('_', '-')}-{number + 1}" if part == "orders" else number
         base: Path = (*part.split("."), key)
+        self._last = kind
         if part == "orders":
             self._draft.put((*base, "id"), key, phrase.span)
         self._draft.put((*base, "at_s"), at_s, phrase.span)
@@ -106,7 +113,7 @@ def _when(phrase: Phrase) -> _When:
             continue
         if part.kind == "TIME" and isinstance(part.value, Quantity):
             time = part.value
-            if before == "FOR":
+            if before in ("FOR", "OF"):
                 lasting_s = time.low
             elif before == "WITHIN":
                 within_s = time.low

@@ -16,7 +16,21 @@ from ._vocabulary import Meaning
 
 PHRASES = (
     *("nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean"),
-    *("bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "roadside", "crossroads", "inside", "behind"),
+    *(
+        "bearing",
+        "within",
+        "atleast",
+        "exact",
+        "far",
+        "away",
+        "near",
+        "road",
+        "roadgap",
+        "roadside",
+        "crossroads",
+        "inside",
+        "behind",
+    ),
     *("facing", "hidden", "visible", "between", "apart", "spread", "part", "group", "density", "concealment", "motion", "loop"),
     *("radius", "place", "stretch", "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather"),
     *("clear", "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground", "when"),
@@ -25,6 +39,18 @@ PHRASES = (
 LONGEST = 24
 CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", "but", "because", "if", "though"})
 """Words that begin another clause: no phrase goes on past them."""
+
+
+CONDITIONAL = frozenset(["nomark", "noreport", "slow", "linklost"])
+"""Rules that have a clause of their own: `no marking when a civilian is within 50 m`."""
+TOLERANT = frozenset(["field", "event", "wind", "intelligence", "nomark", "noreport", "standoff"])
+"""Rules that go on past words that nobody knows, which are listed all the same."""
+MOST_UNKNOWN = 2
+DENIALS = frozenset(
+    ["not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't", "if", "unless"]
+)
+_APART = {"group": {"COUNT", "ASSET", "AMBIGUOUS"}, "wind": {"COUNT", "WIND"}, "field": {"COUNT", "FIELD"}}
+"""What does not follow a comma inside a phrase; COUNT in all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +96,11 @@ class Phrase:
         return [one for one in self.parts if isinstance(one, Phrase) and one.rule == "ref"]
 
 
+def _skipped(word: Word) -> bool:
+    """Whether a phrase may go on past a word that nobody knows; past a denial it may not."""
+    return word.text.isalpha() and word.text.lower() not in DENIALS
+
+
 @cache
 def _grammar() -> Lark:
     text = resources.files(__package__).joinpath("grammar.lark").read_text(encoding="utf-8")
@@ -91,13 +122,16 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
         return None
     states: list[InteractiveParser] = [_grammar().parse_interactive(start=rule)]
     found: tuple[Tree[Token], int] | None = None
-    comma, apart = False, {"COUNT", "ASSET", "AMBIGUOUS"} if rule == "group" else {"COUNT"}
+    comma, apart, unknown = False, _APART.get(rule, {"COUNT"}), 0
     for index in range(begin, min(len(words), begin + LONGEST)):
         word = words[index]
         comma = (comma or word.comma) and index > begin
         if word.filler:
-            if word.text.lower() in CLAUSES and index > begin:
+            if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL:
                 break
+            continue
+        if not word.meanings and rule in TOLERANT and unknown < MOST_UNKNOWN and _skipped(word):
+            unknown += 1
             continue
         following: list[InteractiveParser] = []
         for state in states:
@@ -209,6 +243,7 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
             continue
         rule, tree, end = best
         yield _phrase(rule, tree, words)
+        yield from (one for one in words[index:end] if not one.meanings and not one.filler)
         index = end
 
 
@@ -221,7 +256,7 @@ def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
             if child.type == "FIELD":  # one word may be of several fields; the quantity's kind decides
                 value = tuple(one.value for one in word.meanings if one.kind == "FIELD")
             parts.append(Part(child.type, value, word.span))
-        elif str(child.data) in ("ref", "state"):
+        elif str(child.data) in ("ref", "state", "more"):
             parts.append(_phrase(str(child.data), child, words))
         else:
             parts += _phrase(str(child.data), child, words).parts

@@ -8,10 +8,10 @@ from bench.simspec import Role
 
 from ._cast import Cast
 from ._coordinates import Coordinates
-from ._draft import Draft, Path
+from ._draft import Draft
 from ._ground import Ground
 from ._happenings import Happenings
-from ._phrases import Part, Phrase, Quantity
+from ._phrases import DENIALS, Part, Phrase, Quantity
 from ._places import Places, places_in
 from ._relations import Relations
 from ._reports import Reports
@@ -22,9 +22,6 @@ from ._tokens import Word
 from ._traits import Traits, length_of, say_speed
 from ._vocabulary import FieldWords, MotionWords, SetWords, Vocabulary
 
-DENIALS = frozenset(
-    ["not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't", "if", "unless"]
-)
 UNITS = {
     "LENGTH": {"m": 1.0, "ft": 0.3048},
     "SPEED": {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444},
@@ -71,6 +68,10 @@ WEAK = frozenset(
 )
 
 
+BOUNDS = {
+    "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
+    "mission.speed_mps": {"WITHIN": "max_speed_mps"},
+}
 OF_A_GROUP = Relations.RULES | Traits.RULES | Roads.RULES | {"loop"}
 TO_ALL = frozenset(["road", "spread"])
 """Relations that are said of every group before them, and not asked."""
@@ -94,7 +95,7 @@ class Reader:
         self.ground = Ground(draft, vocabulary.defaults, self.places)
         self.roads = Roads(draft, vocabulary.defaults, self.ground, self.places)
         self.relations = Relations(draft, vocabulary.defaults, self.ground, self.places, self.cast)
-        self.traits = Traits(draft, self.cast)
+        self.traits = Traits(draft, self.cast, self.relations.refine)
         self.reports = Reports(draft, self.cast)
         self.happenings = Happenings(draft, self.cast, self.reports.on)
         self.rulings = Rulings(draft, self.cast)
@@ -124,7 +125,8 @@ class Reader:
                 self.places.set_home(one)
 
     def _sentence(self, sentence: list[Phrase | Word]) -> None:
-        self.cast.here, self.joined, self.waiting, self.topic = False, [], [], ""
+        self.cast.here, self.cast.spoken, self.joined, self.waiting, self.topic = False, [], [], [], ""
+        self.flying = any(_flies(one) for one in sentence)
         self.reporting = any(isinstance(one, Word) and one.text.lower().startswith("report") for one in sentence)
         joins = False
         for index, one in enumerate(sentence):
@@ -139,6 +141,9 @@ class Reader:
                 self.draft.unread(one.span, "what is denied, or only perhaps so, is not read", expressible=True)
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
+            if later and joins and one.rule in OF_A_GROUP and one.refs and one.refs[0].first("THEM"):
+                self.waiting.append(one)  # `a truck and, 60 m from it, six civilians`
+                continue
             self._phrase(one, joins=joins, later=later)
             joins = False
         for waiting in self.waiting:
@@ -298,22 +303,12 @@ class Reader:
                 self.cast.subject, self.cast.here, self.joined = [str(one) for one in meant], True, []
 
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
-        """A number right after a group that has none says how many: `soldiers: 4`, `medics, two`."""
+        """A number by itself says how many there are of who is spoken of: `soldiers: 4`, `there are two`."""
         count = next((one.value for one in word.meanings if one.kind == "COUNT"), None)
-        if (
-            not isinstance(count, Quantity)
-            or not isinstance(before, Phrase)
-            or before.rule != "group"
-            or len(self.cast.subject) != 1
-        ):
+        if not isinstance(count, Quantity) or len(self.cast.subject) != 1 or self.topic not in ("", "group"):
             return False
-        path: Path = ("actors", self.cast.subject[0], "count")
-        entry = self.draft.entries.get(path)
-        if entry is None or entry.span is not None:
-            return False
-        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{self.cast.subject[0]}].count" not in one.paths]
-        self.draft.vary(path, count.low, count.high, before.span.joined(word.span), unit=None, integer=True)
-        return True
+        start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
+        return self.cast.count_later(self.cast.subject[0], count, start.joined(word.span))
 
     def _word(self, word: Word) -> None:
         kinds = {one.kind for one in word.meanings}
@@ -331,9 +326,21 @@ class Reader:
                 self.topic = "group"
         if "FLY" in kinds:
             cast.mission = True
+        if self.flying and not (cast.here and not cast.mission) and self._bare(word):
+            return
         if word.filler or kinds & WEAK or word.text in ("a", "an"):
             return
         self.draft.unread(word.span, "nobody knows this here" if not kinds else "stands by itself", expressible=True)
+
+    def _bare(self, word: Word) -> bool:
+        """`we fly 90 m, four minutes`: height and time of the mission."""
+        fields = {"LENGTH": ("altitude_m", "m"), "TIME": ("time_limit_s", "s")}
+        for one in word.meanings:
+            if one.kind in fields and isinstance(one.value, Quantity):
+                name, unit = fields[one.kind]
+                self.draft.vary(("mission", name), one.value.low, one.value.high, word.span, unit=unit)
+                return True
+        return False
 
     # What is said of a group.
 
@@ -397,6 +404,9 @@ class Reader:
         fitting = [one for one in fields if _fits(one, quantity)]
         if not fitting and quantity.kind == "COUNT":
             field = fields[0]
+            if field.kind in ("ANGLE", "PERCENT"):
+                self._plain_number(field, quantity, phrase)
+                return
             if field.kind not in UNITS:
                 self.draft.fault(phrase.span, f"{field.path} takes a number with a unit", "write its unit")
                 return
@@ -415,10 +425,38 @@ class Reader:
         if field.path.startswith("intelligence."):
             self.reports.field(field.path.split(".")[1], quantity, phrase.span)
             return
+        if self._bounds(field, phrase):
+            return
+        if field.path == "mission.speed_mps" and self.cast.here and not self.cast.mission and self._moving():
+            for group in self.cast.subject:
+                say_speed(self.draft, group, quantity, phrase.span)
+            return
         self.cast.mission = self.cast.mission or field.path.startswith("mission.")
         whole = field.path == "seeds.root"
         unit = UNIT_NAMES.get(field.kind)
         self.draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
+
+    def _plain_number(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
+        """Angles are degrees; a share is a fraction up to 1, and percent above."""
+        share = 0.01 if field.kind == "PERCENT" and quantity.high > 1 else 1.0
+        low, high = (round(one * share, 9) for one in (quantity.low, quantity.high))
+        self.draft.vary(tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind))
+
+    def _moving(self) -> bool:
+        return all(("actors", one, "motion", "kind") in self.draft.entries for one in self.cast.subject)
+
+    def _bounds(self, field: FieldWords, phrase: Phrase) -> bool:
+        """`height not more than 100 m, not less than 25 m`: rules, and not the height of the mission."""
+        names = BOUNDS.get(field.path, {})
+        taken, bound = False, ""
+        for part in phrase.parts:
+            if isinstance(part, Part) and part.kind in ("WITHIN", "ATLEAST"):
+                bound = part.kind
+            elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
+                unit = UNIT_NAMES.get(field.kind)
+                self.draft.vary(("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit)
+                taken = True
+        return taken
 
     def _altitude(self, phrase: Phrase) -> None:
         length = length_of(self.draft, phrase)
@@ -456,8 +494,9 @@ class Reader:
 
     def _standoff(self, phrase: Phrase) -> None:
         if self.cast.here and self.cast.subject and not self.cast.mission:
+            read = self.relations.atleast if phrase.first("ATLEAST") or phrase.first("APPROACH") else self.relations.exact
             for group in self.cast.subject:
-                self.relations.atleast(group, phrase)
+                read(group, phrase)
             return
         self.rulings.standoff(phrase)
 
@@ -477,3 +516,12 @@ def _fits(field: FieldWords, quantity: Quantity) -> bool:
     if field.kind == "NUMBER":
         return quantity.kind in ("COUNT", "PERCENT")
     return quantity.kind == field.kind
+
+
+def _flies(one: Phrase | Word) -> bool:
+    """Whether something in a sentence says that it is of the flight."""
+    if isinstance(one, Word):
+        return any(meaning.kind in ("FLY", "HOME") for meaning in one.meanings)
+    return one.rule in ("altitude", "speed") or (
+        one.rule == "set" and any(p.kind == "SET" for p in one.parts if isinstance(p, Part))
+    )

@@ -16,6 +16,7 @@ from ._tokens import Span
 from ._traits import length_of
 from ._vocabulary import Defaults
 
+FARS_M = (100.0, 200.0, 300.0)
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
 
@@ -34,7 +35,7 @@ class Relations:
 
     RULES = frozenset(
         [
-            *("near", "within", "atleast", "exact", "away", "mean", "bearing", "part", "inside", "behind", "landgap"),
+            *("near", "within", "atleast", "exact", "away", "mean", "bearing", "part", "inside", "behind", "landgap", "far"),
             *("facing", "hidden", "visible", "between", "apart", "spread"),
         ]
     )
@@ -88,6 +89,34 @@ class Relations:
             return
         self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
 
+    def far(self, group: str, phrase: Phrase) -> None:
+        """How far is far is asked."""
+        chosen = self._draft.ask(phrase.span, "how far at least?", [f"{one:g} m" for one in FARS_M])
+        self._distance(group, phrase, FARS_M[chosen], None, every=True)
+
+    def refine(self, group: str, length: Quantity, span: Span) -> None:
+        """`near the houses, within 25 m`: a distance by itself says how near that was; otherwise from whom is asked."""
+        path: Path = ("actors", group, "placement", "near", "max_m")
+        before = self._draft.entries.get(path)
+        low = 0.0 if length.single else length.low
+        if before is not None and before.span is None:
+            self._draft.forget(path)
+            self._draft.put(path, length.high, span)
+            if low:
+                self._draft.put((*path[:-1], "min_m"), low, span)
+            return
+        self._away(group, low, length.high, span, "")
+
+    def _away(self, group: str, low: float, high: float, span: Span, note: str) -> None:
+        others: list[str] = [one for one in self._who.groups if one != group]
+        if not others:
+            self._draft.unread(span, "it is not said from what", expressible=True)
+            return
+        chosen = 0
+        if len(others) > 1:
+            chosen = self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])
+        self._keep(group, [*others, HOME][chosen], span, low, high, every=False, note=note)
+
     def _band(self, length: Quantity) -> tuple[float, float, str]:
         if not length.single:
             return length.low, length.high, ""
@@ -99,9 +128,10 @@ class Relations:
         self._distance(group, phrase, low, high, note=note)
 
     def away(self, group: str, phrase: Phrase) -> None:
-        others: list[str] = [one for one in self._who.groups if one != group]
         low, high, note = self._band(length_of(self._draft, phrase))
-        chosen = self._draft.ask(phrase.span, "away from what?", [*others, "the vehicle's start"]) if others else 0
+        others: list[str] = [one for one in self._who.groups if one != group]
+        readings = [*others, "the vehicle's start"]
+        chosen = self._draft.ask(phrase.span, "away from what?", readings) if others else 0
         self._keep(group, [*others, HOME][chosen], phrase.span, low, high, every=False, note=note)
 
     def mean(self, group: str, phrase: Phrase) -> None:
@@ -193,6 +223,8 @@ class Relations:
             self._seen(base, self._who.ref(phrase), phrase.span)
         elif direction := phrase.first("DIR"):
             self._draft.put((*base, "heading_deg"), direction.value, phrase.span)
+        elif (figure := phrase.first("ANGLE") or phrase.first("COUNT")) and isinstance(figure.value, Quantity):
+            self._draft.vary((*base, "heading_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg")
 
     def hidden(self, group: str, phrase: Phrase) -> None:
         self._seen(("actors", group, "placement", "hidden_from"), self._who.ref(phrase), phrase.span)

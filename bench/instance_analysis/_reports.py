@@ -51,5 +51,18 @@ class Reports:
         return report
 
     def finish(self) -> None:
-        for _name, _, span in self._pending:
-            self._draft.unread(span, "no intelligence is spoken of", expressible=True)
+        """What is said of a sighting without whom it is of is of the one adversary; with several it is asked."""
+        adversaries = self._cast.of_role(Role.ADVERSARY)
+        if not self._pending:
+            return
+        span = self._pending[0][2]
+        if not adversaries:
+            for _name, _, where in self._pending:
+                self._draft.unread(where, "no intelligence is spoken of", expressible=True)
+            return
+        chosen = 0
+        if len(adversaries) > 1:
+            chosen = self._draft.ask(span, "about whom is this report?", adversaries)
+        self._report = self.on(adversaries[chosen], span)
+        for name, quantity, where in self._pending:
+            self.field(name, quantity, where)

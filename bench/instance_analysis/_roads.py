@@ -44,6 +44,8 @@ class Roads:
         self.current: list[Road] = []
         self._meant: dict[Span, Road] = {}
         self._sides: list[tuple[str, Road, float, Span]] = []
+        self._hinted: Phrase | None = None
+        """`the road` before anything is said of it."""
         self._crossings: list[tuple[str, Span]] = []
 
     def mention(self, phrase: Phrase) -> None:
@@ -51,7 +53,7 @@ class Roads:
         word = phrase.first("ROAD")
         assert word is not None
         if not self.roads and self._plain(phrase) and self._definite(phrase):
-            self._draft.unread(phrase.span, "stands by itself", expressible=True)
+            self._hinted = self._hinted or phrase
             return
         self._spoken(phrase)
 
@@ -84,6 +86,10 @@ class Roads:
 
     def _described(self, road: Road) -> str:
         return f"{road.id}, {self._draft.quote(road.axis_span or road.points_span or road.span)!r}"
+
+    def _taken_up(self) -> None:
+        if not self.roads and self._hinted is not None:
+            self.current = [self._new(self._hinted)]
 
     def is_meant(self, phrase: Phrase) -> Phrase:
         """`on it`, `beside it`, where a road was spoken of last."""
@@ -118,6 +124,7 @@ class Roads:
 
     def axis(self, phrase: Phrase) -> None:
         """How a road runs: the first of those spoken of that nothing says it of yet."""
+        self._taken_up()
         if phrase.first("CROSSING"):
             for one in self.current[1:2] or self.roads[1:2]:
                 one.axis, one.axis_span = self._across(self.roads[0]), phrase.span
@@ -135,6 +142,7 @@ class Roads:
         return ((WEST_TO_EAST if road.axis is None else road.axis) + 90) % 180
 
     def width(self, phrase: Phrase) -> None:
+        self._taken_up()
         length = length_of(self._draft, phrase)
         for one in self.current:
             one.width = (length.low, phrase.span)
@@ -143,6 +151,7 @@ class Roads:
 
     def through(self, phrase: Phrase) -> None:
         """The points of a road."""
+        self._taken_up()
         points = [self._places.point(one) for one in places_in(phrase)]
         free = [one for one in self.current if not one.points] or self.current
         if not free or len(points) < 2:
@@ -190,6 +199,8 @@ class Roads:
 
     def finish(self) -> None:
         """The roads through the area as it then is, and what depends on where they run."""
+        if self._hinted is not None and not self.roads:
+            self._draft.unread(self._hinted.span, "stands by itself", expressible=True)
         if self._crossings:
             for _ in range(2 - len(self.roads)):
                 self._new(Phrase("road", (), self._crossings[0][1]))

@@ -24,7 +24,7 @@ class Rulings:
         self._silences: list[tuple[float, float | None, Span]] = []
 
     def _rule(self, phrase: Phrase, fields: dict[str, str], note: str = "") -> bool:
-        if phrase.refs and not self._cast.of_bystanders(phrase):
+        if phrase.refs and not any(self._cast.of_bystanders(one) for one in phrase.refs):
             self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders alone")
             return False
         for name, kind in fields.items():

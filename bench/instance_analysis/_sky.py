@@ -8,7 +8,7 @@ from bench.simspec import Environment
 
 from ._draft import Draft, Path, Varied
 from ._light import sun_moment
-from ._phrases import Phrase, Quantity
+from ._phrases import Part, Phrase, Quantity
 from ._places import Places
 from ._tokens import Clock, Span
 from ._vocabulary import WeatherWords
@@ -27,10 +27,11 @@ class Sky:
         self._sun_said: tuple[str, Quantity | None, int, Span] | None = None
 
     def weather(self, phrase: Phrase) -> None:
-        states = [one for one in phrase.parts if isinstance(one, Phrase)]
-        found: list[tuple[str, float, float]] = []
-        for state in states:
-            found.append(self._state(state, [level for _, level, _ in found]))
+        if phrase.first("AND"):
+            for word in phrase.every("WEATHER"):
+                self.weather(Phrase("weather", (Phrase("state", (word, *_intensities(phrase)), phrase.span),), phrase.span))
+            return
+        found = self._states(phrase)
         first = found[0]
         if len(found) == 1:
             self._draft.vary(tuple(first[0].split(".")), first[1], first[2], phrase.span, unit="level")
@@ -51,6 +52,19 @@ class Sky:
             for path, level, _ in found
         }
         self._draft.ranges.append(Varied(name="weather", choices=choices, unit="level"))
+
+    def _states(self, phrase: Phrase) -> list[tuple[str, float, float]]:
+        """Field and level of each of several; a level by itself is of the kind that is named beside it."""
+        word = phrase.first("WEATHER") or next(
+            one for part in phrase.parts if isinstance(part, Phrase) for one in part.every("WEATHER")
+        )
+        found: list[tuple[str, float, float]] = []
+        for part in phrase.parts:
+            if isinstance(part, Phrase):
+                word = part.first("WEATHER") or word
+                state = part if part.rule == "state" else Phrase("state", (*part.parts, word), part.span)
+                found.append(self._state(state, [level for _, level, _ in found]))
+        return found
 
     def _state(self, state: Phrase, before: list[float]) -> tuple[str, float, float]:
         word = state.first("WEATHER")
@@ -86,8 +100,12 @@ class Sky:
             readings = ["3 m/s, light", "6 m/s, moderate", "12 m/s, strong"]
             chosen = self._draft.ask(phrase.span, "how strong is the wind?", readings)
             self._draft.put((*base, "speed_mps"), [3.0, 6.0, 12.0][chosen], phrase.span)
-        if direction := phrase.first("DIR"):
+        direction = phrase.first("DIR")
+        figure = phrase.first("ANGLE") or phrase.first("COUNT")
+        if direction is not None:
             self._draft.put((*base, "from_deg"), direction.value, phrase.span)
+        elif figure is not None and isinstance(figure.value, Quantity):
+            self._draft.vary((*base, "from_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg")
 
     def calm(self, phrase: Phrase) -> None:
         self._draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
@@ -142,7 +160,8 @@ class Sky:
             clock = self._clock_said[0]
             zone = "" if clock.zoned else "no zone is given: UTC, the default"
             note = "; ".join(one for one in (note, zone) if one)
-            self._draft.put(path, _stamp(dt.datetime.combine(day, clock.at, dt.UTC)), span, note)
+            moment = dt.datetime.combine(day, clock.at, dt.UTC) - dt.timedelta(hours=clock.ahead_h)
+            self._draft.put(path, _stamp(moment), span, note)
         else:
             self._draft.put(path, _stamp(dt.datetime.combine(day, usual.time(), dt.UTC)), span, "at 11:30 UTC, the default")
 
@@ -163,3 +182,7 @@ class Sky:
 
 def _stamp(moment: dt.datetime) -> str:
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _intensities(phrase: Phrase) -> list[Part]:
+    return [one for part in phrase.parts if isinstance(part, Phrase) for one in part.every("INTENSITY")]

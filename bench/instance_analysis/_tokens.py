@@ -30,15 +30,21 @@ _MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
-    |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
     |(?P<place>{PLACE})
     |(?P<named>{NAMED})
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
-    |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&])
+    |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
     |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
     |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
+
+
+RUN = ("word", "unit", "times", "short")
+"""What phrases of the vocabulary are made of."""
+ZONES_H = {"cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +76,11 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """A time of day; `zoned` when the prose gives UTC."""
+    """A time of day; `zoned` when the prose gives a zone, which is so many hours ahead of UTC."""
 
     at: dt.time
     zoned: bool
+    ahead_h: int = 0
 
 
 def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
@@ -88,7 +95,7 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
         if match.lastgroup == "comma" and not _in_brackets(raw, index):
             comma, index = True, index + 1
             continue
-        if match.lastgroup in ("word", "unit", "times"):
+        if match.lastgroup in RUN:
             word, used = _phrase(raw, index, vocabulary, mended_as)
         else:
             word, used = Word(match.group(), span, _plain(match)), 1
@@ -132,7 +139,8 @@ def _clock(text: str) -> Clock | None:
     if "am" in lower and hour == 12:
         hour = 0
     try:
-        return Clock(dt.time(hour, minute), any(zone in lower for zone in ("z", "utc", "gmt")))
+        ahead = next((hours for zone, hours in ZONES_H.items() if lower.endswith(zone)), 0)
+        return Clock(dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead)
     except ValueError:
         return None
 
@@ -150,14 +158,12 @@ def _date(text: str) -> dt.date | None:
 
 
 def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, mended_as: dict[str, str]) -> tuple[Word, int]:
-    run = list(
-        itertools.takewhile(lambda one: one.lastgroup in ("word", "unit", "times"), raw[index : index + vocabulary.longest])
-    )
-    texts = [spelled(one.group(), vocabulary, mended_as) for one in run]
+    run = list(itertools.takewhile(lambda one: one.lastgroup in RUN, raw[index : index + vocabulary.longest]))
+    texts = [spelled(one.group().rstrip("."), vocabulary, mended_as) for one in run]
     for length in range(len(run), 0, -1):
         phrase = " ".join(texts[:length])
         span = Span(run[0].start(), run[length - 1].end())
-        given = " ".join(one.group().lower().replace("’", "'") for one in run[:length])
+        given = " ".join(one.group().rstrip(".").lower().replace("’", "'") for one in run[:length])
         mended = "" if given == phrase else phrase
         if phrase in vocabulary.meanings:
             return Word(phrase, span, vocabulary.meanings[phrase], mended=mended), length

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 from ._draft import Draft, Path
@@ -24,8 +25,8 @@ class Traits:
 
     RULES = frozenset(["motion", "radius", "concealment", "density"])
 
-    def __init__(self, draft: Draft, who: Who) -> None:
-        self._draft, self._who = draft, who
+    def __init__(self, draft: Draft, who: Who, refine: Callable[[str, Quantity, Span], None]) -> None:
+        self._draft, self._who, self._refine = draft, who, refine
 
     def density(self, group: str, phrase: Phrase) -> None:
         count, per = phrase.first("COUNT"), phrase.first("PERAREA")
@@ -42,10 +43,10 @@ class Traits:
     def radius(self, group: str, phrase: Phrase) -> None:
         base: Path = ("actors", group, "motion")
         kind = self._draft.entries.get((*base, "kind"))
-        if kind is None or kind.value != "wander":
-            self._draft.unread(phrase.span, "it is not said of what", expressible=True)
-            return
         length = length_of(self._draft, phrase)
+        if kind is None or kind.value != "wander":
+            self._refine(group, length, phrase.span)
+            return
         self._draft.vary((*base, "radius_m"), length.low, length.high, phrase.span, unit="m")
 
     def concealment(self, group: str, phrase: Phrase) -> None:

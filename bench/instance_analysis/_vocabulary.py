@@ -98,6 +98,7 @@ class VocabularyDocument(Document):
     words: Annotated[dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")] = {}
     fields: tuple[FieldWords, ...] = ()
     sets: tuple[SetWords, ...] = ()
+    orders: Annotated[dict[str, Words], Field(description="Words that order something where a time stands beside them.")] = {}
     events: tuple[EventWords, ...] = ()
     defaults: Defaults | None = None
     fillers: Annotated[Words, Field(description="Words that change nothing.")] = ()
@@ -206,6 +207,9 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
     for one in document.sets:
         yield from ((word.lower(), Meaning("SET", one)) for word in one.words)
+    for kind, orders in document.orders.items():
+        order = EventWords(part="orders", kind=kind, words=orders)
+        yield from ((word.lower(), Meaning("ORDER", order)) for word in orders)
     for event in document.events:
         name = "TASK" if event.kind in ("mark", "retask") else "EVENT"
         yield from ((word.lower(), Meaning(name, event)) for word in event.words)

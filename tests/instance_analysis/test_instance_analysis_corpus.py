@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from bench.simspec import SimSpec
 
 CORPUS = Path(__file__).parent / "corpus"
 VOCABULARY = load_vocabulary()
+SILENT: Fields = SimSpec(name="prose", world={"area": {"corners": [{"east_m": 0, "north_m": 0}, {"east_m": 9, "north_m": 0}, {"east_m": 0, "north_m": 9}]}}).model_dump(mode="json")  # type: ignore[arg-type]  # fmt: skip
 ENTRIES = [(f"{file.stem}-{number}", one) for file in sorted(CORPUS.glob("*.yaml")) for number, one in enumerate(yaml.safe_load(file.read_text()), start=1)]  # fmt: skip
 
 
@@ -33,6 +35,40 @@ def found_fields(found: BaseSimSpec) -> Fields:
     }
     ranges = {f"~{path}": [one.low, one.high] for one in found.ranges if one.low is not None for path in one.paths}
     return {path: value for path, value in spoken.items() if path not in silent} | ranges
+
+
+DEFAULTS: Fields = {
+    "actors[].concealment": 0.0,
+    "actors[].motion.kind": "still",
+    "actors[].placement.distances[].whom": "every",
+    "rules.no_mark_within_m": 50.0,
+}
+
+
+def is_default(path: str, value: Any) -> bool:
+    """Whether a field has the value that a SimSpec gives it by itself: said or not, the document is the same."""
+    plain = re.sub(r"\[[^]]*\]", "[]", path)
+    if plain in DEFAULTS:
+        return same(DEFAULTS[plain], value)
+    here: Any = SILENT
+    for part in path.split("."):
+        if not isinstance(here, dict) or part not in here:
+            return False
+        here = here[part]
+    return same(here, value)
+
+
+def by_time(fields: Fields) -> Fields:
+    """Orders named by their turn: which id one has is nobody's expectation."""
+    at = {path.split("]")[0]: value for path, value in fields.items() if path.startswith("orders[") and path.endswith(".at_s")}
+    turns = {one: f"orders[{turn}" for turn, one in enumerate(sorted(at, key=lambda one: float(at[one])))}
+    renamed = {}
+    for path, value in fields.items():
+        head, bracket, rest = path.partition("]")
+        if head in turns and rest == ".id":
+            continue
+        renamed[turns.get(head, head) + bracket + rest] = value
+    return renamed
 
 
 def same(a: Any, b: Any) -> bool:
@@ -61,9 +97,12 @@ def wrong_in(entry: dict[str, Any]) -> tuple[int, list[str]]:
         missing = expected_fields(entry["is"])
         return compared + len(missing), [*wrong, *(f"{path}: not there, a question is open" for path in missing)]
     if not entry.get("asks") and not found.questions:
-        expected, here_is = expected_fields(entry["is"]), found_fields(found)
+        expected, here_is = by_time(expected_fields(entry["is"])), by_time(found_fields(found))
         others = [expected_fields({name: one}) for name, several in entry.get("also", {}).items() for one in several]
         for path in sorted(expected.keys() | here_is.keys()):
+            only = expected.get(path, here_is.get(path))
+            if (path in expected) != (path in here_is) and is_default(path, only):
+                continue
             compared += 1
             right = [expected.get(path), *(other.get(path) for other in others if path in other)]
             if not any(same(one, here_is.get(path)) for one in right):
