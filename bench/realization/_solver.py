@@ -33,7 +33,7 @@ from ._ways import closes, closing_pairs, open_routes, open_ways, walks, walls_a
 from ._whom import members_of, region_of, related, spots_of
 
 TRIES = 2
-MORE_TRIES = 6
+MORE_TRIES = 12
 """Where somebody stands in or between others, who are placed first and cannot know what comes."""
 
 FULL = 0.5
@@ -55,12 +55,17 @@ Literal = cp_model.IntVar
 def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
     """Places for every group, None where none were found."""
     left = narrowed_ground(simspec, order)
+    effort = 0.0
     for attempt in range(MORE_TRIES if any(_in_between(group) for group in order) else TRIES):
+        if attempt >= TRIES and effort > TRIES * EFFORT:
+            break
         rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
         placed: Placed | None = fixed_places(order)
         for phase in _phases(simspec, order):
             if placed is not None:
-                placed = _Phase(simspec, phase, placed, left, rng).placed()
+                choice = _Phase(simspec, phase, placed, left, rng)
+                placed = choice.placed()
+                effort += choice.effort
         if placed is not None:
             return placed
     return None
@@ -113,6 +118,7 @@ class _Phase:
     standing: Placed
     left: Mapping[str, Geometry]
     rng: np.random.Generator
+    effort: float = 0.0
     model: cp_model.CpModel = field(default_factory=cp_model.CpModel)
     pools: dict[str, Footprints] = field(default_factory=dict)
     taken: dict[str, list[Literal]] = field(default_factory=dict)
@@ -138,7 +144,9 @@ class _Phase:
         solver.parameters.num_workers = 1
         solver.parameters.random_seed = seed_of(self.simspec.seeds, "placement") % 2**31
         solver.parameters.max_deterministic_time = EFFORT
-        if solver.solve(self.model) not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
+        status = solver.solve(self.model)
+        self.effort = solver.response_proto.deterministic_time
+        if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
             return None
         return {**self.standing, **{group.id: self._members(group, solver) for group in self.groups}}
 
