@@ -46,6 +46,10 @@ class Cast:
         self.subject: list[str] = []
         self.here = False
         self.mission = False
+        self._uncounted: set[str] = set()
+        """Groups of which it is not said how many there are."""
+        self._defined: set[str] = set()
+        """Groups that began with `the`: whoever counts them later means them."""
         self.spoken: list[str] = []
         """The groups that this sentence has named; `it` is one of these before it is one of another sentence."""
         self.meant: dict[Span, list[Whom]] = {}
@@ -94,7 +98,8 @@ class Cast:
         if not name:
             self.mission = True
             return []
-        count, none = phrase.first("COUNT"), phrase.first("NONE")
+        counts, none = phrase.every("COUNT"), phrase.first("NONE")
+        count = counts[-1] if counts else None  # `a squad of nine`
         known = [one for one, other in self.groups.items() if other == name]
         if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
             return self.one_of(known, span)
@@ -104,21 +109,23 @@ class Cast:
                 return self.one_of(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             return []
-        if phrase.rule == "group" and count and (earlier := self._uncounted(known)) and not phrase.first("PERAREA"):
+        if phrase.rule == "group" and count and (earlier := self._not_counted(known)) and not phrase.first("PERAREA"):
+            if earlier in self._defined:
+                self._recount(earlier, phrase, count, span)
+                return [earlier]
             readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
             if self.draft.ask(phrase.span, "who is this?", readings) == 0:
                 self._recount(earlier, phrase, count, span)
                 return [earlier]
         return [self._new(phrase, name, span, count)]
 
-    def _uncounted(self, known: Sequence[str]) -> str | None:
+    def _not_counted(self, known: Sequence[str]) -> str | None:
         """The one group of these whose number has not been said; None where there is none, or more."""
-        counts = [(one, self.draft.entries.get(("actors", one, "count"))) for one in known]
-        uncounted = [one for one, count in counts if count is not None and count.span is None]
-        return uncounted[0] if len(uncounted) == 1 else None
+        found = [one for one in known if one in self._uncounted and (one in self.plural or one in self._defined)]
+        return found[0] if len(found) == 1 else None
 
     def _recount(self, group: str, phrase: Phrase, count: Part, span: Span) -> None:
-        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{group}].count" not in one.paths]
+        self.draft.forget(("actors", group, "count"))
         self._count(group, phrase, count, span)
 
     def _new(self, phrase: Phrase, name: str, span: Span, count: Part | None) -> str:
@@ -150,8 +157,9 @@ class Cast:
         """Say how many there are of a group of which it has not been said; False where it has."""
         path: Path = ("actors", group, "count")
         entry = self.draft.entries.get(path)
-        if entry is None or (entry.span is not None and not entry.note):
+        if entry is None or group not in self._uncounted:
             return False
+        self._uncounted.discard(group)
         self.draft.forget(path)
         self.draft.vary(path, quantity.low, quantity.high, span, unit=None, integer=True)
         if quantity.high > 1:
@@ -160,7 +168,11 @@ class Cast:
 
     def _count(self, group: str, phrase: Phrase, count: Part | None, span: Span) -> None:
         path: Path = ("actors", group, "count")
+        self._uncounted.discard(group)
         if count is None or not isinstance(count.value, Quantity):
+            self._uncounted.add(group)
+            if self._definite(span):
+                self._defined.add(group)
             if self._is_plural(span):
                 few, most = self._some()
                 self.plural.add(group)

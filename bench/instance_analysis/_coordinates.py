@@ -17,6 +17,8 @@ _TO = rf"{_S}[,;]?{_S}(?:and{_SS})?"
 PLACE = rf"""\({_S}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}{_M}{_S}\)
     |\b(?:coordinates|coords){_SS}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}\b
     |\b(?:position|grid|point){_SS}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}(?![\d.,]*\s?[a-z%°])
+    |(?<![\d/.]){_NUMBER}{_S}(?:east|west){_S},?{_S}{_NUMBER}{_S}(?:north|south)\b
+    |(?<![\w/.])[-−]?\d{{2,5}}(?:\.\d{{1,3}})?/[-−]?\d{{2,5}}(?:\.\d{{1,3}})?(?![\w/]|\s?(?:%|km|m\b))
     |\bx{_S}[=:]?{_S}{_NUMBER}{_M}{_TO}y{_S}[=:]?{_S}{_NUMBER}{_M}
     |\beast(?:ing)?{_S}[=:]?{_S}{_NUMBER}{_M}{_TO}north(?:ing)?{_S}[=:]?{_S}{_NUMBER}{_M}
     |\be{_S}=?{_S}{_NUMBER}{_M}{_S}[,;/]?{_S}n{_S}=?{_S}{_NUMBER}{_M}
@@ -47,6 +49,9 @@ def coordinates_of(text: str) -> Coordinates:
     if lower.lstrip().startswith("lat"):
         latitude, longitude = (float(one) for one in re.findall(r"-?\d+(?:\.\d+)?", lower))
         return Coordinates(latitude, longitude, degrees=True)
+    if flat := re.fullmatch(r"(\S+?)\s*(east|west)[\s,]*(\S+?)\s*(north|south)", lower):
+        east, north = (float(flat[1]) * (-1 if flat[2] == "west" else 1), float(flat[3]) * (-1 if flat[4] == "south" else 1))
+        return Coordinates(east, north)
     sides = re.findall(r"([\d.°'\"′″\s]+)(n|s|e|w)(?:orth|outh|ast|est)?\b", lower)
     if len(sides) == 2:
         latitude, longitude = (_degrees(figures) * (-1 if side in "sw" else 1) for figures, side in sides)

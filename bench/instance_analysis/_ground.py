@@ -12,7 +12,7 @@ from bench.simspec import HOME
 
 from ._coordinates import Coordinates, name_of
 from ._draft import Draft, Path
-from ._phrases import Phrase, Quantity
+from ._phrases import Part, Phrase, Quantity
 from ._places import Places, Point, places_in
 from ._tokens import Span
 from ._vocabulary import Defaults
@@ -87,6 +87,8 @@ class Ground:
         """The size of the piece that is spoken of."""
         part = phrase.first("DIM") or phrase.first("AREA") or phrase.first("LENGTH")
         piece = self.current or self.world
+        if phrase.every("AXIS"):
+            part = _by_axes(phrase)
         assert part is not None
         assert isinstance(part.value, Quantity)
         quantity = part.value
@@ -140,7 +142,7 @@ class Ground:
         if not time.value.single:
             self.current.times["from_s"] = (time.value.low, phrase.span)
             self.current.times["until_s"] = (time.value.high, phrase.span)
-        elif phrase.first("UNTIL") or phrase.first("BEFORE"):
+        elif phrase.first("UNTIL") or phrase.first("BEFORE") or phrase.first("NTH"):
             self.current.times["until_s"] = (time.value.low, phrase.span)
         else:
             self.current.times["from_s"] = (time.value.low, phrase.span)
@@ -288,6 +290,16 @@ class Ground:
 
         kept = _cut(self.outline, side)
         return kept if len(kept) >= 3 else None
+
+
+def _by_axes(phrase: Phrase) -> Part:
+    """The size of `700 m from west to east and 500 m from south to north`."""
+    sides: dict[object, float] = {}
+    for length, axis in zip(phrase.every("LENGTH"), phrase.every("AXIS"), strict=True):
+        assert isinstance(length.value, Quantity)
+        sides[axis.value] = length.value.low
+    east = sides.get(90.0, 0.0)
+    return Part("DIM", Quantity("DIM", east, next((m for axis, m in sides.items() if axis != 90.0), east)), phrase.span)
 
 
 def _cut(corners: Sequence[Point], side: Any) -> list[Point]:

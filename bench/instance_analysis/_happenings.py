@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from ._cast import Cast
 from ._draft import Draft, Path
 from ._phrases import Part, Phrase, Quantity
-from ._tokens import Span
+from ._reports import Reports
 from ._vocabulary import EventWords
 
+TIMES = {"AT": "at", "AFTER": "at", "FROM": "at", "FOR": "lasting", "OF": "lasting", "WITHIN": "within", "UNTIL": "until"}
+"""What a time is by the word before it."""
 LASTINGS_S = (10.0, 30.0, 60.0)
 
 
@@ -26,8 +27,8 @@ class _When:
 class Happenings:
     """Reads events into a draft, in the order in which they are spoken of."""
 
-    def __init__(self, draft: Draft, cast: Cast, report_on: Callable[[str, Span], str]) -> None:
-        self._draft, self._cast, self._report_on = draft, cast, report_on
+    def __init__(self, draft: Draft, cast: Cast, reports: Reports) -> None:
+        self._draft, self._cast, self._reports = draft, cast, reports
         self._numbers: dict[str, int] = {}
         self._last = ""
 
@@ -92,12 +93,13 @@ class Happenings:
             self._draft.put((*base, "instance"), int(number), phrase.span)
 
     def _task(self, base: Path, phrase: Phrase) -> None:
-        groups = self._cast.groups_in(phrase)
+        it = phrase.refs[0].first("THEM")
+        groups = self._reports.last() or self._cast.subject if it else self._cast.groups_in(phrase)
         if not groups:
             self._draft.unread(phrase.span, "an order to mark or to go somewhere is about a report on a group")
             self._draft.forget(base)
             return
-        self._draft.put((*base, "intelligence"), self._report_on(groups[0], phrase.span), phrase.span)
+        self._draft.put((*base, "intelligence"), self._reports.on(groups[0], phrase.span), phrase.span)
 
 
 def _low(phrase: Phrase, kind: str) -> float | None:
@@ -106,27 +108,24 @@ def _low(phrase: Phrase, kind: str) -> float | None:
 
 
 def _when(phrase: Phrase) -> _When:
-    at_s = lasting_s = until_s = within_s = None
+    said: dict[str, float] = {}
+    bare: list[float] = []
     before = ""
     for part in phrase.parts:
-        if not isinstance(part, Part):
-            continue
-        if part.kind == "TIME" and isinstance(part.value, Quantity):
+        if isinstance(part, Part) and part.kind == "TIME" and isinstance(part.value, Quantity):
             time = part.value
-            if before in ("FOR", "OF"):
-                lasting_s = time.low
-            elif before == "WITHIN":
-                within_s = time.low
-            elif before == "UNTIL":
-                until_s = time.low
-            elif not time.single:
-                at_s, until_s = time.low, time.high
-            elif at_s is None:
-                at_s = time.low
+            if not time.single and before not in ("FOR", "OF", "WITHIN"):
+                said |= {"at": time.low, "until": time.high}
+            elif name := TIMES.get(before):
+                said[name] = time.low
             else:
-                lasting_s = time.low
-        before = part.kind
-    if until_s is not None:
-        at_s = 0.0 if at_s is None else at_s
-        lasting_s = until_s - at_s
-    return _When(at_s, lasting_s, within_s)
+                bare.append(time.low)
+        before = part.kind if isinstance(part, Part) else ""
+    if bare and "at" not in said:
+        said["at"] = bare.pop(0)
+    if bare:
+        said.setdefault("lasting", bare[0])
+    if "until" in said:
+        said.setdefault("at", 0.0)
+        said["lasting"] = said["until"] - said["at"]
+    return _When(said.get("at"), said.get("lasting"), said.get("within"))

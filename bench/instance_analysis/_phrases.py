@@ -41,7 +41,7 @@ CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", 
 """Words that begin another clause: no phrase goes on past them."""
 
 
-CONDITIONAL = frozenset(["nomark", "noreport", "slow", "linklost"])
+CONDITIONAL = frozenset(["nomark", "noreport", "slow", "linklost", "stretch"])
 """Rules that have a clause of their own: `no marking when a civilian is within 50 m`."""
 TOLERANT = frozenset(["field", "event", "wind", "intelligence", "nomark", "noreport", "standoff"])
 """Rules that go on past words that nobody knows, which are listed all the same."""
@@ -133,6 +133,8 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
         if not word.meanings and rule in TOLERANT and unknown < MOST_UNKNOWN and _skipped(word):
             unknown += 1
             continue
+        if rule == "quantity" and index > begin and word.text in ("a", "an"):
+            break  # `60 m to a radar` is no range
         following: list[InteractiveParser] = []
         for state in states:
             taken = state.choices()  # type: ignore[no-untyped-call]

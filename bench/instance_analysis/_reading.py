@@ -97,7 +97,7 @@ class Reader:
         self.relations = Relations(draft, vocabulary.defaults, self.ground, self.places, self.cast)
         self.traits = Traits(draft, self.cast, self.relations.refine)
         self.reports = Reports(draft, self.cast)
-        self.happenings = Happenings(draft, self.cast, self.reports.on)
+        self.happenings = Happenings(draft, self.cast, self.reports)
         self.rulings = Rulings(draft, self.cast)
 
     def read(self, found: Sequence[Phrase | Word]) -> None:
@@ -133,21 +133,36 @@ class Reader:
             if isinstance(one, Word):
                 # After a comma, `and` begins another clause.
                 joins = (not one.comma and any(m.kind == "AND" for m in one.meanings)) or (joins and one.filler)
-                self._relative(one, sentence[index - 1] if index else None)
-                if not self._late_count(one, sentence[index - 1] if index else None):
+                self._relative(one, sentence[:index])
+                if not self._late_count(one, sentence[index - 1] if index else None) and not _of_a_rule(
+                    one, sentence[index + 1 :]
+                ):
                     self._word(one)
                 continue
             if self._denied(sentence[:index]):
                 self.draft.unread(one.span, "what is denied, or only perhaps so, is not read", expressible=True)
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
-            if later and joins and one.rule in OF_A_GROUP and one.refs and one.refs[0].first("THEM"):
-                self.waiting.append(one)  # `a truck and, 60 m from it, six civilians`
+            if later and one.rule in OF_A_GROUP and self._of_the_next(one, sentence[index + 1 :]):
+                self.waiting.append(one)
+                joins = False
                 continue
             self._phrase(one, joins=joins, later=later)
             joins = False
         for waiting in self.waiting:
             self._of_group(waiting)
+
+    def _of_the_next(self, phrase: Phrase, rest: Sequence[Phrase | Word]) -> bool:
+        """Whether a relation is of the group that follows: `a truck and, 60 m from it, six civilians`; `, in sector B a car`."""
+        before = self.draft.text[: phrase.span.start].lower().rstrip()
+        words = before.split()
+        if phrase.refs and phrase.refs[0].first("THEM") and words and words[-1].strip(",") in ("and", "plus"):
+            return True
+        if self.waiting:
+            return True
+        following = next((one for one in rest if not (isinstance(one, Word) and one.filler)), None)
+        starts = before.endswith((",", " and"))
+        return starts and phrase.rule in ("inside", "part") and isinstance(following, Phrase) and following.rule == "group"
 
     def _phrase(self, phrase: Phrase, *, joins: bool, later: bool) -> None:
         if phrase.rule == "group":
@@ -160,7 +175,7 @@ class Reader:
             self.waiting = []
             return
         for one in self._said_of_groups(phrase):
-            if not self.cast.here and later and one.rule != "density":
+            if (self.waiting or not self.cast.here) and later and one.rule != "density":
                 self.waiting.append(one)
             else:
                 self._of_group(one)
@@ -295,17 +310,21 @@ class Reader:
                 return False
         return False
 
-    def _relative(self, word: Word, before: Phrase | Word | None) -> None:
-        """`near a truck that is camouflaged` speaks of the truck from then on."""
-        if word.text.lower() in ("that", "which", "who") and isinstance(before, Phrase) and before.refs:
-            meant = [one for one in self.cast.meant.get(before.refs[-1].span, []) if one in self.cast.groups]
+    def _relative(self, word: Word, before: Sequence[Phrase | Word]) -> None:
+        """`near a truck that is camouflaged`, `of which there are two` speak of the truck from then on."""
+        if before and isinstance(before[-1], Word) and before[-1].text.lower() == "of":
+            before = before[:-1]
+        last = before[-1] if before else None
+        if word.text.lower().split()[0] in ("that", "which", "who") and isinstance(last, Phrase) and last.refs:
+            meant = [one for one in self.cast.meant.get(last.refs[-1].span, []) if one in self.cast.groups]
             if meant:
                 self.cast.subject, self.cast.here, self.joined = [str(one) for one in meant], True, []
+                self.topic = "group"
 
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
         """A number by itself says how many there are of who is spoken of: `soldiers: 4`, `there are two`."""
         count = next((one.value for one in word.meanings if one.kind == "COUNT"), None)
-        if not isinstance(count, Quantity) or len(self.cast.subject) != 1 or self.topic not in ("", "group"):
+        if not isinstance(count, Quantity) or len(self.cast.subject) != 1 or self.topic in ("road", "home"):
             return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
         return self.cast.count_later(self.cast.subject[0], count, start.joined(word.span))
@@ -326,9 +345,13 @@ class Reader:
                 self.topic = "group"
         if "FLY" in kinds:
             cast.mission = True
+        length = next((one.value for one in word.meanings if one.kind == "LENGTH"), None)
+        if isinstance(length, Quantity) and not length.single and (self.waiting or (cast.here and not cast.mission)):
+            self._phrase(Phrase("radius", (Part("LENGTH", length, word.span),), word.span), joins=False, later=bool(self.waiting))
+            return
         if self.flying and not (cast.here and not cast.mission) and self._bare(word):
             return
-        if word.filler or kinds & WEAK or word.text in ("a", "an"):
+        if word.filler or kinds & WEAK or word.text.lower() in ("a", "an", "one", "single", "a single", "another"):
             return
         self.draft.unread(word.span, "nobody knows this here" if not kinds else "stands by itself", expressible=True)
 
@@ -352,6 +375,8 @@ class Reader:
         if not subject:
             if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
                 self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
+                for one in phrase.refs:
+                    self.cast.ref(one)  # who is named is there, whatever is said of it
             return
         if phrase.rule == "inside" and phrase.first("AREAWORD"):
             return  # the area of interest, where everybody is
@@ -392,6 +417,11 @@ class Reader:
         self.topic = self.last = self.before = "road"
 
     def _when(self, phrase: Phrase) -> None:
+        time = phrase.first("TIME")
+        of_ground = self.ground.current is not None and self.ground.current.kind == "NOFLY"
+        if self.flying and not of_ground and len(phrase.parts) == 1 and time is not None and isinstance(time.value, Quantity):
+            self.draft.vary(("mission", "time_limit_s"), time.value.low, time.value.high, phrase.span, unit="s")
+            return
         self.ground.when(phrase)
 
     def _field(self, phrase: Phrase) -> None:
@@ -525,3 +555,10 @@ def _flies(one: Phrase | Word) -> bool:
     return one.rule in ("altitude", "speed") or (
         one.rule == "set" and any(p.kind == "SET" for p in one.parts if isinstance(p, Part))
     )
+
+
+def _of_a_rule(word: Word, rest: Sequence[Phrase | Word]) -> bool:
+    """Whether `a target` is that of a rule, `a target must not be marked`: any target."""
+    following = next((one for one in rest if not (isinstance(one, Word) and one.filler)), None)
+    targets = any(one.kind == "TARGET" for one in word.meanings)
+    return targets and isinstance(following, Phrase) and following.rule in Rulings.RULES

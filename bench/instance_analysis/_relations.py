@@ -131,7 +131,8 @@ class Relations:
         low, high, note = self._band(length_of(self._draft, phrase))
         others: list[str] = [one for one in self._who.groups if one != group]
         readings = [*others, "the vehicle's start"]
-        chosen = self._draft.ask(phrase.span, "away from what?", readings) if others else 0
+        asked = len(others) > 1 or (others and phrase.first("DISTANCE") is None)
+        chosen = self._draft.ask(phrase.span, "away from what?", readings) if asked else 0
         self._keep(group, [*others, HOME][chosen], phrase.span, low, high, every=False, note=note)
 
     def mean(self, group: str, phrase: Phrase) -> None:
@@ -233,7 +234,9 @@ class Relations:
         self._seen(("actors", group, "placement", "visible_from"), self._who.ref(phrase), phrase.span)
 
     def between(self, group: str, phrase: Phrase) -> None:
-        ends = [one for ref in phrase.refs for one in self._who.ref(ref)]
+        ends: list[str | Coordinates] = [one for ref in phrase.refs for one in self._who.ref(ref)]
+        if phrase.first("BETWEENTHEM"):
+            ends = [*[one for one in self._who.groups if one != group][-1:]]
         names = [one for one in ends if isinstance(one, str) and one != group]
         if len(names) == 1 and len(ends) == 1 and names[0] in self._who.plural:
             names *= 2

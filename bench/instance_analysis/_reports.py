@@ -19,11 +19,14 @@ class Reports:
         self._draft, self._cast = draft, cast
         self._report: str | None = None
         self._pending: list[tuple[str, Quantity, Span]] = []
+        self._perhaps: list[str] = []
+        """Who was spoken of when what waits was said."""
 
     def field(self, name: str, quantity: Quantity, span: Span) -> None:
         """A number of the report that is spoken of."""
         if self._report is None:
             self._pending.append((name, quantity, span))
+            self._perhaps += self._cast.subject
             return
         path: Path = ("intelligence", self._report, name)
         self._draft.vary(path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority")
@@ -38,9 +41,16 @@ class Reports:
                 self._draft.unread(phrase.span, "intelligence here is about adversaries or bystanders")
                 continue
             self._report = self.on(group, phrase.span)
+            if (time := phrase.first("TIME")) and isinstance(time.value, Quantity):
+                self.field("delivered_s", time.value, phrase.span)
             pending, self._pending = self._pending, []
             for name, quantity, span in pending:
                 self.field(name, quantity, span)
+
+    def last(self) -> list[str]:
+        """The group that the report which was spoken of last is about."""
+        entry = self._draft.entries.get(("intelligence", self._report, "about")) if self._report else None
+        return [entry.value] if entry else []
 
     def on(self, group: str, span: Span) -> str:
         """Id of the report on a group, which there is from then on."""
@@ -60,6 +70,7 @@ class Reports:
             for _name, _, where in self._pending:
                 self._draft.unread(where, "no intelligence is spoken of", expressible=True)
             return
+        adversaries = [one for one in adversaries if one in self._perhaps] or adversaries
         chosen = 0
         if len(adversaries) > 1:
             chosen = self._draft.ask(span, "about whom is this report?", adversaries)

@@ -111,11 +111,16 @@ class Sky:
         self._draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
 
     def gusts(self, phrase: Phrase) -> None:
-        speed = phrase.first("SPEED")
+        speed = phrase.first("SPEED") or phrase.first("COUNT")
         assert speed is not None
         assert isinstance(speed.value, Quantity)
+        share = 1.0
+        if speed.kind == "COUNT":
+            units = {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444}
+            share = units[[*units][self._draft.ask(phrase.span, "in which unit?", [*units])]]
         path: Path = ("environment", "wind", "turbulence_mps")
-        self._draft.vary(path, speed.value.low, speed.value.high, phrase.span, unit="m/s")
+        low, high = (round(one * share, 6) for one in (speed.value.low, speed.value.high))
+        self._draft.vary(path, low, high, phrase.span, unit="m/s")
 
     def sun(self, phrase: Phrase) -> None:
         word, time = phrase.first("SUN"), phrase.first("TIME")

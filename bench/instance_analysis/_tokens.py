@@ -172,17 +172,17 @@ def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, mended
     return Word(run[0].group(), Span(run[0].start(), run[0].end()), ()), 1
 
 
+FARTHEST_NOUN = 8
+"""Words after an article among which its noun is looked for."""
 _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
 
 
 def _articles(words: list[Word]) -> Iterator[Word]:
     """`a truck`, `an hour` are one of it; other articles change nothing."""
     for index, word in enumerate(words):
-        following = words[index + 1] if index + 1 < len(words) else None
-        while following is not None and following.filler and index + 2 < len(words):
-            index += 1
-            following = words[index + 1] if index + 1 < len(words) else None
-        if word.text in ("a", "an") and following is not None and any(one.kind in _COUNTED for one in following.meanings):
-            yield replace(word, meanings=(Meaning("NUM", 1.0),), filler=False)
-        else:
-            yield word
+        if word.text in ("a", "an"):
+            following = next((one for one in words[index + 1 : index + 1 + FARTHEST_NOUN] if not one.filler), None)
+            if following is not None and any(one.kind in _COUNTED for one in following.meanings):
+                yield replace(word, meanings=(Meaning("NUM", 1.0),), filler=False)
+                continue
+        yield word

@@ -207,9 +207,9 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
     for one in document.sets:
         yield from ((word.lower(), Meaning("SET", one)) for word in one.words)
-    for kind, orders in document.orders.items():
-        order = EventWords(part="orders", kind=kind, words=orders)
+    for ordered, orders in document.orders.items():
+        order = EventWords(part="orders", kind=ordered, words=orders)
         yield from ((word.lower(), Meaning("ORDER", order)) for word in orders)
     for event in document.events:
-        name = "TASK" if event.kind in ("mark", "retask") else "EVENT"
-        yield from ((word.lower(), Meaning(name, event)) for word in event.words)
+        token = "TASK" if event.kind in ("mark", "retask") else "EVENT"
+        yield from ((word.lower(), Meaning(token, event)) for word in event.words)

@@ -34,12 +34,15 @@ def found_fields(found: BaseSimSpec) -> Fields:
         path: value for path, value in spoken.items() if path.endswith((".tolerance", ".within_m", ".within_deg", ".height_m"))
     }
     ranges = {f"~{path}": [one.low, one.high] for one in found.ranges if one.low is not None for path in one.paths}
+    ranges |= {f"~{path}": list(one.levels) for one in found.ranges if one.levels for path in one.paths if "_level" in path}
     return {path: value for path, value in spoken.items() if path not in silent} | ranges
 
 
 DEFAULTS: Fields = {
     "actors[].concealment": 0.0,
     "actors[].motion.kind": "still",
+    "intelligence[].priority": 1,
+    "intelligence[].latency_s": 0.0,
     "actors[].placement.distances[].whom": "every",
     "rules.no_mark_within_m": 50.0,
 }
@@ -91,7 +94,8 @@ def wrong_in(entry: dict[str, Any]) -> tuple[int, list[str]]:
                     f"{name} {here}, expected {entry.get(name, 0)}: {[one.quote for one in found.not_expressible]} {[one.ask for one in found.questions]}"
                 )
     compared += 1
-    if bool(found.not_understood) != bool(entry.get("unread")):
+    unread = bool(found.not_understood or (entry.get("listed") and found.not_expressible))
+    if unread != bool(entry.get("unread") or entry.get("listed")):
         wrong.append(f"not understood: {[one.quote for one in found.not_understood]}")
     if found.questions and not entry.get("asks"):  # a document that is not there has none of its fields
         missing = expected_fields(entry["is"])
