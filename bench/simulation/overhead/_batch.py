@@ -130,7 +130,7 @@ class Batch:
         points = np.empty((EPOCHS, *self.start_m.shape))
         for epoch in range(EPOCHS):
             away = self.roam_m * np.sqrt(uniform(self.seeds, _WALK + 3 * epoch, actors))
-            turn = 2.0 * np.pi * uniform(self.seeds, _WALK + 3 * epoch + 1, actors)
+            turn = (2.0 * np.pi * uniform(self.seeds, _WALK + 3 * epoch + 1, actors)).astype(np.float32)
             points[epoch, :, :, 0] = self.start_m[:, :, 0] + away * np.sin(turn)
             points[epoch, :, :, 1] = self.start_m[:, :, 1] + away * np.cos(turn)
         places = points.copy()
@@ -231,12 +231,11 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
     first: dict[str, int] = {}
     for index, actor in enumerate(simspec.realized.actors):
         first.setdefault(actor.group, index)
-    members = [groups[actor.group] for actor in simspec.realized.actors]
-    assets = [ASSETS[group.asset] for group in members]
+    number = {group.id: index for index, group in enumerate(simspec.actors)}
+    member = np.array([number[actor.group] for actor in simspec.realized.actors], dtype=np.int64)
     told = {report.id: report for report in simspec.realized.reports}
     tasks = [one for one in simspec.intelligence if one.id in told]
     meant = [groups[one.about].role is Role.ADVERSARY for one in tasks]
-    number = {group.id: index for index, group in enumerate(simspec.actors)}
     allowed = limits(simspec, careful=SURROGATES[simspec.agent.label])
     deaf = deaf_spans(simspec.outages)
     extinction = model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
@@ -274,17 +273,9 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
         "task_actor": np.array(
             [first.get(one.about, -1) if enemy else -1 for one, enemy in zip(tasks, meant, strict=True)], dtype=np.int64
         ),
-        "role": np.array([_ROLES[group.role] for group in members], dtype=np.int64),
         "start_m": np.array([(actor.east_m, actor.north_m) for actor in simspec.realized.actors]).reshape(-1, 2),
-        "roam_m": np.array([group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in members]),
-        "rests": np.array([_rests(group.motion) for group in members]),
-        "tall_m": np.array([asset.height_m for asset in assets]),
-        "wide_m": np.array([_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets]),
-        "concealment": np.array([group.concealment for group in members]),
-        "mistakable": np.array([bool(asset.confused_with) for asset in assets], dtype=np.bool_),
-        "group": np.array([number[group.id] for group in members], dtype=np.int64),
-        "asset": np.array([_ASSET[group.asset] for group in members], dtype=np.int64),
-        "label": np.array([LABEL[asset.class_label] for asset in assets], dtype=np.int64),
+        "group": member,
+        **{name: values[member] for name, values in _of_groups(simspec).items()},
         "keeps_up": allowed.keeps_up,
         "floor_m": allowed.floor_m,
         "pace_mps": allowed.pace_mps,
@@ -297,6 +288,23 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
         "airspaces": _airspaces(simspec, known),
         "scenes": simspec,
         **_interrupted(simspec, [one.id for one in tasks]),
+    }
+
+
+def _of_groups(simspec: SimSpec) -> dict[str, np.ndarray]:
+    """What all members of a group have in common, group by group."""
+    groups = simspec.actors
+    assets = [ASSETS[group.asset] for group in groups]
+    return {
+        "role": np.array([_ROLES[group.role] for group in groups], dtype=np.int64),
+        "roam_m": np.array([group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups]),
+        "rests": np.array([_rests(group.motion) for group in groups]),
+        "tall_m": np.array([asset.height_m for asset in assets]),
+        "wide_m": np.array([_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets]),
+        "concealment": np.array([group.concealment for group in groups], dtype=np.float64),
+        "mistakable": np.array([bool(asset.confused_with) for asset in assets], dtype=np.bool_),
+        "asset": np.array([_ASSET[group.asset] for group in groups], dtype=np.int64),
+        "label": np.array([LABEL[asset.class_label] for asset in assets], dtype=np.int64),
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ._batch import Batch
 from ._draws import Bools, Counts, Floats, normal
-from ._views import Views, rightly
+from ._views import Narrow, Views, rightly
 
 BYSTANDER_MARGIN_M = 6.0
 KNOWN_FRAMES = 2.0
@@ -40,14 +40,14 @@ class Memory:
         self._batch = batch
         self._luck = normal(batch.seeds, _LUCK_COUNT, batch.role.shape[1])
         self._views: list[Views] = []
-        self._sums: list[tuple[Floats, Floats]] = []
+        self._sums: list[tuple[Narrow, Narrow]] = []
 
     def add(self, views: Views) -> None:
         """One more stretch."""
         chance = rightly(views)
         mean = views.frames * chance
         self._views.append(views)
-        self._sums.append((mean, mean * _together(self._batch)[views.row] * (1.0 - chance)))
+        self._sums.append((mean, mean * _together(self._batch).astype(np.float32)[views.row] * (1.0 - chance)))
 
     def keep(self, chosen: Bools) -> None:
         """Of the last stretch only some views were."""
@@ -84,7 +84,7 @@ class Memory:
         return had
 
 
-def counts(batch: Batch, views: Views, chance: Floats) -> Floats:
+def counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
     """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with its luck.
 
     Misses hang together for a while, so the spread is that of as many looks as there are such whiles.

@@ -14,7 +14,7 @@ from ._batch import Batch
 from ._draws import Bools, Counts, Floats, normal
 from ._known import counts
 from ._outcome import Flown
-from ._views import Views, rightly
+from ._views import Narrow, Views, rightly
 
 Options = Mapping[str, Option]
 Column = tuple[Floats, Bools]
@@ -34,7 +34,7 @@ class Looks:
         self.course: object = None  # of the measures of where it went
         self._batch = batch
         self._counts: Floats | None = None
-        self._rightly: dict[float, Floats] = {}
+        self._rightly: dict[float, Narrow] = {}
         self._place = views.row * len(ROLES) + batch.role[views.row, views.actor]
         self._clear: dict[tuple[float, float], tuple[Floats, Floats, Floats]] = {}
 
@@ -44,7 +44,7 @@ class Looks:
             self._counts = counts(self._batch, self.views, self.rightly(0.0))
         return self._counts
 
-    def rightly(self, least: float) -> Floats:
+    def rightly(self, least: float) -> Narrow:
         """Chance of each view that one frame of it holds the actor with its own class, no less sure than that."""
         if least not in self._rightly:
             self._rightly[least] = rightly(self.views, least)

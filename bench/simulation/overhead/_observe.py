@@ -18,7 +18,7 @@ from ._mission import fly
 Asked = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
 
-CHUNK = 192
+CHUNK = 384
 """Missions flown at once, which bounds the memory."""
 
 _DIGITS = 9

@@ -85,9 +85,9 @@ def _steady_detection(batch: Batch, flown: Flown, looks: Looks, options: Options
     least = number(options, "min_confidence", USUAL_CONFIDENCE)
     chosen = np.flatnonzero(looks.chosen(options, role))
     order = chosen[np.lexsort((views.time_s[chosen], views.row[chosen]))]
-    row, frames = views.row[order], views.frames[order]
-    whole = np.bincount(row, frames, len(batch))
-    so_far = np.cumsum(frames) - np.concatenate(([0.0], np.cumsum(whole)))[row]
+    row, each = views.row[order], views.frames[order].astype(np.float64)
+    whole = np.bincount(row, each, len(batch))
+    so_far = np.cumsum(each) - np.concatenate(([0.0], np.cumsum(whole)))[row]
     late = np.zeros(len(views.row), dtype=np.int64)
     late[order] = so_far > 0.5 * whole[row]
     mask = np.zeros(len(views.row), dtype=np.bool_)

@@ -44,13 +44,11 @@ class Views:
     moment: Counts
     actor: Counts
     time_s: Floats
-    east_m: Floats
-    north_m: Floats
-    range_m: Floats
-    frames: Floats
-    height_px: Floats
-    detection: Floats
-    mislabel: Floats
+    range_m: Narrow
+    frames: Narrow
+    height_px: Narrow
+    detection: Narrow
+    mislabel: Narrow
 
     @staticmethod
     def joined(many: list[Views]) -> Views:
@@ -138,46 +136,55 @@ def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
     return at + begin, moment, actor
 
 
-def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east: Floats, north: Floats) -> Views:
-    row, up = stretch.rows[at], stretch.height_m[at, moment]
-    sine, cosine = np.sin(stretch.heading_rad)[at, moment], np.cos(stretch.heading_rad)[at, moment]
-    tilt_sine, tilt_cosine = np.sin(batch.tilt_rad)[row], np.cos(batch.tilt_rad)[row]
+def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east_m: Floats, north_m: Floats) -> Views:
+    """In single precision, as the pairs are many."""
+    row, east, north = stretch.rows[at], east_m.astype(np.float32), north_m.astype(np.float32)
+
+    def of_moment(values: Floats) -> Narrow:
+        return values.astype(np.float32)[at, moment]
+
+    def of_mission(values: Floats) -> Narrow:
+        return values.astype(np.float32)[row]
+
+    def of_actor(values: Floats) -> Narrow:
+        return values.astype(np.float32)[row, actor]
+
+    up, sine, cosine = of_moment(stretch.height_m), of_moment(np.sin(stretch.heading_rad)), of_moment(np.cos(stretch.heading_rad))
+    tilt_sine, tilt_cosine = of_mission(np.sin(batch.tilt_rad)), of_mission(np.cos(batch.tilt_rad))
     range_m = np.sqrt(east * east + north * north + up * up)
-    tall_m, wide_m = batch.tall_m[row, actor], batch.wide_m[row, actor]
-    middle = up - 0.5 * tall_m
+    tall_m, wide_m = of_actor(batch.tall_m), of_actor(batch.wide_m)
+    middle = up - np.float32(0.5) * tall_m
     ahead = east * sine + north * cosine
     across = np.abs(east * cosine - north * sine)
-    depth = np.maximum(ahead * tilt_cosine + middle * tilt_sine, 1.0)
+    depth: Narrow = np.maximum(ahead * tilt_cosine + middle * tilt_sine, np.float32(1.0))
     # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance by f up / depth^2,
     # a column with height by f across sin(tilt) / depth^2 and with what lies across by f / depth.
     down = (tall_m * ahead + wide_m * middle) / depth
     over = tall_m * across * tilt_sine / depth + wide_m
-    height_px = batch.focal_px[row] / depth * np.maximum(down, over)
-    contrast = np.exp(-batch.extinction_per_m[row] * range_m) * batch.light[row]
-    contrast *= 1.0 - batch.concealment_weight[row] * batch.concealment[row, actor]
+    height_px: Narrow = of_mission(batch.focal_px) / depth * np.maximum(down, over)
+    contrast = np.exp(-of_mission(batch.extinction_per_m) * range_m) * of_mission(batch.light)
+    contrast *= of_actor(1.0 - batch.concealment_weight[:, None] * batch.concealment)
     above = np.maximum((contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST), 0.0)
-    ratio = np.maximum(height_px * above / batch.half_height_px[row], 1e-9) ** batch.slope[row]
+    ratio = np.maximum(height_px * above / of_mission(batch.half_height_px), 1e-9) ** of_mission(batch.slope)
     share = ratio / (1.0 + ratio)
     perfect = batch.perfect[row]
-    wrong = np.minimum(1.0, 2.0 * batch.mislabel[row] * (1.0 - share)) * batch.mistakable[row, actor]
+    wrong = np.minimum(1.0, 2.0 * of_mission(batch.mislabel) * (1.0 - share)) * batch.mistakable[row, actor]
     return Views(
         row=row,
         moment=moment,
         actor=actor,
         time_s=stretch.time_s[at, moment],
-        east_m=east,
-        north_m=north,
         range_m=range_m,
-        frames=batch.rate_hz[row] * stretch.span_s[at, moment],
+        frames=of_moment(batch.rate_hz[stretch.rows][:, None] * stretch.span_s),
         height_px=height_px,
-        detection=np.where(perfect, 1.0, batch.ceiling[row] * share),
-        mislabel=np.where(perfect, 0.0, wrong),
+        detection=np.where(perfect, np.float32(1.0), of_mission(batch.ceiling) * share),
+        mislabel=np.where(perfect, np.float32(0.0), wrong),
     )
 
 
-def rightly(views: Views, min_confidence: float = 0.0) -> Floats:
+def rightly(views: Views, min_confidence: float = 0.0) -> Narrow:
     """Chance that one frame of each view holds the actor with its own class, no less sure than that."""
-    right: Floats = views.detection * (1.0 - views.mislabel)
+    right: Narrow = views.detection * (1.0 - views.mislabel)
     if min_confidence <= 0.0:
         return right
     prior = np.clip(views.mislabel, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
