@@ -139,7 +139,8 @@ class _Missing:
 
     def __init__(self, earlier: Sequence[int], new: int, sizes: Sequence[int], strength: int, possible: Possible) -> None:
         self.new, self._sizes = new, sizes
-        self.sets = np.array(list(itertools.combinations(earlier, strength - 1)), dtype=np.int64).reshape(-1, strength - 1)
+        sets = list(itertools.combinations(earlier, strength - 1))
+        self.sets = np.array(sets, dtype=np.int64).reshape(len(sets), strength - 1)
         self._size_of = np.array(sizes, dtype=np.int64)
         widest = max(math.prod(sizes[at] for at in some) for some in self.sets.tolist())
         self.open = np.zeros((len(self.sets), widest, sizes[new]), dtype=np.bool_)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Protocol, Self
 
@@ -151,7 +151,7 @@ class Design(Document):
                 combinations = method.chosen(space, self._seed(place), difficulties)
             else:
                 combinations = method.combinations(space, self._seed(place))
-            blocks.append(_numbered(combinations, number, apart=method.fidelity if isinstance(method, Nested) else None))
+            blocks.append(_numbered(combinations, number, method.twins if isinstance(method, Nested) else ()))
             number += len(combinations)
         return blocks
 
@@ -179,12 +179,13 @@ class Design(Document):
         return hashlib.blake2b(f"{self.seed}/{point.id}/{replicate}".encode()).digest()
 
 
-def _numbered(combinations: Sequence[Levels], before: int, apart: str | None) -> list[DesignPoint]:
-    """Points from the one after `before`. Those that differ in the factor `apart` alone share the scene of the first of them."""
-    scenes: dict[tuple[tuple[str, Level], ...], str] = {}
-    points = []
-    for number, levels in enumerate(combinations, start=before + 1):
-        name = f"p{number:03d}"
-        rest = tuple((factor, level) for factor, level in levels.items() if factor != apart)
-        points.append(DesignPoint(name, levels, scenes.setdefault(rest, name) if apart else name))
-    return points
+def _numbered(combinations: Sequence[Levels], before: int, twins: Container[int]) -> list[DesignPoint]:
+    """Points from the one after `before`. Those whose places are among `twins` share the scene of the one in front of them.
+
+    Points that merely have the same levels do not: two flights of one scene are one, and would count as two.
+    """
+    names = [f"p{number:03d}" for number in range(before + 1, before + 1 + len(combinations))]
+    return [
+        DesignPoint(name, levels, names[place - 1] if place in twins else name)
+        for place, (name, levels) in enumerate(zip(names, combinations, strict=True))
+    ]

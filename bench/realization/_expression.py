@@ -60,10 +60,11 @@ class Absent(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """An expression that was read, and the names that stand in it."""
+    """An expression that was read, the names that stand in it, and the texts, true or false that names are compared with."""
 
     text: str
     names: frozenset[str]
+    compared: frozenset[tuple[str, str | bool]]
     _evaluate: Evaluate
 
     def value(self, levels: Mapping[str, object]) -> Value:
@@ -91,7 +92,7 @@ def parse_expression(text: str) -> Expression:
         raise ValueError(f"an expression has at most {MOST_CHARACTERS} characters, this one {len(text)}")
     reader = _Reader(text)
     evaluate = reader.whole()
-    return Expression(text, frozenset(reader.names), evaluate)
+    return Expression(text, frozenset(reader.names), frozenset(reader.compared), evaluate)
 
 
 def _shown(names: frozenset[str], levels: Mapping[str, object]) -> str:
@@ -99,10 +100,11 @@ def _shown(names: frozenset[str], levels: Mapping[str, object]) -> str:
 
 
 class _Reader:
-    """Reads by recursive descent, loosest binding first; `names` fills up as it goes."""
+    """Reads by recursive descent, loosest binding first; `names` and `compared` fill up as it goes."""
 
     def __init__(self, text: str) -> None:
         self.names: set[str] = set()
+        self.compared: set[tuple[str, str | bool]] = set()
         self._text = text
         self._tokens = list(self._split())
         self._place = 0
@@ -183,11 +185,23 @@ class _Reader:
         return lambda levels: _truth(found(levels)) is (times % 2 == 0)
 
     def _compared(self) -> Evaluate:
+        places = [self._place]
         terms, signs = [self._sum()], []
         while sign := self._next(*_SAME, *_ORDER):
             signs.append(sign)
+            places.append(self._place)
             terms.append(self._sum())
+        self._note_compared(places, signs)
         return _chain(terms, signs) if signs else terms[0]
+
+    def _note_compared(self, places: list[int], signs: list[str]) -> None:
+        """Remember names beside a text, true or false. `places` are where terms begin; a term ends a token before the next."""
+        ends = [*(place - 1 for place in places[1:]), self._place]
+        alone = [self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)]
+        for sign, one, other in zip(signs, alone, alone[1:], strict=False):
+            for (kind, name), (beside, word) in ((one, other), (other, one)):
+                if sign in _SAME and kind == "name" and beside in ("text", "word"):
+                    self.compared.add((name, word[1:-1] if beside == "text" else word == "true"))
 
     def _sum(self) -> Evaluate:
         found = self._product()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,9 @@ Level = bool | int | float | str
 Levels = dict[str, Level]
 MAX_POINTS = 100_000
 MOST_REFUSED = 1000
-"""Points that a sequence may have refused for each one asked, before what is forbidden is said to leave too little."""
+"""Points that a sequence may have refused for each one found, before what is forbidden is said to leave too little ..."""
+PATIENCE = 10
+"""... and for so many that are still to be found."""
 INACTIVE = "inactive"
 """The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing there."""
 
@@ -41,12 +42,25 @@ class Range(Document):
     def _rises(self) -> Self:
         if self.high <= self.low:
             raise ValueError(f"high {self.high} must exceed low {self.low}")
+        if self.integer and not (self.low.is_integer() and self.high.is_integer()):
+            raise ValueError(f"low {self.low} and high {self.high} of whole numbers must be whole")
+        if self.integer and self.steps is not None and self.steps > self.high - self.low + 1:
+            raise ValueError(
+                f"there are {self.high - self.low + 1:.0f} whole numbers from low to high, fewer than steps {self.steps}"
+            )
         return self
 
     def at(self, share: float) -> float | int:
         """The value at a share of the way, 0 at low and 1 at high."""
         value = self.low + share * (self.high - self.low)
         return round(value) if self.integer else value
+
+    def drawn(self, share: float) -> float | int:
+        """As `at` for a share that was drawn; whole numbers have equal parts, the first and the last one too."""
+        if not self.integer:
+            return self.at(share)
+        count = int(self.high - self.low) + 1
+        return int(self.low) + min(int(share * count), count - 1)
 
 
 class Factor(Document):
@@ -113,10 +127,16 @@ class Factor(Document):
         return self.levels[0], self.levels[1]
 
     def at(self, share: float) -> Level:
-        """The level at a share in [0, 1]: within the range, or the levels in equal parts."""
+        """The level at a share in [0, 1]: within the range, or the levels (and whole numbers) in equal parts."""
         if self.range is not None:
-            return self.range.at(share)
+            return self.range.drawn(share)
         return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
+
+    def ranked(self, rank: int, count: int) -> Level:
+        """The level of the rank, from 0, among `count` even steps: a range's ends are reached, whole numbers and levels take turns."""
+        if self.range is not None and not self.range.integer:
+            return self.range.at(rank / (count - 1))
+        return self.at((rank + 0.5) / count)
 
     def changes(self, level: Level) -> dict[str, object]:
         """Every path that this level sets, with its value; none where the factor is inactive."""
@@ -190,11 +210,14 @@ class Space:
 
     def first(self, chosen: Iterable[Mapping[str, Level]], count: int) -> list[Levels]:
         """The first so many allowed points of an endless sequence. Raises ValueError where they are too rare."""
-        found = list(itertools.islice(self.whole(itertools.islice(chosen, MOST_REFUSED * count)), count))
-        if len(found) < count:
-            raise ValueError(
-                f"what is forbidden leaves {len(found)} of {MOST_REFUSED * count} points drawn; {count} were asked for"
-            )
+        found: list[Levels] = []
+        for drawn, levels in enumerate(map(self.complete, chosen), start=1):
+            if self.allows(levels):
+                found.append(levels)
+            if len(found) == count:
+                break
+            if drawn >= MOST_REFUSED * (len(found) + min(count, PATIENCE)):
+                raise ValueError(f"what is forbidden leaves {len(found)} of {drawn} points drawn; {count} were asked for")
         return found
 
     def every(self, chosen: Sequence[Mapping[str, Level]], kind: str) -> list[Levels]:
@@ -210,6 +233,10 @@ class Space:
     def at(self, shares: Iterable[float]) -> Levels:
         """The free factors' levels at shares in [0, 1], one for each."""
         return {factor.name: factor.at(float(share)) for factor, share in zip(self.free, shares, strict=True)}
+
+    def ranked(self, ranks: Iterable[int], count: int) -> Levels:
+        """The free factors' levels at ranks of `count` even steps, one for each."""
+        return {factor.name: factor.ranked(int(rank), count) for factor, rank in zip(self.free, ranks, strict=True)}
 
     def _level(self, factor: Factor, levels: Levels) -> Level:
         expression = self._rests[factor.name]
@@ -259,7 +286,18 @@ def _read(where: str, text: str, known: Mapping[str, Factor]) -> Expression:
     strange = sorted(expression.names - known.keys())
     if strange:
         raise ValueError(f"{where}: {text!r} names {strange[0]!r}, which is no factor (there are: {', '.join(known)})")
+    for name, value in sorted(expression.compared, key=str):
+        _check_compared(where, text, known[name], value)
     return expression
+
+
+def _check_compared(where: str, text: str, factor: Factor, value: str | bool) -> None:
+    """A text that a factor never takes is a slip of the pen, by which something would silently not be forbidden."""
+    if factor.formula is not None or any(level == value and isinstance(level, str | bool) for level in factor.levels):
+        return
+    told = "true" if value is True else "false" if value is False else repr(value)
+    levels = ", ".join(map(str, factor.levels)) if factor.range is None else f"{factor.range.low:g} ... {factor.range.high:g}"
+    raise ValueError(f"{where}: {text!r} compares {factor.name!r} with {told}, which it never is (it has: {levels})")
 
 
 def _holds(expression: Expression, levels: Mapping[str, Level]) -> bool:

@@ -35,6 +35,11 @@ class Nested(Document):
             raise ValueError(f"points {self.points} must be a multiple of high {self.high}, twice it or more")
         return self
 
+    @property
+    def twins(self) -> range:
+        """The places of the points at high fidelity, each right behind its own at low fidelity."""
+        return range(1, 2 * self.high, 2)
+
     def combinations(self, space: Space, seed: int) -> list[Levels]:
         """The low points, the first `high` of them followed by their high twins."""
         switch = next((factor for factor in space.free if factor.name == self.fidelity), None)

@@ -48,7 +48,7 @@ class OrthogonalLatinHypercube(Document):
         factors = len(space.free)
         points = self.points or least_points(factors)
         kept = _spread_out(points, factors, seed)
-        return space.every([space.at(row) for row in _shares(kept)], self.kind)
+        return space.every([space.ranked(row, points) for row in _ranks(kept)], self.kind)
 
 
 class NearlyOrthogonalLatinHypercube(Document):
@@ -60,7 +60,7 @@ class NearlyOrthogonalLatinHypercube(Document):
 
     def combinations(self, space: Space, seed: int) -> list[Levels]:
         square = nearly_orthogonal_latin_hypercube(self.points, len(space.free), seed)
-        return space.every([space.at(row) for row in _shares(square)], self.kind)
+        return space.every([space.ranked(row, self.points) for row in _ranks(square)], self.kind)
 
 
 def least_points(factors: int) -> int:
@@ -214,7 +214,9 @@ def _starred(square: Whole) -> Whole:
     return np.vstack([-square[:half], square[half:]])
 
 
-def _shares(square: Whole) -> NDArray[np.float64]:
-    """Columns as shares of a range, its ends included."""
+def _ranks(square: Whole) -> list[list[int]]:
+    """Columns that hold every step once, as ranks from 0."""
     top = int(square.max())
-    return np.asarray((square + top) / (2 * top), dtype=np.float64)
+    step = 1 if len(square) == 2 * top + 1 else 2
+    ranks: list[list[int]] = ((square + top) // step).tolist()
+    return ranks

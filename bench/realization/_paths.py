@@ -17,8 +17,19 @@ _PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_
 OWNED = ("format", "name", "realized", "agent", "seeds.root")
 """What realization itself writes into every SimSpec; no factor may."""
 
-UNITS = {"m": "m", "mps": "m/s", "s": "s", "deg": "deg", "hz": "Hz", "px": "px", "wh": "Wh", "per_km2": "1/km2", "level": "level"}
-"""Unit that the end of a field's name states."""
+UNITS = {
+    "per_m": "1/m",
+    "per_km2": "1/km2",
+    "m": "m",
+    "mps": "m/s",
+    "s": "s",
+    "deg": "deg",
+    "hz": "Hz",
+    "px": "px",
+    "wh": "Wh",
+    "level": "level",
+}
+"""Unit that the end of a field's name states; the first that fits, so longer ends stand first."""
 
 
 class PathFault(Exception):
@@ -42,6 +53,11 @@ class SpecPath:
         """The unit that the field's name ends in, None when it states none."""
         last = next(step for step in reversed(self.steps) if isinstance(step, str))
         return next((unit for end, unit in UNITS.items() if last.endswith(f"_{end}")), None)
+
+    @property
+    def open(self) -> bool:
+        """Whether it leads into a table of the vehicle's own, whose fields' names state no units."""
+        return self.steps[:2] == ("vehicle", "parameters")
 
     def set(self, document: Any, value: object) -> None:
         """Write a value into plain values that have the base's shape."""

@@ -28,6 +28,10 @@ MOST_POINTS = 2000
 """More points than this are not measured for discrepancy and distance, whose work grows with their square."""
 MOST_COMBINATIONS = 200_000
 MOST_SHOWN = 20
+MOST_ALIASED = 8
+MOST_TERMS = 5_000_000
+"""Points times interactions of two above which these are not measured."""
+SAME = 1e-9
 
 
 class Coverage(Document):
@@ -52,6 +56,28 @@ class DesignQuality(Document):
         Field(description="The largest absolute Pearson correlation between two factors that are numbers or have two levels."),
     ] = None
     correlated: tuple[str, ...] = ()
+    max_association: Annotated[
+        float | None,
+        Field(
+            description="The largest canonical correlation of a factor of three or more names with another factor; at 1 the one "
+            "tells the other. Some is chance where points are few."
+        ),
+    ] = None
+    associated: tuple[str, ...] = ()
+    max_interaction: Annotated[
+        float | None,
+        Field(
+            description="The largest absolute correlation of a main effect with an interaction of two, of numbers or two levels."
+        ),
+    ] = None
+    interacting: tuple[str, ...] = ()
+    aliased: Annotated[
+        tuple[str, ...],
+        Field(description="Main effects and interactions of two that no result of these points can tell apart."),
+    ] = ()
+    estimable: Annotated[
+        bool | None, Field(description="Whether the main effects of all factors can be had beside each other.")
+    ] = None
     discrepancy: Annotated[
         float | None, Field(description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best.")
     ] = None
@@ -68,6 +94,16 @@ class DesignQuality(Document):
         if self.max_abs_correlation is not None:
             between = f" ({' and '.join(self.correlated)})" if self.correlated else ""
             yield f"largest correlation {self.max_abs_correlation:.3g}{between}"
+        if self.max_association is not None:
+            yield f"largest association of names {self.max_association:.3g} ({' and '.join(self.associated)})"
+        if self.max_interaction is not None:
+            between = f" ({' and '.join(self.interacting)})" if self.interacting else ""
+            yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{between}"
+        if self.aliased:
+            more = f"; and {len(self.aliased) - MOST_ALIASED} more" if len(self.aliased) > MOST_ALIASED else ""
+            yield f"cannot be told apart: {'; '.join(self.aliased[:MOST_ALIASED])}{more}"
+        if self.estimable is False:
+            yield "the points are too few, or too alike, for the main effects of all factors"
         if self.discrepancy is not None and self.min_distance is not None:
             yield f"centred discrepancy {self.discrepancy:.4g}, closest points {self.min_distance:.3g} of the diagonal apart"
         if self.coverage:
@@ -89,10 +125,14 @@ def design_quality(
 ) -> DesignQuality:
     """Measure these points of a design, each flown in some of the `pairs`. `configurations` names the difficulty configuration of each point, in their order, where it is known.
 
-    Factors that follow from others are left out, and so are conditional ones that are inactive in some point.
+    Factors that follow from others are left out. Conditional ones count in correlations where they are active, and in discrepancy and
+    distance only where they always are.
     """
     numbers = {one.name: column for one in space.free if (column := _column(one, points)) is not None}
-    largest, pair = _correlation(numbers)
+    columns = {one.name: block for one in space.free if (block := _block(one, points)) is not None}
+    largest, pair = _largest(columns, numbers, names=False)
+    association, associated = _largest(columns, numbers, names=True)
+    mixed, mixing, aliased = _interactions(numbers)
     cube = [column for one in space.free if (column := numbers.get(one.name, _names_column(one, points))) is not None]
     unit = np.stack(cube, axis=1) if cube else np.zeros((len(points), 0))
     measured = unit.shape[1] > 0 and 2 <= len(points) <= MOST_POINTS
@@ -101,6 +141,12 @@ def design_quality(
         pairs=len(points) if pairs is None else pairs,
         max_abs_correlation=largest,
         correlated=pair,
+        max_association=association,
+        associated=associated,
+        max_interaction=mixed,
+        interacting=mixing,
+        aliased=aliased,
+        estimable=_estimable(columns),
         discrepancy=_discrepancy(unit) if measured else None,
         min_distance=_min_distance(unit) if measured else None,
         coverage=tuple(one for t in (2, 3) if (one := coverage(space, points, t)) is not None),
@@ -191,17 +237,104 @@ def _names_column(factor: Factor, points: Sequence[DesignPoint]) -> NDArray[np.f
     return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (len(factor.levels) - 1)
 
 
+def _block(factor: Factor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
+    """What a factor brings to a model of main effects: a column, or one for each of three or more names but one.
+
+    Not a number in points where it is inactive; None where it does not vary.
+    """
+    active = [not (factor.when and point.levels[factor.name] == INACTIVE) for point in points]
+    mine = [point for point, there in zip(points, active, strict=True) if there]
+    found = _column(factor, mine)
+    if found is None:
+        names = list(dict.fromkeys(point.levels[factor.name] for point in mine))[1:]
+        within = np.array([[point.levels[factor.name] == name for name in names] for point in mine], dtype=np.float64)
+    else:
+        within = found[:, None]
+    if not within.size or not np.ptp(within, axis=0).any():
+        return None
+    block = np.full((len(points), within.shape[1]), np.nan)
+    block[active] = within
+    return block
+
+
+def _largest(
+    blocks: Mapping[str, NDArray[np.float64]], always: Mapping[str, NDArray[np.float64]], *, names: bool
+) -> tuple[float | None, tuple[str, ...]]:
+    """The largest correlation of two factors, those of three or more names among them or not; over points where both are active.
+
+    `always` are the factors of one column that are active everywhere.
+    """
+    found, pair = (None, ()) if names else _correlation(always)
+    for (one, first), (other, second) in itertools.combinations(blocks.items(), 2):
+        if (max(first.shape[1], second.shape[1]) > 1) is not names or (one in always and other in always):
+            continue
+        together = ~np.isnan(first[:, 0]) & ~np.isnan(second[:, 0])
+        bases = [_basis(block[together]) for block in (first, second)]
+        if min(base.shape[1] for base in bases) == 0:
+            continue
+        here = float(round(min(1.0, np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0]), 9))
+        if found is None or here > found:
+            found, pair = here, (one, other)
+    return found, pair
+
+
+def _basis(block: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Orthonormal columns that span a block less its means."""
+    if len(block) < 2:
+        return np.zeros((len(block), 0))
+    left, sizes, _ = np.linalg.svd(block - block.mean(axis=0), full_matrices=False)
+    return np.asarray(left[:, sizes > SAME * max(1.0, float(sizes.max(initial=0.0)))])
+
+
 def _correlation(columns: Mapping[str, NDArray[np.float64]]) -> tuple[float | None, tuple[str, ...]]:
-    varied = {name: column - column.mean() for name, column in columns.items() if len(column) and np.ptp(column) > 0.0}
-    if len(varied) < 2:
+    names, units = _units(columns)
+    if len(names) < 2:
         return None, ()
-    rows = np.stack([column / np.linalg.norm(column) for column in varied.values()])
-    found = np.abs(np.triu(rows @ rows.T, 1))
-    first, second = divmod(int(found.argmax()), len(varied))
-    names = list(varied)
+    found = np.abs(np.triu(units.T @ units, 1))
+    first, second = divmod(int(found.argmax()), len(names))
     # What is left of an exact 0 after rounding is below what is told.
     largest = float(round(min(1.0, found[first, second]), 9))
     return largest, (names[first], names[second]) if largest else ()
+
+
+def _units(columns: Mapping[str, NDArray[np.float64]]) -> tuple[list[str], NDArray[np.float64]]:
+    """The columns that vary, less their means and of length 1."""
+    centred = {name: column - column.mean() for name, column in columns.items() if len(column)}
+    varied = {name: column for name, column in centred.items() if np.linalg.norm(column) > SAME}
+    return list(varied), np.array([column / np.linalg.norm(column) for column in varied.values()]).T
+
+
+def _interactions(
+    columns: Mapping[str, NDArray[np.float64]],
+) -> tuple[float | None, tuple[str, ...], tuple[str, ...]]:
+    """How far main effects go with products of two, which ones most, and the terms that are the same but for their sign."""
+    names, mains = _units(columns)
+    pairs = list(itertools.combinations(range(len(names)), 2))
+    if len(names) < 3 or len(pairs) * len(mains) > MOST_TERMS:
+        return None, (), ()
+    products = {f"{names[one]} x {names[other]}": mains[:, one] * mains[:, other] for one, other in pairs}
+    told, crossed = _units(products)
+    if not told:
+        return None, (), ()
+    found = np.abs(mains.T @ crossed)
+    first, second = divmod(int(found.argmax()), len(told))
+    largest = float(round(min(1.0, found[first, second]), 9))
+    groups: dict[bytes, list[str]] = {}
+    for name, column in zip([*names, *told], np.hstack([mains, crossed]).T, strict=True):
+        rounded = np.round(column, 6)
+        turned = rounded * np.sign(rounded[int(np.flatnonzero(rounded)[0])]) + 0.0  # no zero below zero
+        groups.setdefault(turned.tobytes(), []).append(name)
+    aliased = tuple(" = ".join(group) for group in groups.values() if len(group) > 1)
+    return largest, (names[first], told[second]) if largest else (), aliased
+
+
+def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
+    """Whether the blocks that are always there are independent of each other and of a constant."""
+    whole = [_basis(block) for block in blocks.values() if not np.isnan(block).any()]
+    if not whole:
+        return None
+    every = np.hstack(whole)
+    return bool(np.linalg.matrix_rank(every) == every.shape[1])
 
 
 def _discrepancy(unit: NDArray[np.float64]) -> float:

@@ -17,8 +17,8 @@ from bench.errors import Fault, SetupError
 from bench.simspec import AgentSpec, Seeds, SimSpec
 
 from ._design import Design, DesignPoint
-from ._factors import Level
-from ._paths import PathFault, SpecPath, find_path
+from ._factors import Factor, Level
+from ._paths import UNITS, PathFault, SpecPath, find_path
 from ._stratified import Difficulties
 
 
@@ -142,9 +142,9 @@ class _Patches:
                 except PathFault as fault:
                     faults.append(Fault(where, fault.what, fault.mend))
                     continue
-                stated = paths[text].unit
-                if text in factor.sets and factor.unit and stated and factor.unit != stated:
-                    faults.append(Fault(where, f"the factor's unit is {factor.unit!r}, the field's {stated!r}", f"give {stated}"))
+                if text in factor.sets and (other := _other_unit(where, factor, paths[text])):
+                    faults.append(other)
+            faults += _two_units(factor, paths)
         faults += _set_twice(design, paths)
         if faults:
             raise SetupError(faults)
@@ -194,13 +194,39 @@ class _Patches:
         ]
 
 
+def _other_unit(where: str, factor: Factor, path: SpecPath) -> Fault | None:
+    """A factor's unit is its field's; a field without one takes none that a field could have."""
+    if factor.unit is None or path.unit == factor.unit or path.open:
+        return None
+    if path.unit is not None:
+        return Fault(where, f"the factor's unit is {factor.unit!r}, the field's {path.unit!r}", f"give {path.unit}")
+    if factor.unit in UNITS.values():
+        return Fault(
+            where, f"the factor's unit is {factor.unit!r}, but the field has none", "leave the unit out, or name another field"
+        )
+    return None
+
+
+def _two_units(factor: Factor, paths: Mapping[str, SpecPath]) -> list[Fault]:
+    """One number cannot be metres in one field and seconds in another."""
+    stated = {paths[text].unit: text for text in factor.sets if text in paths and paths[text].unit}
+    if factor.unit is not None or len(stated) < 2:
+        return []
+    told = ", ".join(f"{text} ({unit})" for unit, text in stated.items())
+    what = f"sets fields of different units: {told}"
+    return [Fault(f"design: factor {factor.name!r}", what, "let a factor with a formula set the other one")]
+
+
 def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
-    """Two factors on one field would silently undo each other, however the field is written."""
+    """Two factors on one field, or on one within what the other sets whole, would silently undo each other."""
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
     for factor in design.factors:
         for text in [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]:
             if text in paths:
                 users.setdefault(paths[text].steps, {})[factor.name] = text
+    for steps, names in users.items():
+        for length in range(1, len(steps)):
+            names.update(users.get(steps[:length], {}))
     return [
         Fault(f"design: path {next(iter(names.values()))}", f"is set by the factors {', '.join(names)}", "let one factor set it")
         for names in users.values()

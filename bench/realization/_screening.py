@@ -296,6 +296,8 @@ def _two_level(factors: Sequence[Factor], signs: Signs) -> list[Levels]:
 
 def _three(factor: Factor) -> tuple[Level, ...]:
     if factor.range is not None:
+        if factor.range.integer and (factor.range.low + factor.range.high) % 2:
+            raise ValueError(f"factor {factor.name!r}: no whole number is in the middle of its range; move an end by one")
         return tuple(factor.range.at(share) for share in (0.0, 0.5, 1.0))
     numbers = [one for one in factor.levels if isinstance(one, int | float) and not isinstance(one, bool)]
     if len(factor.levels) != 3 or len(numbers) != 3:

@@ -66,7 +66,7 @@ def _measured(design: Design, pairs: Pairs, configurations: Sequence[str]) -> De
         design.space,
         _flown(pairs),
         pairs=len(pairs),
-        extendable=all(method.grows for method in design.methods),
+        extendable=design.methods[-1].grows,
         configurations=configurations,
     )
 

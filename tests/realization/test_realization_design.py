@@ -183,6 +183,18 @@ def test_levels_that_do_not_fit() -> None:
     assert "factor 'fog': path environment.fog_level: the factor's unit is 'm'" in faults(FOG | {"unit": "m"})
 
 
+def test_units_that_do_not_fit() -> None:
+    """One per metre is no metre; a share has no unit; and one number cannot be metres here and seconds there."""
+    extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
+    mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
+
+    assert "the field's '1/m'" in faults(extinction | {"unit": "m"})
+    assert realize(BASE, design(extinction | {"unit": "1/m"}), AGENTS)
+    assert "but the field has none" in faults(CROWD | {"unit": "m"})
+    assert "sets fields of different units: mission.altitude_m (m), mission.time_limit_s (s)" in faults(mixed)
+    assert "the factor's unit is 'm', the field's 's'" in faults(mixed | {"unit": "m"})
+
+
 def test_levels_that_clash_with_each_other() -> None:
     """Levels that are right alone but not together name the design point and its levels."""
     high = {"name": "height", "levels": [60.0, 110.0], "sets": ["mission.altitude_m"]}
@@ -194,6 +206,9 @@ def test_levels_that_clash_with_each_other() -> None:
 def test_factors_that_undo_each_other() -> None:
     """Two factors on one field are refused, however each writes its path."""
     assert "is set by the factors crowd, again" in faults(CROWD, CROWD | {"name": "again", "sets": ["actors[2].count"]})
+    home = {"name": "home", "levels": ["N"], "patches": {"N": {"vehicle.home": {"east_m": 0.0, "north_m": 9.0}}}}
+    turned = {"name": "turned", "levels": [0.0, 90.0], "sets": ["vehicle.home.heading_deg"]}
+    assert "is set by the factors turned, home" in faults(home, turned)
 
 
 @pytest.mark.parametrize(

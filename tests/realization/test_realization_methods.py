@@ -248,6 +248,7 @@ def occurring(points: list[DesignPoint], names: tuple[str, ...]) -> set[tuple[ob
         ([3] * 6, 3, 52),
         ([2] * 8, 4, 40),
         ([4, 3], 4, 12),
+        ([4, 3, 2], 1, 4),
     ],
 )
 def test_covering_arrays_cover_everything(sizes: list[int], strength: int, most: int) -> None:
@@ -395,6 +396,73 @@ def rated(chosen: Any) -> dict[str, float]:
     return {"KA-1": 20.0 if chosen["f0"] < 0.8 else 60.0, "KA-2": 20.0 if chosen["a"] == "x" else 90.0}
 
 
+def test_every_flight_of_a_nested_design_has_a_scene_of_its_own_but_for_twins() -> None:
+    """Points that happen to have the same levels are no twins: flown in one scene they would be one run counted twice."""
+    factors = [levels("rate", 10, 50), levels("a", 1, 2), {"name": "b", "formula": "a * rate", "sets": ["b"]}]
+    made = design(factors, method={"kind": "nested", "points": 8, "high": 2, "fidelity": "rate"}).points()
+
+    low = [point for point in made if point.levels["rate"] == 10]
+    high = [point for point in made if point.levels["rate"] == 50]
+    assert [point.scene for point in low] == [point.id for point in low]
+    assert [point.scene for point in high] == [made[made.index(point) - 1].id for point in high] == ["p001", "p003"]
+
+
+WHOLE = {"name": "whole", "range": {"low": 3, "high": 6, "integer": True}, "sets": ["whole"]}
+
+
+@pytest.mark.parametrize("kind", ["sobol", "halton", "latin_hypercube", "nearly_orthogonal_latin_hypercube"])
+def test_whole_numbers_and_levels_are_even(kind: str) -> None:
+    """The ends of whole numbers come as often as those between, and so does every level, the order of levels no matter."""
+    made = design([*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}).points()
+
+    for name, known in (("whole", {3, 4, 5, 6}), ("a", set("xyzw"))):
+        found = Counter(point.levels[name] for point in made)
+        assert set(found) == known
+        assert max(found.values()) - min(found.values()) <= 2
+
+
+def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
+    """65 points on 4 numbers: 16 each and the centre, and each point's mirror image has the mirrored number."""
+    made = design([*ranges(1), WHOLE], method={"kind": "orthogonal_latin_hypercube", "points": 65}).points()
+
+    assert sorted(Counter(point.levels["whole"] for point in made).values()) == [16, 16, 16, 17]
+    of = {round(float(point.levels["f0"]), 9): int(point.levels["whole"]) for point in made}
+    assert all(of[round(1 - share, 9)] == 9 - whole for share, whole in of.items() if share != 0.5)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"low": 0.5, "high": 2.5, "integer": True}, "must be whole"),
+        ({"low": 0, "high": 3, "integer": True, "steps": 5}, "there are 4 whole numbers"),
+    ],
+)
+def test_ranges_of_whole_numbers_that_are_none(wrong: dict[str, Any], said: str) -> None:
+    """Half a person is no bound, and a step that would stand twice is none."""
+    assert said in refused([{"name": "a", "range": wrong, "sets": ["a"]}])
+
+
+def test_definitive_screening_needs_a_middle() -> None:
+    """Between 3 and 6 no whole number is in the middle, and without it main effects would go with squares."""
+    assert "in the middle" in refused([*ranges(2), WHOLE], method={"kind": "definitive_screening"})
+
+
+@pytest.mark.parametrize(
+    "forbid", ["a == 'n' and f0 > 0.5", "night == 'true'", "f0 == 'x'", "'N' != a == 'W'", "not (night != 'no')"]
+)
+def test_words_that_a_factor_never_is_are_slips(forbid: str) -> None:
+    """A prohibition that misspells a level would forbid nothing, silently."""
+    factors = [levels("a", "N", "S"), levels("night", True, False), *ranges(1)]
+
+    assert "which it never is" in refused(factors, forbid=[forbid], method={"kind": "sobol", "points": 8})
+    assert design(factors, forbid=["a == 'N' and night == true and (f0) > 0.5"], method={"kind": "sobol", "points": 8}).points()
+
+
+def test_a_prohibition_that_leaves_hardly_anything_is_said_soon() -> None:
+    """Ten thousand points are looked at, not as many times a thousand as were asked for."""
+    assert "leaves 0 of 10000 points" in refused(ranges(2), forbid=["f0 >= 0"], method={"kind": "sobol", "points": 50_000})
+
+
 def test_stratified_designs_are_even_and_grow() -> None:
     """Configurations that are rare among the factors' levels get as many points as common ones, and more points keep the first."""
 
@@ -437,6 +505,47 @@ def test_quality_against_what_can_be_counted() -> None:
     assert made.correlated == ("f0", "f1")
     assert [(one.covered, one.possible) for one in made.coverage] == [(3, 9)]
     assert any("largest correlation 1 (f0 and f1)" in text for text in made.lines())
+
+
+def test_quality_tells_aliases() -> None:
+    """Half of 2^4: pairs are aliased with pairs; a quarter of 2^5: main effects too; Plackett-Burman: a third; folded over: none."""
+
+    def measured(count: int, **method: Any) -> Any:
+        named = [{**one, "name": name} for one, name in zip(ranges(count), "abcdefghijk", strict=False)]
+        made = design(named, method=method)
+        return design_quality(made.space, made.points())
+
+    half = measured(4, kind="fractional_factorial", runs=8)
+    assert (half.max_interaction, half.interacting) == (0.0, ())
+    assert half.aliased == ("a x b = c x d", "a x c = b x d", "a x d = b x c")
+    quarter = measured(5, kind="fractional_factorial", generators={"d": ["a", "b"], "e": ["a", "c"]})
+    assert quarter.max_interaction == 1.0
+    # From I = abd = ace = bcde, by hand.
+    assert set(quarter.aliased) == {
+        *("a = b x d = c x e", "b = a x d", "c = a x e", "d = a x b", "e = a x c"),
+        *("b x c = d x e", "b x e = c x d"),
+    }
+    assert measured(11, kind="plackett_burman").max_interaction == pytest.approx(1 / 3)
+    assert measured(11, kind="plackett_burman", foldover=True).max_interaction == 0.0
+    assert measured(6, kind="definitive_screening").aliased == ()
+    assert measured(5, kind="fractional_factorial", resolution=5).aliased == ()
+    assert any("cannot be told apart: a x b = c x d" in line for line in half.lines())
+
+
+def test_quality_tells_what_prohibitions_tie_together() -> None:
+    """Names that go with a number, and a conditional factor where it is active: both are told, and points that carry no effects."""
+    factors = [levels("a", "x", "y", "z"), levels("fog", 0, 1, 2), levels("more", 0, 1, 2, when="fog > 0")]
+    free = design(factors)
+    tied = design(
+        factors, forbid=["a == 'x' and fog != 0", "a == 'y' and fog != 1", "a == 'z' and fog != 2", "fog > 0 and more != fog"]
+    )
+
+    loose, tight = (design_quality(one.space, one.points()) for one in (free, tied))
+    assert (loose.max_abs_correlation, loose.max_association, loose.estimable) == (0.0, 0.0, True)
+    assert (tight.max_abs_correlation, tight.correlated) == (1.0, ("fog", "more"))
+    assert (tight.max_association, tight.associated) == (1.0, ("a", "fog"))
+    assert tight.estimable is False
+    assert any("too few, or too alike" in line for line in tight.lines())
 
 
 def test_quality_counts_only_what_may_be() -> None:
