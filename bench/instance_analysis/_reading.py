@@ -68,6 +68,7 @@ WEAK = frozenset(
 )
 
 
+PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
 BOUNDS = {
     "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
     "mission.speed_mps": {"WITHIN": "max_speed_mps"},
@@ -165,6 +166,8 @@ class Reader:
         return starts and phrase.rule in ("inside", "part") and isinstance(following, Phrase) and following.rule == "group"
 
     def _phrase(self, phrase: Phrase, *, joins: bool, later: bool) -> None:
+        if phrase.rule == "group" and self._counts_again(phrase):
+            return
         if phrase.rule == "group":
             before = self.joined if joins else []
             self.cast.introduce(phrase)
@@ -186,6 +189,19 @@ class Reader:
         elif phrase.rule not in OF_A_GROUP:
             self._handler(phrase.rule)(phrase)
         self.joined = []
+
+    def _counts_again(self, phrase: Phrase) -> bool:
+        """`the aid workers, seven persons`: how many there are of those who were just named."""
+        count, asset = phrase.first("COUNT"), phrase.first("ASSET")
+        before = self.draft.text[: phrase.span.start].rstrip()
+        if count is None or asset is None or len(phrase.parts) > 2 or not before.endswith((",", "(", ":")):
+            return False
+        generic = self.draft.quote(asset.span).lower() in ("persons", "people", "men", "individuals", "in all")
+        named = self.cast.subject if self.cast.here and not self.waiting else []
+        if not generic or len(named) != 1 or not isinstance(count.value, Quantity) or self.cast.groups[named[0]] == asset.value:
+            return False
+        person = self.vocabulary.assets[self.cast.groups[named[0]]].asset in PERSONS
+        return person and self.cast.count_later(named[0], count.value, phrase.span)
 
     def _said_of_groups(self, phrase: Phrase) -> list[Phrase]:
         """The phrase, where it says something of a group; none where it says it of ground or the vehicle's home."""
@@ -315,7 +331,13 @@ class Reader:
         if before and isinstance(before[-1], Word) and before[-1].text.lower() == "of":
             before = before[:-1]
         last = before[-1] if before else None
-        if word.text.lower().split()[0] in ("that", "which", "who") and isinstance(last, Phrase) and last.refs:
+        if not {"that", "which", "who"}.intersection(word.text.lower().split()) or not isinstance(last, Phrase):
+            return
+        if last.rule == "group":
+            self.joined = []  # `soldiers and civilians, who walk`: the civilians
+        elif last.rule in Roads.RULES:
+            self.topic = "road"
+        elif last.refs:
             meant = [one for one in self.cast.meant.get(last.refs[-1].span, []) if one in self.cast.groups]
             if meant:
                 self.cast.subject, self.cast.here, self.joined = [str(one) for one in meant], True, []

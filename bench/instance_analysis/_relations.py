@@ -16,6 +16,7 @@ from ._tokens import Span
 from ._traits import length_of
 from ._vocabulary import Defaults
 
+DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 FARS_M = (100.0, 200.0, 300.0)
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
@@ -126,6 +127,9 @@ class Relations:
     def exact(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))
         self._distance(group, phrase, low, high, note=note)
+        if due := phrase.first("DUE"):  # `70 m from home, due east`
+            direction = DIRECTIONS[self._draft.quote(due.span).lower().split()[-1]]
+            self.towards(group, self._who.ref(phrase), direction, phrase.span)
 
     def away(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))

@@ -45,13 +45,16 @@ def test_bad_prose_is_answered_with_a_sentence(text: str, words: str) -> None:
         read_prose(text, VOCABULARY)
 
 
-@pytest.mark.parametrize("word", ["truck ", "between 5 and ", "[", "camoflaged ", "rain or "])
+LONG = ["truck ", "between 5 and ", "[", "camoflaged ", "rain or ", "a ", "10 m ", "(0,0) ", "1 ", "a truck near ", "at 9 s "]
+
+
+@pytest.mark.parametrize("word", [*LONG, "1" + " " * 400, "(1,", "é", "٣ ", "47.1 N ", "in the village ", "9" * 60, "x 1 y "])
 def test_the_longest_prose_takes_bounded_time(word: str) -> None:
-    """As much text as is taken, of one word over and over, is answered in seconds."""
+    """As much text as is taken, of one stretch over and over, is answered in seconds."""
     begin = time.process_time()
     with contextlib.suppress(SetupError):
         read_prose((word * 20_000)[:20_000], VOCABULARY)
-    assert time.process_time() - begin < 20.0
+    assert time.process_time() - begin < 6.0
 
 
 def test_many_words_that_nobody_knows_take_bounded_time() -> None:
@@ -85,14 +88,26 @@ def test_what_is_denied_is_left_and_listed(text: str, quote: str) -> None:
     assert not [one for one in found.receipts if one.source == "prose" and one.quote == quote]
 
 
+def test_roads_are_kept_clear_of() -> None:
+    """A least distance from a road, a largest one, or both; the upper end that is not said is farther than the area goes."""
+    text = "A radar at least 30 m from the road. [1,2] military trucks [20-40] meters from the road."
+    found = read_prose(text, VOCABULARY)
+    assert found.simspec is not None
+    radar, truck = (group.placement.along for group in found.simspec.actors)
+    assert radar is not None
+    assert truck is not None
+    assert (radar.at_least_m, radar.within_m) == (30.0, 680.0)
+    assert (truck.at_least_m, truck.within_m) == (20.0, 40.0)
+
+
 def test_relations_that_cannot_be_said_are_listed() -> None:
     """What a SimSpec has no field for is listed with the reason, and the rest stands."""
     text = (
-        "A radar at least 30 m from the road. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
+        "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
     )
     found = read_prose(text, VOCABULARY)
     quotes = [one.quote for one in found.not_expressible]
-    assert quotes == ["at least 30 m from the road", "near the village", "on average 40 m from a shed"]
+    assert quotes == ["near the village", "on average 40 m from a shed"]
     assert found.simspec is not None
     assert [group.id for group in found.simspec.actors] == ["radar", "civilian", "truck", "shed"]
 
