@@ -15,7 +15,6 @@ from ._traits import length_of
 from ._vocabulary import Defaults
 
 WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
-NO_LEAST = "a SimSpec has no least distance from a road; the largest one stands"
 
 
 @dataclass(slots=True)
@@ -47,6 +46,8 @@ class Roads:
         self._hinted: Phrase | None = None
         """`the road` before anything is said of it."""
         self._crossings: list[tuple[str, Span]] = []
+        self._unbounded: list[tuple[str, float]] = []
+        """Groups with a least distance from a road alone."""
 
     def mention(self, phrase: Phrase) -> None:
         """Roads that are spoken of; `the road` of which nothing is said makes none."""
@@ -171,17 +172,19 @@ class Roads:
 
     def roadgap(self, group: str, phrase: Phrase) -> None:
         road, length = self._spoken(phrase)[0], length_of(self._draft, phrase)
-        if phrase.first("ATLEAST"):
-            self._draft.unread(phrase.span, "a SimSpec has no least distance from a road")
-            return
         low, high = (0.0 if length.single else length.low), length.high
         if length.single and not phrase.first("WITHIN"):
             share = self._defaults.exact_share
             low, high = length.low * (1 - share), length.high * (1 + share)
+        base: Path = ("actors", group, "placement", "along")
         self._along(group, road, "beside", phrase.span)
-        self._draft.put(("actors", group, "placement", "along", "within_m"), round(high, 6), phrase.span)
+        if phrase.first("ATLEAST"):
+            self._draft.put((*base, "at_least_m"), length.low, phrase.span)
+            self._unbounded.append((group, length.low))
+            return
+        self._draft.put((*base, "within_m"), round(high, 6), phrase.span)
         if low > 0:
-            self._draft.unread(phrase.span, NO_LEAST)
+            self._draft.put((*base, "at_least_m"), round(low, 6), phrase.span)
 
     def roadside(self, group: str, phrase: Phrase) -> None:
         """North of a road: in the part of the area that lies there."""
@@ -201,6 +204,10 @@ class Roads:
         """The roads through the area as it then is, and what depends on where they run."""
         if self._hinted is not None and not self.roads:
             self._draft.unread(self._hinted.span, "stands by itself", expressible=True)
+        west, south, east, north = self._ground.box
+        for group, low in self._unbounded:
+            path: Path = ("actors", group, "placement", "along", "within_m")
+            self._draft.put(path, math.ceil(low + math.hypot(east - west, north - south)), None, "farther than the area goes")
         if self._crossings:
             for _ in range(2 - len(self.roads)):
                 self._new(Phrase("road", (), self._crossings[0][1]))

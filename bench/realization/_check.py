@@ -307,8 +307,8 @@ def _along(simspec: SimSpec, actor: PlacedActor, along: Along, outlines: Outline
     gap = covered.distance(outline)
     if along.where == "on" and not covered.buffer(SLACK_M).covers(outline):
         yield Fault(where, f"does not stand on road {road.id!r}", "keep the whole footprint on it")
-    if along.where == "beside" and not 0.0 < gap <= along.within_m + SLACK_M:
-        yield Fault(where, f"is {gap:.3f} m from road {road.id!r}", f"stand off it, within {along.within_m:g} m")
+    if along.where == "beside" and not (gap > 0.0 and along.at_least_m - SLACK_M <= gap <= along.within_m + SLACK_M):
+        yield Fault(where, f"is {gap:.3f} m from road {road.id!r}", f"stand off it, {along.gap}")
     if along.parallel_deg is not None:
         spot = shapely.Point(actor.east_m, actor.north_m)
         pieces = [shapely.LineString(pair) for pair in itertools.pairwise(line.coords)]

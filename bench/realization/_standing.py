@@ -94,7 +94,7 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
 
     def beside(some: Footprints) -> Mask:
         gap = shapely.distance(ground_m2, shapely.polygons(some.corners()))
-        kept: Mask = (gap > 0.0) & (gap <= along.within_m)
+        kept: Mask = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
         return kept
 
     if along.where == "on":
@@ -103,10 +103,10 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
     else:
 
         def verge() -> Geometry:
-            covered = shapely.buffer(ground_m2, inner_radius_m(group) - 1e-6, quad_segs=ARC)
+            covered = shapely.buffer(ground_m2, along.at_least_m + inner_radius_m(group) - 1e-6, quad_segs=ARC)
             return wide(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
 
-        yield Relation(field(group, "along"), f"stand beside road {road.id!r}, within {along.within_m:g} m of it", beside, verge)
+        yield Relation(field(group, "along"), f"stand beside road {road.id!r}, {along.gap} off it", beside, verge)
     if along.parallel_deg is not None:
         limit = along.parallel_deg
 

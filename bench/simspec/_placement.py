@@ -148,10 +148,24 @@ class Along(Document):
     where: Annotated[Literal["on", "beside"], Field(description="on: the whole footprint on the road; beside: none of it.")] = (
         "on"
     )
+    at_least_m: Annotated[NotNegative, Field(description="For beside: least gap between footprint and road.")] = 0.0
     within_m: Annotated[Positive, Field(description="For beside: largest gap between footprint and road.")] = 5.0
     parallel_deg: Annotated[
         float | None, Field(ge=0.5, le=90.0, description="Head along the road within this, either way; any heading when absent.")
     ] = None
+
+    @model_validator(mode="after")
+    def _leaves_a_verge(self) -> Self:
+        if self.where == "on" and self.at_least_m > 0.0:
+            raise ValueError("what stands on a road keeps no distance from it; drop at_least_m, or say where: beside")
+        if self.at_least_m >= self.within_m:
+            raise ValueError(f"within_m {self.within_m:g} must exceed at_least_m {self.at_least_m:g}")
+        return self
+
+    @property
+    def gap(self) -> str:
+        """The gap to the road, for people."""
+        return f"within {self.within_m:g} m" if self.at_least_m == 0.0 else f"{self.at_least_m:g} to {self.within_m:g} m"
 
 
 class Placement(Document):

@@ -50,6 +50,9 @@ def faults(simspec: SimSpec) -> list[str]:
 KEPT: dict[str, list[dict[str, Any]]] = {
     "on a road": [group("cars", "civilian-car", 8, along={"road": "main", "parallel_deg": 8})],
     "beside a road": [group("people", "civilian", 12, along={"road": "main", "where": "beside", "within_m": 2})],
+    "off a road": [
+        group("people", "civilian", 12, along={"road": "main", "where": "beside", "at_least_m": 20, "within_m": 30}),
+    ],
     "north of": [
         group("houses", "house", 3, region=corners(20, 10, 80, 50)),
         group("people", "civilian", 8, bearing={"of": "houses", "from_deg": 315, "to_deg": 45}),
@@ -171,6 +174,8 @@ def test_a_range_leaves_the_places_alone() -> None:
         ([group("a", "crate", distances=[{"of": "clutter"}])], "any distance keeps this one"),
         ([group("a", "crate", bearing={"from_deg": 0, "to_deg": 90})], "either of"),
         ([group("a", "crate", along={"road": "lane"})], "not among"),
+        ([group("a", "crate", along={"road": "main", "at_least_m": 3})], "drop at_least_m"),
+        ([group("a", "crate", along={"road": "main", "where": "beside", "at_least_m": 5})], "must exceed at_least_m"),
         ([group("a", "crate", at={"east_m": 1, "north_m": 1}, spread_m=3)], "drop spread_m"),
         ([group("a", "house", hidden_from={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})], "in a circle"),
         (
@@ -192,6 +197,10 @@ def refusal(*groups: dict[str, Any], size_m: float = 100.0) -> PlacementInfeasib
 
 
 IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
+    "farther from a road than the ground goes": (
+        [group("p", "civilian", along={"road": "main", "where": "beside", "at_least_m": 120, "within_m": 130})],
+        {"actors[p].placement.along", "world.area"},
+    ),
     "a house on a lane": ([group("h", "house", along={"road": "path"})], {"actors[h].placement.along"}),
     "too narrow": (
         [group("h", "house", region=corners(0, 0, 8, 90)), group("t", "tree", 9)],
