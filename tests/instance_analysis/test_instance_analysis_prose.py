@@ -102,9 +102,7 @@ def test_roads_are_kept_clear_of() -> None:
 
 def test_relations_that_cannot_be_said_are_listed() -> None:
     """What a SimSpec has no field for is listed with the reason, and the rest stands."""
-    text = (
-        "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
-    )
+    text = "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
     found = read_prose(text, VOCABULARY)
     quotes = [one.quote for one in found.not_expressible]
     assert quotes == ["near the village", "on average 40 m from a shed"]
