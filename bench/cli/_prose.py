@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from bench.errors import Fault
     from bench.instance_analysis import BaseSimSpec, Proposed, Varied
     from bench.simspec import SimSpec
     from decompositions import Decomposition
@@ -41,7 +42,9 @@ def prose(
     campaign: Annotated[Path | None, typer.Option(help="Write a campaign there that varies the ranges")] = None,
     points: Annotated[int, typer.Option(min=1, max=10_000, help="Design points of that campaign")] = 17,
     groups: Annotated[bool, typer.Option(help="Group the variations by difficulty configuration")] = False,
-    decomposition: Annotated[str, typer.Option(help="For --groups: name or file of a decomposition")] = "search-and-report",
+    decomposition: Annotated[str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")] = (
+        "search-and-report"
+    ),
     llm: Annotated[
         str | None, typer.Option(help="Model that proposes what grammar and vocabulary do not find: provider:name, or a name")
     ] = None,
@@ -81,7 +84,9 @@ def prose(
     if out is not None:
         out.write_text(annotated_yaml(found), encoding="utf-8")
     if campaign is not None:
-        campaign.write_text(dump_value(_campaign(found, found.simspec, points)), encoding="utf-8")
+        campaign.write_text(dump_value(_campaign(found, found.simspec, points, decomposition)), encoding="utf-8")
+        for fault in _unrated(found.simspec, decomposition):
+            print(f"not to be scored yet: {fault}", file=sys.stderr)
     if groups:
         print("\n".join(_grouped(found, found.simspec, decomposition)))
     if not (as_json or explain or groups or out or campaign):
@@ -157,7 +162,20 @@ def _factors(ranges: Sequence[Varied]) -> list[dict[str, Any]]:
     return factors
 
 
-def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int) -> dict[str, Any]:
+def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
+    """What the description would have to speak of for the campaign to be rated, and so flown."""
+    from bench.errors import SetupError
+    from bench.scoring import difficulty_of
+
+    asked = _decomposition(decomposition)
+    try:
+        difficulty_of(asked, simspec)
+    except SetupError as error:
+        return error.faults
+    return ()
+
+
+def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int, decomposition: str) -> dict[str, Any]:
     """Plain values of a campaign over the ranges: a Latin hypercube, or every combination where there are levels alone."""
     from bench.campaign import Campaign
     from bench.documents import validate_document
@@ -171,7 +189,7 @@ def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int) -> dict[str, An
         "name": "prose",
         "base": said_of(found),
         "agents": [{"manifest": simspec.agent.manifest}],
-        "decomposition": "search-and-report",
+        "decomposition": decomposition,
         "design": {"factors": factors, "method": method},
     }
     validate_document(written, Campaign, source="campaign")

@@ -168,6 +168,17 @@ def test_ranges_become_a_campaign_that_can_be_realized(tmp_path: Path, capsys: p
         assert (scene.environment.rain_level, scene.environment.fog_level) in ((2.0, 0.0), (0.0, 3.0))
 
 
+def test_a_campaign_that_cannot_be_scored_says_what_it_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Before it is flown, and not at all when the text has said everything."""
+    campaign = str(tmp_path / "campaign.yaml")
+    text = "A radar. 3 to 9 civilians within 50 m of it."
+    assert run(["prose", text, "--campaign", campaign]) == 0
+    assert "not to be scored yet" in (told := capsys.readouterr().err)
+    assert "intelligence_uncertainty_m" in told
+    assert run(["prose", f"{text} Intelligence on the radar, accurate to 60 m.", "--campaign", campaign]) == 0
+    assert "not to be scored" not in capsys.readouterr().err
+
+
 def test_explain_names_words_or_default(capsys: pytest.CaptureFixture[str]) -> None:
     """Each field is said with the words it comes from and their place, or the word default."""
     assert run(["prose", "A camoflaged radar at 80 m. Some bananas.", "--explain"]) == 0
