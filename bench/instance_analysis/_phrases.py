@@ -118,10 +118,10 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
 
     A word with several meanings is tried in each of them that the rule takes at its place.
     """
-    if not any(one.kind in _beginnings(rule) for one in words[begin].meanings):
+    if _beginnings(rule).isdisjoint(one.kind for one in words[begin].meanings):
         return None
-    states: list[InteractiveParser] = [_grammar().parse_interactive(start=rule)]
-    found: tuple[Tree[Token], int] | None = None
+    states: list[_State] = [(_grammar().parse_interactive(start=rule), ())]
+    found: tuple[_Tokens, int] | None = None
     comma, apart, unknown = False, _APART.get(rule, {"COUNT"}), 0
     for index in range(begin, min(len(words), begin + LONGEST)):
         word = words[index]
@@ -135,29 +135,48 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
             continue
         if rule == "quantity" and index > begin and word.text in ("a", "an"):
             break  # `60 m to a radar` is no range
-        following: list[InteractiveParser] = []
-        for state in states:
+        following: list[_State] = []
+        for state, tokens in states:
             taken = state.choices()  # type: ignore[no-untyped-call]
             for number, meaning in enumerate(word.meanings):
                 if meaning.kind not in taken or (comma and meaning.kind in apart):
                     continue
-                branch = state.copy()  # type: ignore[no-untyped-call]
+                token = Token(meaning.kind, f"{index}:{number}")
+                branch = _branch(state)
                 try:
-                    branch.feed_token(Token(meaning.kind, f"{index}:{number}"))
+                    branch.feed_token(token)
                 except UnexpectedInput:
                     continue
-                following.append(branch)
+                following.append((branch, (*tokens, token)))
         if not following:
             break
         states, comma = following[:16], False
-        for state in states:
+        for state, tokens in states:
             if "$END" not in state.choices():  # type: ignore[no-untyped-call]
                 continue
             try:
-                found = state.copy().feed_eof(), index + 1  # type: ignore[no-untyped-call]
-                break
+                _branch(state).feed_eof()  # type: ignore[no-untyped-call]
             except UnexpectedInput:
                 continue
+            found = tokens, index + 1
+            break
+    return None if found is None else (_tree(rule, found[0]), found[1])
+
+
+_Tokens = tuple[Token, ...]
+_State = tuple[InteractiveParser, _Tokens]
+
+
+def _branch(state: InteractiveParser) -> InteractiveParser:
+    """A parser to go on with from a state. What it builds is shared with others, and only good to see whether it goes on."""
+    return state.copy(deepcopy_values=False)  # type: ignore[no-untyped-call, no-any-return]
+
+
+def _tree(rule: str, tokens: _Tokens) -> Tree[Token]:
+    parser = _grammar().parse_interactive(start=rule)
+    for token in tokens:
+        parser.feed_token(token)
+    found: Tree[Token] = parser.feed_eof()  # type: ignore[no-untyped-call]
     return found
 
 
