@@ -31,7 +31,7 @@ from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight
 
 from ._bands import Band, bands_of
 from ._footprint import Array, Footprints, footprints, joined, no_footprints
-from ._ground import EVERYWHERE, Geometry, coarse, ground, wide
+from ._ground import EVERYWHERE, Geometry, coarse, flat, ground, solid, wide
 from ._headings import Heading, facing_of, headings_clash, parallel_of
 from ._midway import Midway, midways
 from ._packing import most_aligned, most_apart
@@ -45,6 +45,8 @@ ROUNDS = 6
 PIECES = 200
 CASES = 48
 SMALLEST_PART_M = 2.0
+HAIR_M2 = 1e-3
+"""By how much areas must differ to differ at all: what fits exactly is not refused for the rounding of sums."""
 
 
 class PlacementInfeasible(RebarError):
@@ -66,20 +68,45 @@ def check_areas(simspec: SimSpec) -> None:
         if group.placement.at is None and members_of(simspec, group) and not hosts_of(simspec, group):
             needs.setdefault(region_of(simspec, group), []).append(group)
     for region, groups in needs.items():
-        gap = min(group.placement.separation_m for group in groups)
-        need = sum(members_of(simspec, group) * _grown_area_m2(group, gap) for group in groups)
-        room = max(region.area_m2, ground(region).buffer(gap / 2.0).area)  # buffers of almost nothing come out empty
-        if need > room:
-            names = ", ".join(f"{members_of(simspec, group)} of {group.id!r}" for group in groups)
-            raise PlacementInfeasible(
-                f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but their region of {region.area_m2:.0f} m2 "
-                f"offers {room:.0f} m2: lower the counts, lower separation_m or widen the region",
-                clash=tuple(f"actors[{group.id}].{_counted(group)}" for group in groups),
-            )
+        if _overfull(simspec, region, groups):
+            _refuse_overfull(simspec, region, _fewest(groups, lambda some, region=region: _overfull(simspec, region, some)))  # type: ignore[misc]
     for group in simspec.actors:
         if group.placement.near:
             _check_room_near(simspec, group, group.placement.near)
         _check_room_inside(simspec, group)
+
+
+def _area_needs(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> tuple[float, float, float]:
+    """The least gap that one of the groups wants, the area that all of them need with it, and what the region has."""
+    gap = min(group.placement.separation_m for group in groups)
+    need = sum(members_of(simspec, group) * _grown_area_m2(group, gap) for group in groups)
+    return gap, need, wide(ground(region), gap / 2.0).area
+
+
+def _overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> bool:
+    _, need, room = _area_needs(simspec, region, groups)
+    return need > room + HAIR_M2
+
+
+def _refuse_overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> None:
+    gap, need, room = _area_needs(simspec, region, groups)
+    names = ", ".join(f"{members_of(simspec, group)} of {group.id!r}" for group in groups)
+    regions = [field(group, "region") if group.placement.region else "world.area" for group in groups]
+    raise PlacementInfeasible(
+        f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but their region of {region.area_m2:.0f} m2 "
+        f"offers {room:.0f} m2: lower the counts, lower separation_m or widen the region",
+        clash=(*(f"actors[{group.id}].{_counted(group)}" for group in groups), *dict.fromkeys(regions)),
+    )
+
+
+def _fewest(groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]) -> list[ActorGroup]:
+    """Groups that fail together and of which none can be left out."""
+    core = list(groups)
+    for group in groups:
+        rest = [one for one in core if one is not group]
+        if rest and fails(rest):
+            core = rest
+    return core
 
 
 def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
@@ -91,7 +118,7 @@ def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
     others = 1 if is_home(simspec, near.of) else members_of(simspec, simspec.group(near.of))
     room = others * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
     need = members_of(simspec, group) * _grown_area_m2(group, gap)
-    if need > room:
+    if need > room + HAIR_M2:
         raise PlacementInfeasible(
             f"{members_of(simspec, group)} of {group.id!r} need at least {need:.0f} m2 with {gap:g} m between them, but within "
             f"{near.min_m:g} to {near.max_m:g} m of {near.of!r} there are {room:.0f} m2: lower the count or separation_m, or raise max_m",
@@ -129,7 +156,7 @@ def _check_room_inside(simspec: SimSpec, host: ActorGroup) -> None:
     gap = min((one.placement.separation_m for one in guests), default=0.0)
     need = sum(members_of(simspec, one) * _grown_area_m2(one, gap) for one in guests)
     room = members_of(simspec, host) * _grown_area_m2(host, gap)
-    if need > room:
+    if need > room + HAIR_M2:
         names = ", ".join(f"{members_of(simspec, one)} of {one.id!r}" for one in guests)
         raise PlacementInfeasible(
             f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but inside the {members_of(simspec, host)} of "
@@ -346,7 +373,7 @@ class _Scene:
         """Where the group's relations to the ground and to what is fixed leave centres."""
         rooms = [term.room for term in self.terms if term.group == group.id and term.room is not None]
         rooms += [self.case[group.id]] if group.id in self.case else []
-        left = shapely.intersection_all(rooms) if rooms else EVERYWHERE
+        left = solid(shapely.intersection_all(rooms)) if rooms else EVERYWHERE
         if group.placement.at or left.is_empty:
             return left
         inner = inner_radius_m(group)
@@ -389,7 +416,7 @@ class _Scene:
 
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
-            self.ground[name] = shapely.intersection(self.ground[name], room)
+            self.ground[name] = solid(shapely.intersection(self.ground[name], room))
 
     def _mean_fails(self, own: str, mean: MeanDistance | None) -> bool:
         assert mean is not None
@@ -424,7 +451,7 @@ class _Scene:
             return False
         areas = {name: zone.area for name, (zone, _) in zones.items()}
         needs = {name: need for name, (_, need) in zones.items()}
-        if any(needs[name] > areas[name] + 1e-3 for name in zones):
+        if any(needs[name] > areas[name] + HAIR_M2 for name in zones):
             return True
         if sum(needs.values()) <= min(areas.values()):
             return False
@@ -572,11 +599,11 @@ def _pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]]
     for index, zone in enumerate(zones):
         rest, cut = zone, []
         for piece, owners in pieces:
-            both = shapely.intersection(piece, zone)
+            both = flat(shapely.intersection(piece, zone))
             if both.area > 0.0:
                 cut.append((both, (*owners, index)))
-                rest = rest.difference(both)
-                piece = piece.difference(both)
+                rest = flat(rest.difference(both))
+                piece = flat(piece.difference(both))
             if piece.area > 0.0:
                 cut.append((piece, owners))
         pieces = [*cut, (rest, (index,))] if rest.area > 0.0 else cut

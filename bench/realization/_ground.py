@@ -21,6 +21,11 @@ _OUTWARD = 1.0 / cos(pi / (4 * ARC))
 """By how much a polygon of `ARC` edges for a quarter must be wider than the circle that it is to hold."""
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 """More ground than any document can name."""
+HAIR_M = 1e-3
+"""By how much ground is left too wide, so that what fits exactly is not lost: slivers thinner than some 5e-5 of the distance by
+which a polygon is shrunk are, in GEOS."""
+SHALLOW = 0.01
+"""GEOS leaves out corners that are shallower than this share of the distance by which it grows or shrinks a geometry."""
 FINE = 64
 COARSE_M = 0.1
 
@@ -33,6 +38,44 @@ def ground(polygon: Polygon) -> Geometry:
 def wide(geometry: Geometry, distance_m: float) -> Geometry:
     """Everything within a distance, rather too much than too little."""
     return shapely.buffer(geometry, distance_m * _OUTWARD + 1e-6, quad_segs=ARC)
+
+
+def shrunk_by(geometry: Geometry, distance_m: float) -> Geometry:
+    """Everything further than a distance from whatever is outside, rather too much than too little."""
+    return shapely.buffer(geometry, HAIR_M - _surely_m(geometry, distance_m), quad_segs=ARC)
+
+
+def grown_by(geometry: Geometry, distance_m: float) -> Geometry:
+    """Everything within a distance, rather too little than too much."""
+    return shapely.buffer(geometry, max(_surely_m(geometry, distance_m) - HAIR_M, 0.0), quad_segs=ARC)
+
+
+def _surely_m(geometry: Geometry, distance_m: float) -> float:
+    """The distance, or less where GEOS would leave out corners."""
+    for ring in shapely.get_rings(geometry):
+        east, north = shapely.get_coordinates(ring).T
+        # From the corner before to this one, and to the one behind it.
+        step_e, step_n = np.diff(east[:-1], prepend=east[-2]), np.diff(north[:-1], prepend=north[-2])
+        chord_e, chord_n = east[1:] - east[:-1] + step_e, north[1:] - north[:-1] + step_n
+        off = np.abs(chord_e * step_n - chord_n * step_e)
+        if (off <= 1.1 * SHALLOW * distance_m * np.hypot(chord_e, chord_n)).any():
+            return (1.0 - 2.0 * SHALLOW) * distance_m
+    return distance_m
+
+
+def flat(geometry: Geometry) -> Geometry:
+    """The parts that have an area: overlays leave points and lines beside them, on which the next overlay may founder."""
+    if shapely.get_type_id(geometry) != shapely.GeometryType.GEOMETRYCOLLECTION:
+        return geometry
+    parts = shapely.get_parts(geometry)
+    return shapely.union_all(parts[shapely.area(parts) > 0.0])
+
+
+def solid(geometry: Geometry) -> Geometry:
+    """The geometry, of one dimension: points and lines beside areas become areas a hair wide."""
+    if shapely.get_type_id(geometry) != shapely.GeometryType.GEOMETRYCOLLECTION:
+        return geometry
+    return shapely.union_all(shapely.buffer(shapely.get_parts(geometry), HAIR_M, quad_segs=2))
 
 
 def strip(road: Road) -> Geometry:

@@ -10,7 +10,7 @@ import shapely
 from bench.simspec import ActorGroup, Along, Road, SimSpec
 
 from ._footprint import Footprints, crowded, crowding, joined, lie_within
-from ._ground import ARC, Geometry, ground, road_heading_deg, strip, wide
+from ._ground import Geometry, ground, grown_by, road_heading_deg, strip, wide
 from ._relations import HOME_CLEARANCE_M, Mask, Relation, field
 from ._whom import home_of, hosts_of, inner_radius_m, outer_radius_m, region_of, shrunk
 
@@ -103,7 +103,7 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
     else:
 
         def verge() -> Geometry:
-            covered = shapely.buffer(ground_m2, along.at_least_m + inner_radius_m(group) - 1e-6, quad_segs=ARC)
+            covered = grown_by(ground_m2, along.at_least_m + inner_radius_m(group))
             return wide(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
 
         yield Relation(field(group, "along"), f"stand beside road {road.id!r}, {along.gap} off it", beside, verge)

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
-import shapely
 
 from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, Distance, Point, Polygon, Seen, SimSpec, generator
 
 from ._footprint import Footprints
-from ._ground import ARC, Geometry
+from ._ground import Geometry, shrunk_by
 from ._relations import HOME_CLEARANCE_M
 
 
@@ -90,7 +89,7 @@ def outer_radius_m(group: ActorGroup) -> float:
 
 def shrunk(geometry: Geometry, group: ActorGroup) -> Geometry:
     """Where centres may be whose footprint lies inside, rather too much than too little."""
-    return shapely.buffer(geometry, 1e-6 - inner_radius_m(group), quad_segs=ARC)
+    return shrunk_by(geometry, inner_radius_m(group))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,83 @@
+"""What is possible is never refused with proof: scenes that fit exactly, to the rounding of areas and the corners of buffers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import shapely
+import shapely.affinity
+
+from bench.documents import validate_document
+from bench.realization import PlacementInfeasible, check_placement
+from bench.realization._clash import check_areas, check_fixed_ways, find_clash
+from bench.realization._ground import grown_by, shrunk_by
+from bench.realization._placement import fixed_places, placement_order
+from bench.simspec import PlacedActor, Realized, SimSpec
+
+
+def ring(geometry: Any) -> dict[str, Any]:
+    return {"corners": [{"east_m": e, "north_m": n} for e, n in shapely.get_coordinates(geometry)[:-1].tolist()]}
+
+
+def group(name: str, asset: str, count: Any = 1, **placement: Any) -> dict[str, Any]:
+    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
+
+
+def yard(*groups: dict[str, Any], **world: Any) -> SimSpec:
+    home = {"east_m": -500.0, "north_m": -500.0}
+    area = {"area": ring(shapely.box(0.0, 0.0, 100.0, 100.0))}
+    return validate_document({"name": "yard", "world": area | world, "vehicle": {"home": home}, "actors": list(groups)}, SimSpec)
+
+
+def refusal(simspec: SimSpec) -> PlacementInfeasible | None:
+    """What is said of the scene before anything is tried, or when trying stalls; None where nothing is proved."""
+    order = placement_order(simspec)
+    try:
+        check_fixed_ways(simspec, fixed_places(order))
+        check_areas(simspec)
+    except PlacementInfeasible as refused:
+        return refused
+    return find_clash(simspec, order)
+
+
+def kept(simspec: SimSpec, *places: tuple[str, float, float, float]) -> bool:
+    """Whether the judge accepts these places: group, east, north, heading."""
+    actors = tuple(
+        PlacedActor(id=f"{name}-{number}", group=name, east_m=east, north_m=north, heading_deg=heading)
+        for number, (name, east, north, heading) in enumerate(places, start=1)
+    )
+    return check_placement(simspec.model_copy(update={"realized": Realized(actors=actors)})) == []
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 17.0, 90.0])
+@pytest.mark.parametrize("separation_m", [0.0, 0.7, 25.0])
+@pytest.mark.parametrize("where", ["region", "inside"])
+def test_ground_of_the_size_of_a_footprint_holds_it(turn_deg: float, separation_m: float, where: str) -> None:
+    """One house on ground of exactly its own size, however that lies and whatever gap nobody is there to keep."""
+    lot = shapely.affinity.rotate(shapely.box(44.0, 45.5, 56.0, 54.5), -turn_deg)
+    placement = {"region": ring(lot)} if where == "region" else {"inside": {"area": "lot"}}
+    simspec = yard(group("h", "house", separation_m=separation_m, **placement), areas=[{"id": "lot", **ring(lot)}])
+
+    assert kept(simspec, ("h", 50.0, 50.0, (90.0 + turn_deg) % 360.0))
+    assert refusal(simspec) is None
+
+
+def test_rounded_ground_is_not_cut_short() -> None:
+    """Shrunk ground holds every centre whose footprint fits, grown ground none beyond reach, corners ever so shallow."""
+    disc = shapely.Polygon([(9.5 * math.cos(a * math.pi / 22), 9.5 * math.sin(a * math.pi / 22)) for a in range(44)])
+    for corner in shapely.get_coordinates(disc):
+        deepest = shapely.Point(*(corner * (1.0 - 4.5 / (9.5 * math.cos(math.pi / 44)))))
+        assert shapely.distance(disc.exterior, deepest) >= 4.5 - 1e-9
+        assert shapely.distance(shrunk_by(disc, 4.5), deepest) < 1e-9
+    pond = shapely.box(-20.0, -20.0, 20.0, 20.0).difference(disc)
+    assert shapely.distance(grown_by(pond, 4.5), shapely.Point(0.0, 0.0)) >= 9.5 * math.cos(math.pi / 44) - 4.5
+
+
+def test_a_crowded_region_names_the_crowd_alone() -> None:
+    """Of those who share a region only those are named whose areas exceed it, with the region."""
+    refused = refusal(yard(group("few", "crate", 2), group("many", "house", 99)))
+
+    assert refused is not None
+    assert set(refused.clash) == {"actors[many].count", "world.area"}
