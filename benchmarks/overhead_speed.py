@@ -129,6 +129,8 @@ def _means(tables: Sequence[pl.DataFrame], study: Sequence[str]) -> dict[str, ob
 
 
 def _correlation(full: np.ndarray, over: np.ndarray, scenes: np.ndarray) -> dict[str, object]:
+    if not len(full):
+        return {"n": 0}
     told: dict[str, object] = {"n": len(full), "mean full": _rounded(full.mean()), "mean overhead": _rounded(over.mean())}
     if len(set(full)) < 2 or len(set(over)) < 2:
         return told | {"rank correlation": "none: one of both never changes"}

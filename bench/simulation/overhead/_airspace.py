@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse.csgraph import floyd_warshall
 from scipy.spatial import ConvexHull
 
 from bench.simspec import Rules
@@ -37,11 +38,20 @@ class Airspace:
 
     def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
         """(r,) lengths of the ways between places (r, 2)."""
-        straight_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
-        for row in np.flatnonzero(self._hampered(begin_m, end_m)):
-            way = self._route(_place(begin_m[row]), _place(end_m[row]))
-            straight_m[row] = sum(math.dist(a, b) for a, b in itertools.pairwise(way))
-        return straight_m
+        length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
+        rows = np.flatnonzero(self._hampered(begin_m, end_m))
+        if not len(rows):
+            return length_m
+        begin, end = self._moved(begin_m[rows]), self._moved(end_m[rows])
+        extra_m = np.hypot(*(begin - begin_m[rows]).T) + np.hypot(*(end - end_m[rows]).T)
+        direct_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
+        round_m = np.full(len(rows), np.inf)
+        if self._nodes:
+            over_m = (self._reaches_m(begin)[:, :, None] + self._ways_m[None]).min(axis=1)
+            round_m = (over_m + self._reaches_m(end)).min(axis=1)
+        way_m = extra_m + np.minimum(direct_m, round_m)
+        length_m[rows] = np.where(np.isfinite(way_m), way_m, length_m[rows])
+        return length_m
 
     def paths(self, corners_m: Floats) -> Floats:
         """Paths (r, w, 2) with forbidden corners moved and the ways between routed; (r, more, 2), the last corner repeated.
@@ -116,18 +126,36 @@ class Airspace:
     @cached_property
     def _between_m(self) -> Floats:
         """Lengths of the straight ways between nodes; inf where one is cut."""
-        nodes = np.array(self._nodes).reshape(-1, 2)
-        begin, end = np.repeat(nodes, len(nodes), axis=0), np.tile(nodes, (len(nodes), 1))
-        length_m = np.hypot(*(end - begin).T)
-        found: Floats = np.where(self._cut(begin, end), np.inf, length_m).reshape(len(nodes), len(nodes))
+        return self._reaches_m(np.array(self._nodes).reshape(-1, 2))
+
+    @cached_property
+    def _ways_m(self) -> Floats:
+        """Lengths of the shortest ways between nodes."""
+        found: Floats = floyd_warshall(self._between_m)
         return found
+
+    def _moved(self, places_m: Floats) -> Floats:
+        """The nearest allowed places."""
+        moved = places_m.copy()
+        for row in np.flatnonzero(~self._allowed(places_m)):
+            moved[row] = self._nearest(_place(places_m[row]))
+        return moved
+
+    def _reaches_m(self, places_m: Floats) -> Floats:
+        """(r, nodes) lengths of the straight ways to nodes; inf where one is cut."""
+        nodes = np.array(self._nodes)
+        begin, end = np.repeat(places_m, len(nodes), axis=0), np.tile(nodes, (len(places_m), 1))
+        length_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
+        return length_m.reshape(len(places_m), len(nodes))
 
     def _shortest(self, begin: Place, end: Place) -> list[Place]:
         """Dijkstra's way over the corners of blocks."""
         if self._clear(begin, end):
             return [begin, end]
-        nodes = np.array(self._nodes).reshape(-1, 2)
-        ends = [_reach_m(self, begin, nodes), _reach_m(self, end, nodes)]
+        if not self._nodes:
+            return [begin, end]
+        nodes = np.array(self._nodes)
+        ends = self._reaches_m(np.array([begin, end]))
         best, came = ends[0].copy(), np.full(len(nodes), -1)
         queue = [(float(length_m), index) for index, length_m in enumerate(best) if math.isfinite(length_m)]
         heapq.heapify(queue)
@@ -140,7 +168,7 @@ class Airspace:
                 best[to], came[to] = through_m[to], at
                 heapq.heappush(queue, (float(through_m[to]), int(to)))
         whole_m = best + ends[1]
-        if not len(nodes) or not np.isfinite(whole_m).any():
+        if not np.isfinite(whole_m).any():
             return [begin, end]
         way, at = [], int(whole_m.argmin())
         while at >= 0:
@@ -212,12 +240,6 @@ def _feet(block: Floats, place: Place) -> list[Place]:
     along = np.roll(block, -1, axis=0) - block
     share = ((np.array(place) - block) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
     return [_place(one) for one in block + np.clip(share, 0.0, 1.0)[:, None] * along]
-
-
-def _reach_m(space: Airspace, place: Place, nodes: Floats) -> Floats:
-    begin = np.repeat(np.array([place]), len(nodes), axis=0)
-    found: Floats = np.where(space._cut(begin, nodes), np.inf, np.hypot(*(nodes - begin).T))
-    return found
 
 
 def _place(one: Floats) -> Place:

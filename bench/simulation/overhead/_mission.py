@@ -186,7 +186,8 @@ class _Flight:
             return
         path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad + np.pi / 2.0)
         again = self._worth_another(rows, task, path_m)
-        self._search(rows[again], task[again], heading_rad[again] + np.pi / 2.0)
+        if again.any():
+            self._search(rows[again], task[again], heading_rad[again] + np.pi / 2.0)
 
     def _search(self, rows: Counts, task: Counts, heading_rad: Floats) -> tuple[Counts, Counts, Floats]:
         """One pass over a sub-area and what follows from it; those that have not found and were not called away."""
