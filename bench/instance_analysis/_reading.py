@@ -220,7 +220,7 @@ class Reader:
         if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
             self.ground.mention(phrase)
             self.topic = "group"
-        if phrase.rule == "motion" and not self.cast.here and self.cast.mission:
+        if phrase.rule == "motion" and (self.topic in ("ground", "road") or (not self.cast.here and self.cast.mission)):
             return []
         if phrase.rule not in OF_A_GROUP or self._said_of_ground(phrase) or len(places_in(phrase)) > 1:
             return []
