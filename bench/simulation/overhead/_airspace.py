@@ -7,10 +7,10 @@ those are routed, one by one, from corner to corner.
 from __future__ import annotations
 
 import heapq
-import itertools
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse.csgraph import floyd_warshall
@@ -59,23 +59,27 @@ class Airspace:
         The first corner is where the vehicle is, and stays.
         """
         rows, count, _ = corners_m.shape
-        hampered = self._hampered(corners_m[:, :-1].reshape(-1, 2), corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
-        touched = np.flatnonzero(hampered.any(axis=1))
-        if not len(touched):
-            return corners_m
-        routed = {int(row): self._path([_place(one) for one in corners_m[row]]) for row in touched}
-        longest = max(count, *(len(path) for path in routed.values()))
-        found = np.concatenate((corners_m, np.repeat(corners_m[:, -1:], longest - count, axis=1)), axis=1)
+        moved = corners_m.copy()
+        moved[:, 1:] = self._moved(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
+        cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
+        cut[:, 0] |= ~self._allowed(moved[:, 0])
+        routed = {int(row): self._path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))}
+        longest = max([count, *(len(path) for path in routed.values())])
+        found = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
         for row, path in routed.items():
             found[row] = [*path, *[path[-1]] * (longest - len(path))]
         return found
 
-    def _path(self, corners: Sequence[Place]) -> list[Place]:
-        moved = [corners[0], *(self._nearest(one) for one in corners[1:])]
-        path = [moved[0]]
-        for a, b in itertools.pairwise(moved):
-            path += self._route(a, b)[1:] if math.dist(a, b) > TOUCH_M else []
-        return path if len(path) > 1 else [*path, moved[-1]]
+    def _path(self, corners_m: Floats, cut: Bools) -> list[Place]:
+        """One path with those of its ways routed that are cut."""
+        corners = [_place(one) for one in corners_m]
+        path = [corners[0]]
+        for (a, b), around in zip(pairwise(corners), cut, strict=True):
+            if around and math.dist(a, b) > TOUCH_M:
+                path += self._route(a, b)[1:]
+            else:
+                path.append(b)
+        return path
 
     def _hampered(self, begin_m: Floats, end_m: Floats) -> Bools:
         """(r,) ways that lead through a block, or end in one or outside the fence."""
@@ -102,15 +106,13 @@ class Airspace:
     def _clear(self, a: Place, b: Place) -> bool:
         return not self._cut(np.array([a]), np.array([b]))[0]
 
-    def _is_allowed(self, place: Place) -> bool:
-        return bool(self._allowed(np.array([place]))[0])
-
     def _nearest(self, place: Place) -> Place:
         """The nearest place that is allowed; the place itself where it is, or where nothing is."""
-        if self._is_allowed(place):
+        if self._allowed(np.array([place]))[0]:
             return place
         feet = [foot for block in self._blocks for foot in _feet(block, place)]
-        allowed = [one for one in [*feet, *self._nodes] if self._is_allowed(one)]
+        ends = np.array([*feet, *self._nodes])
+        allowed = [_place(one) for one in ends[self._allowed(ends)]]
         return min(allowed, key=lambda one: (math.dist(one, place), one), default=place)
 
     def _route(self, a: Place, b: Place) -> list[Place]:
