@@ -10,15 +10,16 @@ from ._data import ReportData as ReportData
 from ._data import load_report_data as load_report_data
 from ._design import measure_design as measure_design
 from ._design import points_of as points_of
+from ._design import quality_of as quality_of
 from ._design import rating as rating
 from ._figures import configuration_figure as configuration_figure
-from ._figures import map_figure as map_figure
 from ._figures import pairs_figure as pairs_figure
 from ._graph import graph_page as graph_page
 from ._graph import graph_svg as graph_svg
 from ._map import RunMap as RunMap
 from ._map import choose_runs as choose_runs
 from ._map import draw_map as draw_map
+from ._map_figure import map_figure as map_figure
 from ._page import render_report as render_report
 from ._page import write_report as write_report
 from ._pairs import Pairing as Pairing

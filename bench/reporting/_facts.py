@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.simspec import FACTORS, ActorGroup, CountRange, Placement, SimSpec
+from bench.simspec import FACTORS, SimSpec
 
 from ._data import Configuration, ReportData
+from ._situation import events_text, group_text, intelligence_text, rules_text
 from ._words import listed, plural
 
 SHOWN_VALUES = 6
@@ -35,7 +36,8 @@ _SITUATION: tuple[tuple[str, Callable[[SimSpec], str]], ...] = (
         "Mission",
         lambda s: f"{s.mission.altitude_m:g} m high at {s.mission.speed_mps:g} m/s, at most {s.mission.time_limit_s:g} s",
     ),
-    ("No-mark distance", lambda s: f"{s.rules.no_mark_within_m:g} m"),
+    ("Rules", lambda s: rules_text(s.rules)),
+    ("Events", events_text),
     ("Perception", lambda s: f"{s.perception.source}, {s.perception.mode}"),
     ("Pace", lambda s: s.pace.mode),
 )
@@ -57,7 +59,7 @@ def describe(data: ReportData) -> list[Fact]:
     facts += [_over(name, [read(spec) for spec in specs]) for name, read in _SITUATION]
     groups = {group.id: None for spec in specs for group in spec.actors}
     facts += [_over(f"Actors: {one}", [_group(spec, one) for spec in specs]) for one in groups]
-    return [*facts, _over("Intelligence", [_intelligence(spec) for spec in specs])]
+    return [*facts, _over("Intelligence", [intelligence_text(spec) for spec in specs])]
 
 
 def _design(data: ReportData) -> str:
@@ -86,36 +88,7 @@ def _natural(text: str) -> tuple[float, str]:
 
 def _group(simspec: SimSpec, name: str) -> str:
     found = next((group for group in simspec.actors if group.id == name), None)
-    return "none" if found is None else _group_text(found, simspec.world.area.area_m2)
-
-
-def _group_text(group: ActorGroup, area_m2: float) -> str:
-    stated = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
-    drawn = f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.members(area_m2)}"
-    text = f"{drawn} {group.asset}{stated}, {group.role.value}"
-    if group.placement.mean_distance:
-        text += f", {group.placement.mean_distance.mean_m:g} m from {group.placement.mean_distance.of} in the mean"
-    if group.placement.near:
-        text += f", {group.placement.near.min_m:g} to {group.placement.near.max_m:g} m from {group.placement.near.of}"
-    text += "".join(f", {said}" for said in _places(group.placement))
-    return text + (f", concealment {group.concealment:g}" if group.concealment else "")
-
-
-def _places(place: Placement) -> Iterator[str]:
-    """Where the members stand and how they head, as far as neither distances nor the ground say it."""
-    if place.inside:
-        yield f"inside {place.inside.area or place.inside.of}"
-    if place.between and place.between.first == place.between.second:
-        yield f"between two of {place.between.first}"
-    elif place.between:
-        yield f"between {place.between.first} and {place.between.second}"
-    if place.facing and place.facing.heading_deg is not None:
-        yield f"heading {place.facing.heading_deg:g}°"
-
-
-def _intelligence(simspec: SimSpec) -> str:
-    said = [f"{one.id}: priority {one.priority}, within {one.uncertainty_m:g} m" for one in simspec.intelligence]
-    return "; ".join(said) or "none"
+    return "none" if found is None else group_text(found, simspec.world.area.area_m2)
 
 
 def factor_rows(data: ReportData) -> list[dict[str, str]]:

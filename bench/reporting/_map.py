@@ -92,6 +92,8 @@ class RunMap:
     cut: bool = False  # the recording ends before its session did
     geofence_enu_m: Track = ()
     no_fly: tuple[MapNoFly, ...] = ()
+    roads: tuple[tuple[str, Track, float], ...] = ()  # id, middle, width_m
+    areas: tuple[tuple[str, Track], ...] = ()
     happenings: tuple[Happening, ...] = ()
 
 
@@ -113,6 +115,8 @@ def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         cut=CUT in tape.malformed,
         geofence_enu_m=_ring(simspec.rules.geofence) if simspec.rules.geofence else (),
         no_fly=tuple(MapNoFly(one.id, _ring(one.area), one.from_s, one.until_s) for one in simspec.rules.no_fly),
+        roads=tuple((one.id, tuple((at.east_m, at.north_m) for at in one.points), one.width_m) for one in simspec.world.roads),
+        areas=tuple((one.id, _ring(one)) for one in simspec.world.areas),
         happenings=happenings(simspec, tape),
     )
 

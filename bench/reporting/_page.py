@@ -23,8 +23,9 @@ from ._data import ALL, ReportData, Run, Tally, load_report_data
 from ._design import quality_of
 from ._facts import describe, factor_levels, factor_rows, provenance_of
 from ._fidelity import fidelity_note, told_in_tables
-from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, curve_figure, looks, map_figure, pairs_figure
+from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, curve_figure, looks, pairs_figure
 from ._map import RunMap, choose_runs, draw_map
+from ._map_figure import map_figure
 from ._offline import data_text, environment, policy, script_text, template_text
 from ._pairs import Pairing, pair_agents
 from ._statistics import compare_agents, factors_figure, factors_that_matter

@@ -1,0 +1,127 @@
+"""One situation in words, for who was not there: its groups, its rules, and what happens in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bench.simspec import ActorGroup, CountRange, Motion, Placement, Point, Rules, Seen, SimSpec
+
+
+def group_text(group: ActorGroup, area_m2: float) -> str:
+    """How many, what, where, how they move."""
+    stated = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
+    drawn = f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.members(area_m2)}"
+    said = [f"{drawn} {group.asset}{stated}", group.role.value, *_distances(group.placement), *_places(group.placement)]
+    said += [f"concealment {group.concealment:g}"] if group.concealment else []
+    return ", ".join([*said, *_motion(group.motion)])
+
+
+def _distances(place: Placement) -> Iterator[str]:
+    if place.mean_distance:
+        yield f"{place.mean_distance.mean_m:g} m from {place.mean_distance.of} in the mean"
+    if place.near:
+        yield f"{place.near.min_m:g} to {place.near.max_m:g} m from {place.near.of}"
+    if place.away:
+        yield f"{place.away.min_m:g} to {place.away.max_m:g} m from every {place.away.of}"
+    for one in place.distances:
+        whom = _point(one.point) if one.of is None else f"{'every' if one.whom == 'every' else 'some'} {one.of}"
+        span = f"{one.min_m:g} m or more" if one.max_m is None else f"{one.min_m:g} to {one.max_m:g} m"
+        yield f"{span} from {whom}"
+
+
+def _places(place: Placement) -> Iterator[str]:
+    if place.at:
+        yield f"at {place.at.east_m:g}, {place.at.north_m:g} m"
+    if place.region:
+        yield f"in a region of {place.region.area_m2:.0f} m²"
+    if place.inside:
+        yield f"inside {place.inside.area or place.inside.of}"
+    if place.along:
+        yield f"on {place.along.road}" if place.along.where == "on" else f"beside {place.along.road}, {place.along.gap} off it"
+    if place.between and place.between.first == place.between.second:
+        yield f"between two of {place.between.first}"
+    elif place.between:
+        yield f"between {place.between.first} and {place.between.second}"
+    if place.bearing:
+        yield f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g}° from {_whom(place.bearing)}"
+    if place.facing:
+        yield (
+            f"heading {place.facing.heading_deg:g}°" if place.facing.heading_deg is not None else f"facing {_whom(place.facing)}"
+        )
+    if place.hidden_from:
+        yield f"hidden from {_whom(place.hidden_from)}"
+    if place.visible_from:
+        yield f"visible from {_whom(place.visible_from)}"
+    if place.spread_m:
+        yield f"{place.spread_m:g} m apart or more"
+
+
+def _whom(seen: Seen) -> str:
+    return seen.of if seen.of is not None else _point(seen.point)
+
+
+def _point(point: Point | None) -> str:
+    return "nowhere" if point is None else f"{point.east_m:g}, {point.north_m:g} m"
+
+
+def _motion(motion: Motion) -> Iterator[str]:
+    if motion.kind == "wander":
+        yield f"wandering within {motion.radius_m:g} m at {motion.speed_mps:g} m/s"
+    elif motion.kind == "patrol":
+        yield f"patrolling {len(motion.route)} points at {motion.speed_mps:g} m/s"
+
+
+def rules_text(rules: Rules) -> str:
+    """Every rule that is set, the no-mark distance first."""
+    return "; ".join(_rules(rules))
+
+
+def _rules(rules: Rules) -> Iterator[str]:
+    yield f"no mark within {rules.no_mark_within_m:g} m of bystanders"
+    yield f"reports from confidence {rules.min_report_confidence:g} on"
+    low = "" if rules.min_altitude_m is None else f"from {rules.min_altitude_m:g} m on and "
+    yield f"height {low}up to {rules.max_altitude_m:g} m"
+    yield f"{rules.battery_reserve_fraction:.0%} of charge kept"
+    if rules.max_speed_mps is not None:
+        yield f"no faster than {rules.max_speed_mps:g} m/s"
+    if rules.bystander_standoff_m:
+        yield f"{rules.bystander_standoff_m:g} m from bystanders"
+    if rules.bystander_slow_mps is not None:
+        yield f"{rules.bystander_slow_mps:g} m/s within {rules.bystander_slow_within_m:g} m of bystanders"
+    if rules.max_loiter_over_bystander_s is not None:
+        yield f"no longer than {rules.max_loiter_over_bystander_s:g} s over one bystander"
+    if rules.geofence is not None:
+        yield "a geofence"
+    if rules.no_fly:
+        yield f"no flight over {', '.join(one.id for one in rules.no_fly)}"
+    if rules.report_deadline_s is not None:
+        yield f"reports within {rules.report_deadline_s:g} s of intelligence"
+    if rules.report_windows:
+        yield f"reports only from {', '.join(f'{one.from_s:g} to {one.until_s:g} s' for one in rules.report_windows)}"
+    if rules.link_lost != "continue":
+        yield f"{rules.link_lost} after {rules.link_lost_after_s:g} s without the operator"
+
+
+def events_text(simspec: SimSpec) -> str:
+    """What happens by itself: orders, outages, failures; `none` where nothing does."""
+    said = [(order.at_s, f"order {order.kind}") for order in simspec.orders]
+    said += [(outage.at_s, f"{outage.kind.replace('_', ' ')} away for {outage.duration_s:g} s") for outage in simspec.outages]
+    said += [
+        (
+            failure.at_s,
+            f"{failure.kind.replace('_', ' ')}{'' if failure.duration_s is None else f' for {failure.duration_s:g} s'}",
+        )
+        for failure in simspec.vehicle.failures
+    ]
+    return "; ".join(f"{at_s:g} s {what}" for at_s, what in sorted(said)) or "none"
+
+
+def intelligence_text(simspec: SimSpec) -> str:
+    """What was reported to the agent beforehand or on the way."""
+    said = [
+        f"{one.id}: priority {one.priority}, within {one.uncertainty_m:g} m"
+        + (f", {one.latency_s:g} s old" if one.latency_s else "")
+        + (f", delivered at {one.delivered_s:g} s" if one.delivered_s else "")
+        for one in simspec.intelligence
+    ]
+    return "; ".join(said) or "none"
