@@ -37,6 +37,8 @@ class Piece:
     extent: Span | None = None
     times: dict[Literal["from_s", "until_s"], tuple[float, Span]] = field(default_factory=dict)
     within: list[tuple[str, Span]] = field(default_factory=list)
+    spoken: bool = False
+    """Whether something is told from it: then it is not the area of interest."""
 
 
 class Ground:
@@ -205,7 +207,7 @@ class Ground:
         if ("world", "area", "corners") in self._draft.entries:
             return
         named = [one for one in self.pieces.values() if one.kind == "GROUND" and one.size_m and not one.corners]
-        if len(named) == 1 and named[0].middle is None and named[0].part is None and not named[0].within:
+        if len(named) == 1 and named[0].middle is None and named[0].part is None and not (named[0].within or named[0].spoken):
             piece = named[0]
             assert piece.size_m
             self._draft.put(("world", "area", "corners"), _corners(*piece.size_m), piece.extent)

@@ -12,7 +12,7 @@ from lark.exceptions import UnexpectedInput
 from lark.parsers.lalr_interactive_parser import InteractiveParser
 
 from ._tokens import Span, Word
-from ._vocabulary import Meaning
+from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
     *("nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean"),
@@ -256,7 +256,7 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
         best: tuple[str, Tree[Token], int] | None = None
         for rule in PHRASES if words[index].meanings else ():
             found = longest(rule, words, index)
-            if found and (best is None or found[1] > best[2]):
+            if found and (best is None or found[1] > best[2]) and not (rule == "field" and _unfit(found[0], words)):
                 best = (rule, *found)
         if best is None:
             yield words[index]
@@ -266,6 +266,17 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
         yield _phrase(rule, tree, words)
         yield from (one for one in words[index:end] if not one.meanings and not one.filler)
         index = end
+
+
+def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
+    """Whether a number stands before a word that takes another kind: in `9 m/s, limit 5 min` it is not the limit's."""
+    first, *rest = tree.scan_values(lambda one: isinstance(one, Token))
+    word = next((one for one in rest if one.type == "FIELD"), None)
+    quantity = _meaning(first, words).value
+    if word is None or not isinstance(quantity, Quantity):
+        return False
+    kinds = {one.value.kind for one in words[int(str(word).split(":")[0])].meanings if isinstance(one.value, FieldWords)}
+    return not kinds & {quantity.kind, "NUMBER" if quantity.kind in ("COUNT", "PERCENT") else quantity.kind}
 
 
 def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:

@@ -63,7 +63,22 @@ WEAK = frozenset(
         "SEEN",
         "MORETHAN",
         "ONAVERAGE",
-        *("ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS", "RUNS", "NTH", "MIDDLE", "LINKDO", "FAILS", "GROUND", "NAMED", "WIDE"),
+        *(
+            "AGL",
+            "ORIGIN",
+            "LAUNCH",
+            "CORNERS",
+            "ROUTE",
+            "AXIS",
+            "RUNS",
+            "NTH",
+            "MIDDLE",
+            "LINKDO",
+            "FAILS",
+            "GROUND",
+            "NAMED",
+            "WIDE",
+        ),
     ]
 )
 
@@ -187,6 +202,7 @@ class Reader:
         if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and len(places_in(phrase)) == 2):
             self._figures(phrase, later=later)
         elif phrase.rule not in OF_A_GROUP:
+            self.topic = "ground" if phrase.rule == "extent" else self.topic
             self._handler(phrase.rule)(phrase)
         self.joined = []
 
@@ -217,6 +233,8 @@ class Reader:
             self.ground.area(phrase)
             named = phrase.first("GROUND") or phrase.first("NAMED")
             return [Phrase("inside", (named,), phrase.span)] if named else [Phrase("spread", (), phrase.span)]
+        if phrase.rule == "landgap":
+            self.ground.mention(phrase).spoken = True
         if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
             self.ground.mention(phrase)
             self.topic = "group"
