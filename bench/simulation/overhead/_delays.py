@@ -1,4 +1,4 @@
-"""Spans of time and what they do to a flight: standing, straying, waiting for the detector, not being allowed to report."""
+"""What makes a flight come later: standing, straying, waiting for the detector or for leave to report, being slow near people."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ._batch import Batch
+from ._batch import FAR_M, Batch
 from ._draws import Bools, Floats
 from ._interruptions import NOTICED_S
 from ._views import Stretch
 
 BLIND_WAIT_S = 45.0
 """A search waits so long for a silent detector."""
+
+PEOPLE_MARGIN_M = 6.0
+BRAKING_MPS2 = 2.0
 
 
 def stood_through(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
@@ -57,6 +60,20 @@ def delayed(batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | N
             since_s = np.maximum(since_s + NOTICED_S, began_s)
             time_s, end_s = _stood(time_s, end_s, since_s, np.minimum(until_s, since_s + BLIND_WAIT_S))
     return replace(stretch, time_s=time_s), end_s, gone_s
+
+
+def slowed(batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats) -> tuple[Stretch, Floats]:
+    """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then ends."""
+    rows = stretch.rows
+    people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
+    away_m = people_m[:, None] - stretch.place_m[:, :, None]
+    nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
+    room_m = np.maximum(nearest_m - batch.slow_within_m[rows][:, None] - PEOPLE_MARGIN_M, 0.0)
+    limit_mps = np.sqrt(np.minimum(batch.slow_mps[rows], 1e6)[:, None] ** 2 + 2.0 * BRAKING_MPS2 * room_m)
+    flown_m = np.hypot(*np.moveaxis(np.diff(stretch.place_m, axis=1, prepend=stretch.place_m[:, :1]), -1, 0))
+    span_s = np.maximum(stretch.span_s, flown_m / limit_mps)
+    later_s = np.cumsum(span_s - stretch.span_s, axis=1)
+    return replace(stretch, time_s=stretch.time_s + later_s, span_s=span_s), end_s + later_s[:, -1]
 
 
 def _spans(spans_s: Floats) -> list[tuple[Floats, Floats]]:

@@ -12,14 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from ._batch import EPOCH_S, EPOCHS, Batch
-from ._delays import delayed, opens_s, stood_through
+from ._delays import delayed, opens_s, slowed, stood_through
 from ._draws import Bools, Counts, Floats
 from ._homeward import Homeward
 from ._hunts import NEVER_S, Hunts
-from ._known import Known, Memory
+from ._known import BYSTANDER_MARGIN_M, Known, Memory
 from ._outcome import Flown, outcome
-from ._paths import along, around, legs
-from ._views import Stretch, Views, look, shown
+from ._paths import along, around, cut_off, legs
+from ._surroundings import UNSEEN_SHARE, unseen_share
+from ._views import Stretch, Views, look
 
 READY_S = 5.7
 """From the start to arming, of the simulated PX4."""
@@ -42,26 +43,10 @@ HURRY_S = 30.0
 INSPECT_MPS = 8.0
 SAFE_HEIGHT_M = 15.0
 
-MEMORY_S = 45.0
-UNSEEN_SHARE = 0.08
-BYSTANDER_MARGIN_M = 6.0
-PEOPLE_MARGIN_M = 6.0
-CAREFUL_MPS2 = 2.0
 CORNER_MPS = 4.0
 BRAKING_MPS2 = 2.5
 
 SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
-
-
-def _disc() -> Floats:
-    """Places of a disc of radius 1 on a grid: some 11 m apart in surroundings of 56 m."""
-    steps = np.linspace(-1.0, 1.0, 11)
-    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    disc: Floats = grid[np.hypot(grid[:, 0], grid[:, 1]) <= 1.0]
-    return disc
-
-
-_DISC = _disc()
 
 
 def fly(batch: Batch) -> Flown:
@@ -329,7 +314,7 @@ class _Flight:
         if self._eventful:
             stretch, end_s, _ = delayed(batch, stretch, end_s, self._homeward.latest_s(rows, self._place_m, begin_s))
             down = batch.down_s < end_s
-            stretch, place_m = _cut(stretch, goal_m, np.where(down, np.maximum(batch.down_s, begin_s), np.inf), self._place_m)
+            stretch, place_m = cut_off(stretch, goal_m, np.where(down, np.maximum(batch.down_s, begin_s), np.inf), self._place_m)
             end_s = np.where(down, np.maximum(batch.down_s, begin_s) + lower_s, end_s)
         self._views.append(self._seen(stretch, begin_s))
         self._course.append(stretch)
@@ -397,7 +382,7 @@ class _Flight:
             flown = views.time_s <= limit_s[views.row]
             self._views[-1] = views.where(flown)
             self._memory.keep(flown)
-            stretch, place_m = _cut(stretch, place_m, cut_s, self._place_m[rows])
+            stretch, place_m = cut_off(stretch, place_m, cut_s, self._place_m[rows])
         self._course.append(stretch)
         self._now_s[rows] = np.minimum(end_s, cut_s)
         self._place_m[rows] = place_m
@@ -462,17 +447,7 @@ class _Flight:
         return called_s
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
-        """Slow by the time that it is near anybody."""
-        batch, rows = self._batch, stretch.rows
-        people_m = np.where((batch.role[rows] == 0)[..., None], self._everybody_at(rows, self._now_s[rows]), 1e9)
-        away_m = people_m[:, None] - stretch.place_m[:, :, None]
-        nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
-        room_m = np.maximum(nearest_m - batch.slow_within_m[rows][:, None] - PEOPLE_MARGIN_M, 0.0)
-        limit_mps = np.sqrt(np.minimum(batch.slow_mps[rows], 1e6)[:, None] ** 2 + 2.0 * CAREFUL_MPS2 * room_m)
-        flown_m = np.hypot(*np.moveaxis(np.diff(stretch.place_m, axis=1, prepend=stretch.place_m[:, :1]), -1, 0))
-        span_s = np.maximum(stretch.span_s, flown_m / limit_mps)
-        later_s = np.cumsum(span_s - stretch.span_s, axis=1)
-        return replace(stretch, time_s=stretch.time_s + later_s, span_s=span_s), end_s + later_s[:, -1]
+        return slowed(self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows]))
 
     def _seen(self, stretch: Stretch, begin_s: Floats) -> Views:
         """Who is in the picture, where the detector says anything."""
@@ -498,24 +473,7 @@ class _Flight:
         return self._memory.near(rows, task, until_s, self._everybody_at(rows, until_s))
 
     def _unseen(self, rows: Counts, task: Counts, until_s: Floats) -> Floats:
-        """(r,) share of the surroundings of a target that was not looked at lately."""
-        if not len(rows):
-            return np.zeros(0)
-        batch = self._batch
-        radius_m = batch.no_mark_m[rows] + BYSTANDER_MARGIN_M
-        places_m = self._targets_m(rows, task)[:, None] + radius_m[:, None, None] * _DISC[None]
-        index = np.full(len(batch), -1)
-        index[rows] = np.arange(len(rows))
-        seen = np.zeros(places_m.shape[:2], dtype=np.bool_)
-        for stretch in self._course:
-            own = index[stretch.rows]
-            late = (own >= 0) & (stretch.time_s[:, -1] >= (until_s[own] - MEMORY_S)) & (stretch.time_s[:, 0] <= until_s[own])
-            part = np.flatnonzero(late)
-            if len(part):
-                at = own[part]
-                seen[at] |= shown(batch, stretch.part(part), places_m[at], until_s[at] - MEMORY_S, until_s[at])
-        unseen: Floats = 1.0 - seen.mean(axis=1)
-        return unseen
+        return unseen_share(self._batch, self._course, rows, self._targets_m(rows, task), until_s)
 
     def _outcome(self) -> Flown:
         return outcome(
@@ -532,11 +490,3 @@ class _Flight:
             end_s=self._now_s,
             place_m=self._place_m,
         )
-
-
-def _cut(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -> tuple[Stretch, Floats]:
-    """What is flown of a stretch up to a moment (r,), the rest without a span, and where it ends."""
-    flown = stretch.time_s <= cut_s[:, None]
-    count = flown.sum(axis=1)
-    last_m = np.where((count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m)
-    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(np.isfinite(cut_s)[:, None], last_m, place_m)

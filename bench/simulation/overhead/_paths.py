@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ._draws import Counts, Floats
@@ -80,3 +82,11 @@ def around(
     time_s = begin_s[:, None] + since[None, :] * took_s[:, None]
     span_s = np.repeat(took_s[:, None] / moments, moments, axis=1)
     return Stretch(rows, time_s, place_m, angle + np.pi, high_m, span_s), begin_s + took_s
+
+
+def cut_off(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -> tuple[Stretch, Floats]:
+    """What is flown of a stretch up to a moment (r,), the rest without a span, and where that ends."""
+    flown = stretch.time_s <= cut_s[:, None]
+    count = flown.sum(axis=1)
+    last_m = np.where((count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m)
+    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(np.isfinite(cut_s)[:, None], last_m, place_m)
