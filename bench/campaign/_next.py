@@ -1,7 +1,8 @@
 """What a finished campaign suggests to fly next: a campaign's file with its reasons beside it, for a person to review.
 
-Rules, and no more than rules: a factor that nothing follows goes, a range of numbers shrinks to where passing is open, replicates
-rise where little is known. What was chosen by its results is flown with another seed, so that it is not judged by them again.
+Rules, and no more than rules: a factor goes where nothing follows it and the runs would have shown it if something did, a range of
+numbers shrinks to where passing is open, replicates rise where little is known. What was chosen by its results is flown with
+another seed, so that it is not judged by them again.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ import yaml
 
 from bench.documents import read_document, validate_document
 from bench.errors import Fault, SetupError
-from bench.realization import Design, Factor, FullFactorial, Level, Method, Sobol
-from bench.reporting import ReportData, factors_that_matter, load_report_data, points_of
-from bench.scoring import difficulty_response
+from bench.realization import INACTIVE, Design, Factor, FullFactorial, Level, Method, Sobol
+from bench.reporting import ReportData, factors_that_matter, load_report_data, points_of, quality_of
+from bench.scoring import difficulty_response, factor_columns, hidden_differences
 
 from ._document import Campaign
 from ._finish import read_campaign_folder
@@ -32,7 +33,9 @@ from ._finish import read_campaign_folder
 NO_EFFECT_P = 0.2
 """A factor goes only where no adjusted p lies below this ..."""
 NO_EFFECT_SHARE = 0.01
-"""... and no share of variance explained above this."""
+"""... no share of variance explained above this ..."""
+HIDDEN = 0.25
+"""... and no difference in confidence between two of its levels as large as this is left open (95 %, each node of each agent)."""
 EFFECT_P = 0.05
 OPEN = (0.1, 0.9)
 """Chances of passing between which a value of a factor is worth flying."""
@@ -43,6 +46,8 @@ WIDE = 0.2
 MOST_TIMES = 4
 """Replicates rise at most so many times at once."""
 SCREENING = ("one_by_one", "fractional_factorial", "plackett_burman", "definitive_screening")
+LEAST_VALUES = 3
+"""A factor that was flown at fewer values is not narrowed: between two, only the curve's own shape says where passing turns."""
 MOST_WHOLE = 64
 """A full factorial of more points is not proposed after a screening."""
 
@@ -64,7 +69,7 @@ def propose_next(folder: Path, beside: Path | None = None) -> Proposal:
     place, campaign, _ = read_campaign_folder(folder)
     data = load_report_data(folder)
     _check_finished(folder, campaign, data)
-    evidence = _Evidence.of(data)
+    evidence = _Evidence.of(data, campaign.design)
     factors = [_next_factor(factor, campaign.design, evidence) for factor in campaign.design.factors]
     if not any(one.factor for one in factors):  # without any factor there would be no design
         factors = [
@@ -105,18 +110,27 @@ def _check_finished(folder: Path, campaign: Campaign, data: ReportData) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Evidence:
-    """Tests of every factor, and the runs with their levels: `runs` has agent, node, design_point and passed."""
+    """Tests of every factor, and the runs with their levels: `runs` has agent, node, design_point, confidence and passed.
+
+    `hidden` has for each factor what the runs leave open of it, the widest node and agent first; `blurred` the interactions of two that
+    cannot be told from its main effect.
+    """
 
     frame: pl.DataFrame
     runs: pl.DataFrame
     levels: Mapping[str, Mapping[str, Level]]
+    hidden: Mapping[str, Sequence[_Hidden]]
+    blurred: Mapping[str, Sequence[str]]
 
     @classmethod
-    def of(cls, data: ReportData) -> _Evidence:
+    def of(cls, data: ReportData, design: Design) -> _Evidence:
         levels = {point.id: point.levels for point in points_of(data) or ()}
         rows = data.scores.filter(pl.col("node").is_in(data.study), pl.col("design_point").is_in(list(levels)))
         passed = rows.drop_nulls("confidence").sort("realization").with_columns(passed=pl.col("confidence") >= 1.0)
-        return cls(factors_that_matter(data).frame, passed.select("agent", "node", "design_point", "passed"), levels)
+        runs = passed.select("agent", "node", "design_point", "confidence", "passed")
+        quality = quality_of(data)
+        blurred = {terms[0]: terms[1:] for one in (quality.aliased if quality else ()) if (terms := one.split(" = "))}
+        return cls(factors_that_matter(data).frame, runs, levels, _hidden(runs, levels, design), blurred)
 
     def rows(self, factor: str) -> list[dict[str, Any]]:
         """Tests of a factor and of its interactions, by analysis of variance and by regression, but for those that came to nothing."""
@@ -137,9 +151,14 @@ class _Evidence:
     def followed(self, factor: str, below: float) -> list[dict[str, Any]]:
         return [row for row in self.rows(factor) if row["p_adjusted"] is not None and row["p_adjusted"] < below]
 
-    def largest_share(self, factor: str) -> float:
-        shares = [row["effect_size"] for row in self.rows(factor) if row["effect"] == "omega2" and row["effect_size"] is not None]
-        return max(shares, default=0.0)
+    def explained(self, factor: str) -> Mapping[str, Any] | None:
+        """The row in which a factor, or an interaction of it, explains the largest share of variance; None where none does."""
+        shares = [row for row in self.rows(factor) if row["effect"] == "omega2" and row["effect_size"] is not None]
+        return max(shares, key=lambda row: float(row["effect_size"]), default=None)
+
+    def values(self, factor: str) -> int:
+        """At how many values it was flown."""
+        return len({levels[factor] for levels in self.levels.values()})
 
     def open_between(self, factor: str) -> tuple[float, float] | None:
         """The values of a factor of numbers at which passing is open, over all nodes and agents that follow it."""
@@ -165,6 +184,35 @@ class _Evidence:
 
 
 @dataclass(frozen=True, slots=True)
+class _Hidden:
+    """The largest difference that a factor may make to confidence in one node of one agent, as far as its runs tell."""
+
+    agent: str
+    node: str
+    runs: int
+    most: float
+
+    def told(self) -> str:
+        return f"{100 * self.most:.0f} points in {self.node} of {self.agent}"
+
+
+def _hidden(runs: pl.DataFrame, levels: Mapping[str, Mapping[str, Level]], design: Design) -> dict[str, list[_Hidden]]:
+    """By factor, the widest first; where runs do not carry a factor, all of the scale is open."""
+    switched = {one.name for one in design.factors if one.when}
+    active = {
+        point: {name: None if name in switched and level == INACTIVE else level for name, level in of.items()}
+        for point, of in levels.items()
+    }
+    found: dict[str, list[_Hidden]] = {one.name: [] for one in design.factors}
+    for (agent, node), mine in runs.group_by("agent", "node", maintain_order=True):
+        points = mine["design_point"].to_list()
+        bounds = hidden_differences(mine["confidence"].to_list(), factor_columns([active[one] for one in points]), points)
+        for name, most in bounds.items():
+            found[name].append(_Hidden(str(agent), str(node), len(points), 1.0 if most is None else most))
+    return {name: sorted(each, key=lambda one: -one.most) for name, each in found.items()}
+
+
+@dataclass(frozen=True, slots=True)
 class _Next:
     """A factor as it goes on, None where it goes, and why; the change comes first."""
 
@@ -175,25 +223,43 @@ class _Next:
 def _next_factor(factor: Factor, design: Design, evidence: _Evidence) -> _Next:
     if factor.formula is not None:
         return _Next(factor, ("follows from others",))
-    if missing := evidence.untested(factor.name):
-        return _Next(factor, (f"stays, for it could not be tested everywhere: {missing}",))
     followed = evidence.followed(factor.name, NO_EFFECT_P)
-    share = evidence.largest_share(factor.name)
-    if not followed and share < NO_EFFECT_SHARE:
-        if user := _user(factor.name, design):
-            return _Next(factor, (f"nothing follows it, but {user} needs it",))
-        fields = ", ".join([*factor.sets, *dict.fromkeys(path for patch in factor.patches.values() for path in patch)])
-        return _Next(
-            None,
-            (
-                f"goes: nothing that was tested follows it (no adjusted p below {NO_EFFECT_P:g}); {fields} stays as the base has it",
-            ),
+    blurred = evidence.blurred.get(factor.name, ())
+    notes = (f"these points cannot tell it from {', '.join(blurred)}",) if blurred else ()
+    missing = evidence.untested(factor.name)
+    if missing and not followed:
+        return _Next(factor, (f"stays, for it could not be tested everywhere: {missing}", *notes))
+    explained = evidence.explained(factor.name)
+    if not followed and (explained is None or explained["effect_size"] < NO_EFFECT_SHARE):
+        return _without_effect(factor, design, evidence.hidden[factor.name], notes)
+    why = tuple(_said(row) for row in sorted(followed, key=lambda row: row["p_adjusted"])[:3])
+    if not why and explained is not None:
+        why = (
+            f"stays: {explained['factor']} explains {explained['effect_size']:.0%} of the variance of {explained['of']} in "
+            f"{explained['node']} of {explained['agent']}, though no test is sure of it",
         )
-    why = tuple(_said(row) for row in sorted(followed, key=lambda row: row["p_adjusted"])[:3]) or (
-        f"explains {share:.0%} of some variance, though no test is sure of it",
-    )
     narrowed = _narrowed(factor, evidence)
-    return _Next(narrowed.factor, (*narrowed.why, *why)) if narrowed else _Next(factor, why)
+    return _Next(narrowed.factor, (*narrowed.why, *why, *notes)) if narrowed else _Next(factor, (*why, *notes))
+
+
+def _without_effect(factor: Factor, design: Design, hidden: Sequence[_Hidden], notes: tuple[str, ...]) -> _Next:
+    """No test found anything: that is worth something where the tests would have."""
+    widest = hidden[0]
+    if widest.most > HIDDEN:
+        runs = math.ceil(widest.runs * (widest.most / HIDDEN) ** 2)
+        why = (
+            f"stays: no test is sure that anything follows it, but {widest.runs} runs do not rule out a difference of "
+            f"{widest.told()} between its levels (95 %); about {runs} would rule out {100 * HIDDEN:.0f}"
+        )
+        return _Next(factor, (why, *notes))
+    if user := _user(factor.name, design):
+        return _Next(factor, (f"nothing follows it, but {user} needs it", *notes))
+    fields = ", ".join([*factor.sets, *dict.fromkeys(path for patch in factor.patches.values() for path in patch)])
+    why = (
+        f"goes: nothing that was tested follows it (no adjusted p below {NO_EFFECT_P:g}), and a difference of more than "
+        f"{widest.told()}, the least sure one, is ruled out between its levels (95 %); {fields} stays as the base has it"
+    )
+    return _Next(None, (why, *notes))
 
 
 def _said(row: Mapping[str, Any]) -> str:
@@ -211,7 +277,7 @@ def _user(name: str, design: Design) -> str:
 
 def _narrowed(factor: Factor, evidence: _Evidence) -> _Next | None:
     """The factor on less of its range, and why; None where its range stays."""
-    bounds = _bounds(factor)
+    bounds = _bounds(factor) if evidence.values(factor.name) >= LEAST_VALUES else None
     span = evidence.open_between(factor.name) if bounds else None
     if bounds is None or span is None:
         return None
@@ -248,7 +314,10 @@ def _on(factor: Factor, low: float, high: float) -> Factor | None:
     if high <= low:
         return None
     if factor.range is not None:
-        return factor.model_copy(update={"range": factor.range.model_copy(update={"low": float(low), "high": float(high)})})
+        counted = min(factor.range.steps, int(high - low) + 1) if factor.range.steps and whole else factor.range.steps
+        return factor.model_copy(
+            update={"range": factor.range.model_copy(update={"low": float(low), "high": float(high), "steps": counted})}
+        )
     steps = [low + (high - low) * step / (len(factor.levels) - 1) for step in range(len(factor.levels))]
     levels = tuple(dict.fromkeys(round(one) if whole else _short(one) for one in steps))
     return factor.model_copy(update={"levels": levels}) if len(levels) > 1 and all(a < b for a, b in pairwise(levels)) else None
@@ -373,7 +442,8 @@ def _text(following: Campaign, old: Campaign, factors: Sequence[_Next], reasons:
 
 def _stated(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Without fields that are absent, empty or off, which say nothing."""
-    return {name: value for name, value in fields.items() if value is not False and value not in (None, [], {}, "")}
+    whole = {name: _stated(value) if name == "range" else value for name, value in fields.items() if value is not None}
+    return {name: value for name, value in whole.items() if value is not False and value not in ([], {}, "")}
 
 
 def _yaml(value: object) -> str:

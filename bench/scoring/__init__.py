@@ -55,6 +55,7 @@ from ._explain import explain as explain
 from ._external import ExternalTable as ExternalTable
 from ._external import read_table as read_table
 from ._external import score_external as score_external
+from ._hidden import hidden_differences as hidden_differences
 from ._intervals import clopper_pearson as clopper_pearson
 from ._intervals import effective_size as effective_size
 from ._intervals import wilson as wilson

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,55 @@ def test_nothing_tells_factors_apart_where_all_pass(tmp_path: Path) -> None:
 
     assert [one.name for one in proposal.campaign.design.factors] == ["rain", "wind"]
     assert "could not be tested" in " ".join(proposal.text.replace("#", "").split())
+
+
+def test_what_few_runs_cannot_rule_out_stays(tmp_path: Path) -> None:
+    """That no test finds an idle factor in 24 runs is no evidence that it is idle; in 256 it can be."""
+    factors = [{**FOG, "range": {"low": 0, "high": 8, "steps": 2}}, WIND, SPEED]
+
+    def unsure(levels: Mapping[str, Any]) -> float:
+        return 0.8 if float(levels["fog"]) < 4 else 0.2
+
+    few, many = (propose_next(finished(tmp_path / str(runs), unsure, factors=factors, replicates=runs)) for runs in (3, 32))
+
+    assert [one.name for one in few.campaign.design.factors] == ["fog", "wind", "speed"]
+    said = " ".join(few.text.replace("#", "").split())
+    assert re.search(
+        r"24 runs do not rule out a difference of \d+ points in KA-\d\d of reference-naive .* would rule out 25", said
+    )
+    assert {"fog"} <= {one.name for one in many.campaign.design.factors} <= {"fog", "wind"}
+    assert "the least sure one, is ruled out between its levels (95 %)" in " ".join(many.text.replace("#", "").split())
+
+
+def test_two_values_show_no_boundary_and_aliases_are_told(tmp_path: Path) -> None:
+    """Between two values flown only the curve's own shape says where passing turns; a quarter of 2^5 blurs main effects."""
+    rain = {**RAIN, "range": {"low": 0, "high": 8}}
+    del rain["levels"]
+    ends = [FOG, rain, WIND, SPEED, {"name": "height", "levels": [60.0, 90.0], "sets": ["mission.altitude_m"]}]
+    method = {"kind": "fractional_factorial", "runs": 8}
+    proposal = propose_next(
+        finished(tmp_path, lambda levels: 0.9 - 0.1 * levels["fog"], factors=ends, method=method, replicates=8)
+    )
+
+    fog = proposal.campaign.design.factors[0].range
+    assert fog is not None
+    assert (fog.low, fog.high) == (0.0, 8.0)
+    assert "passes of KA-03 of reference-naive may follow fog" in " ".join(proposal.text.replace("#", "").split())
+    assert "fog: these points cannot tell it from rain x height" in proposal.text
+    assert "null" not in proposal.text.split("base:")[0]
+
+
+def test_whole_numbers_narrow_to_as_many_steps_as_there_are(tmp_path: Path) -> None:
+    """Five steps of 0 ... 8 become no more than the whole numbers that are left, and the file still loads."""
+    rain = {"name": "rain", "range": {"low": 0, "high": 8, "steps": 9, "integer": True}, "sets": ["environment.rain_level"]}
+
+    def turning(levels: Mapping[str, Any]) -> float:
+        return 1.0 / (1.0 + math.exp(4.0 * (float(levels["rain"]) - 4.0)))
+
+    (found,) = propose_next(finished(tmp_path, turning, factors=[rain], replicates=12)).campaign.design.factors
+
+    assert found.range is not None
+    assert 8 > found.range.high - found.range.low + 1 == found.range.steps
 
 
 def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
