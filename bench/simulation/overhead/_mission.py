@@ -20,6 +20,7 @@ from ._known import BYSTANDER_MARGIN_M, Known, Memory
 from ._outcome import Flown, outcome
 from ._paths import along, around, cut_off, legs
 from ._surroundings import UNSEEN_SHARE, unseen_share
+from ._urgency import SEARCH_S, TURN_S, called_s, ordered_by
 from ._views import Stretch, Views, look
 
 READY_S = 5.7
@@ -37,9 +38,6 @@ DOWN_S = 19.0
 
 DESCENT_MPS = 1.5
 LAST_WORD_S = 3.0
-TURN_S = 3.0
-SEARCH_S = 15.0
-HURRY_S = 30.0
 INSPECT_MPS = 8.0
 SAFE_HEIGHT_M = 15.0
 
@@ -119,7 +117,7 @@ class _Flight:
         key = batch.task_priority * 1e6 + away_m + np.where(late_s > 0.0, 1e9 + 1e6 * late_s, 0.0)
         if self._eventful:
             key = np.where(
-                self._is_ordered(self._now_s), -1e10 * (1.0 + np.where(np.isinf(batch.first_s), 0.0, batch.first_s)), key
+                ordered_by(self._batch, self._now_s), -1e10 * (1.0 + np.where(np.isinf(batch.first_s), 0.0, batch.first_s)), key
             )
         key = np.where(self._done | self._over[:, None], np.inf, key)
         task = key.argmin(axis=1)
@@ -138,15 +136,9 @@ class _Flight:
         self._now_s[rows] = begin_s[rows]
         return rows, task[rows]
 
-    def _is_ordered(self, now_s: Floats) -> Bools:
-        """(n, k) ordered to be next, by then, and known when it was."""
-        first_s = self._batch.first_s
-        ordered: Bools = (first_s <= now_s[:, None]) & (self._batch.task_delivered_s <= first_s)
-        return ordered
-
     def _take_up_again(self) -> None:
         """What was given up, and is ordered to be next, waits again."""
-        heeds = self._is_ordered(self._now_s) & ~self._heeded
+        heeds = ordered_by(self._batch, self._now_s) & ~self._heeded
         self._heeded |= heeds
         again = heeds & self._done & self._task_is & np.isinf(self._hunts.found_s)
         self._done &= ~again
@@ -416,35 +408,10 @@ class _Flight:
         if others.any():
             found = np.flatnonzero(others.any(axis=1))
             leaves_s[found] = np.minimum(
-                leaves_s[found], self._called_s(rows[found], task[found], found_s[found], begin_s[found])
+                leaves_s[found],
+                called_s(batch, self._homeward, rows[found], task[found], others[found], found_s[found], begin_s[found]),
             )
         return leaves_s
-
-    def _called_s(self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats) -> Floats:
-        """(r,) when another task that waits is more urgent than this one, or would come too late otherwise."""
-        batch, others = self._batch, ~self._done[rows]
-        told_s, rank = batch.task_delivered_s[rows], batch.task_priority[rows]
-        urgent = others & (rank < rank[np.arange(len(rows)), task][:, None]) & (told_s > begin_s[:, None])
-        urgent &= ~self._is_ordered(self._now_s)[rows, task][:, None]
-        called_s: Floats = np.where(urgent, told_s, np.inf).min(axis=1)
-        called_s = np.where(called_s < found_s, called_s, np.inf)
-        if self._eventful:
-            first_s = batch.first_s[rows]
-            ordered = others & (told_s <= first_s) & (first_s > begin_s[:, None])
-            called_s = np.minimum(called_s, np.where(ordered, first_s, np.inf).min(axis=1))
-        here_m = batch.task_m[rows, task]
-        for other in range(others.shape[1]):
-            waits = np.flatnonzero(others[:, other] & (told_s[:, other] <= found_s) & np.isfinite(found_s))
-            if len(waits):
-                some, goal_m = rows[waits], batch.task_m[rows[waits], other]
-                way_s = (
-                    self._homeward.way_m(some, here_m[waits], goal_m, begin_s[waits]) / batch.pace_mps[some] + TURN_S + SEARCH_S
-                )
-                fits_s = self._homeward.latest_s(some, goal_m, begin_s[waits]) - way_s
-                due_s = told_s[waits, other] + batch.deadline_s[some] - way_s
-                hurry_s = np.maximum(np.minimum(fits_s, due_s) - HURRY_S, found_s[waits])
-                called_s[waits] = np.where(hurry_s < fits_s, np.minimum(called_s[waits], hurry_s), called_s[waits])
-        return called_s
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
         return slowed(self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows]))
