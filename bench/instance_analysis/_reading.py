@@ -88,6 +88,8 @@ BOUNDS = {
     "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
     "mission.speed_mps": {"WITHIN": "max_speed_mps"},
 }
+OF_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
+"""Relations to what `it` is, which may be a road."""
 OF_A_GROUP = Relations.RULES | Traits.RULES | Roads.RULES | {"loop"}
 TO_ALL = frozenset(["road", "spread"])
 """Relations that are said of every group before them, and not asked."""
@@ -202,7 +204,8 @@ class Reader:
         if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and len(places_in(phrase)) == 2):
             self._figures(phrase, later=later)
         elif phrase.rule not in OF_A_GROUP:
-            self.topic = "ground" if phrase.rule == "extent" else self.topic
+            if phrase.rule in ("extent", "overfly", "stayin"):
+                self.topic = self.last = self.before = "ground"
             self._handler(phrase.rule)(phrase)
         self.joined = []
 
@@ -222,7 +225,7 @@ class Reader:
     def _said_of_groups(self, phrase: Phrase) -> list[Phrase]:
         """The phrase, where it says something of a group; none where it says it of ground or the vehicle's home."""
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (phrase.rule == "road" and phrase.first("THEM") is not None)
-        if it and (phrase.rule == "road" or (self.before == "road" and phrase.rule == "near")) and self.roads.roads:
+        if it and self.roads.roads and (phrase.rule == "road" or (phrase.rule in OF_IT and self._it_is_a_road(phrase))):
             return [self.roads.is_meant(phrase)]
         if it and self.before == "ground" and phrase.rule == "inside" and self.ground.current is not None:
             return [Phrase("inside", (), phrase.span)]
@@ -244,6 +247,14 @@ class Reader:
             return []
         return [phrase]
 
+    def _it_is_a_road(self, phrase: Phrase) -> bool:
+        """Whether a road was spoken of last before the subject, or `it` can be no group: all others are several."""
+        if self.before == "road":
+            return True
+        single = [one for one in self.cast.groups if one not in self.cast.plural and one not in self.cast.subject]
+        them = phrase.refs[0].first("THEM")
+        return them is not None and self.draft.quote(them.span).lower() == "it" and not single
+
     def _said_of_ground(self, phrase: Phrase) -> bool:
         """Whether the phrase was about a piece of ground, or about the vehicle's home; it is read then."""
         if self.topic == "home" and phrase.rule == "facing":
@@ -255,7 +266,10 @@ class Reader:
         if phrase.rule == "part" and direction is not None and isinstance(direction.value, float | int):
             self.ground.lies(float(direction.value))
             return True
-        if phrase.rule in ("near", "within"):
+        if phrase.rule == "loop":
+            side = length_of(self.draft, phrase)
+            self.ground.extent(Phrase("extent", (Part("DIM", Quantity("DIM", side.low, side.low), phrase.span),), phrase.span))
+        if phrase.rule in ("near", "within", "loop"):
             if phrase.rule == "within":
                 self.ground.round(length_of(self.draft, phrase), phrase.span)
             for one in self.cast.ref(phrase):

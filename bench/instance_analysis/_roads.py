@@ -62,15 +62,14 @@ class Roads:
         return not any(phrase.every(kind) for kind in ("COUNT", "DIR", "AXIS", "LENGTH"))
 
     def _definite(self, phrase: Phrase) -> bool:
-        begin = min(
-            one.span.start for kind in ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM") for one in phrase.every(kind)
-        )
+        kinds = ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM")
+        begin = min((one.span.start for kind in kinds for one in phrase.every(kind)), default=phrase.span.start)
         before = self._draft.text[:begin].lower().split()
         return bool(before) and before[-1] in ("the", "this", "that")
 
     def _spoken(self, phrase: Phrase) -> list[Road]:
         number = _count(phrase)
-        described = any(phrase.every(kind) for kind in ("DIR", "AXIS")) and not self._fitting(phrase)
+        described = bool(_part(phrase) or phrase.every("AXIS")) and not self._fitting(phrase)
         if not self.roads or (number or 1) > 1 or (described and (number or not self._definite(phrase))):
             self.current = [self._new(phrase) for _ in range(max(1, min(number or 1, 8)))]
             return self.current
@@ -93,7 +92,10 @@ class Roads:
             self.current = [self._new(self._hinted)]
 
     def is_meant(self, phrase: Phrase) -> Phrase:
-        """`on it`, `beside it`, where a road was spoken of last."""
+        """`on it`, `beside it`, `30 m north of it`, where it is a road."""
+        if phrase.rule in ("exact", "within", "atleast", "bearing"):
+            rule = "roadside" if phrase.rule == "bearing" else "roadgap"
+            return Phrase(rule, tuple(one for one in phrase.parts if isinstance(one, Part)), phrase.span)
         side = phrase.first("ALONG") or Part("BESIDE", None, phrase.span)
         return Phrase("road", (side,), phrase.span)
 
@@ -103,7 +105,7 @@ class Roads:
         if nth := phrase.first("NTH"):
             assert isinstance(nth.value, int | float)
             return found[int(nth.value) - 1 : int(nth.value)]
-        if part := phrase.first("DIR"):
+        if part := _part(phrase):
             return [one for one in found if one.part == part.value]
         if axis := phrase.first("AXIS"):
             return [one for one in found if one.axis == axis.value]
@@ -116,7 +118,7 @@ class Roads:
         return road
 
     def _describe(self, road: Road, phrase: Phrase) -> None:
-        if (part := phrase.first("DIR")) and phrase.rule in ("roads", "road") and isinstance(part.value, float | int):
+        if (part := _part(phrase)) and isinstance(part.value, float | int):
             road.part = float(part.value)
         if (axis := phrase.first("AXIS")) and isinstance(axis.value, float | int):
             road.axis, road.axis_span = float(axis.value), phrase.span
@@ -278,6 +280,12 @@ class Roads:
             {"east_m": round(middle_e + end * sign * reach * to_e, 3), "north_m": round(middle_n + end * sign * reach * to_n, 3)}
             for end in (-1.0, 1.0)
         ]
+
+
+def _part(phrase: Phrase) -> Part | None:
+    """The part of the area that a road lies in; `north of the road` says another thing with its first direction."""
+    found = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
+    return found[0] if found else None
 
 
 def _named(axis: float | None) -> str:

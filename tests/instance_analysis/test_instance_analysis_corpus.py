@@ -30,9 +30,7 @@ def found_fields(found: BaseSimSpec) -> Fields:
         if one.source != "default" or one.note or one.path.startswith("world.roads[")
     }
     spoken = {path: value for path, value in spoken.items() if path != "description" and value is not None}
-    silent = {
-        path: value for path, value in spoken.items() if path.endswith((".tolerance", ".within_m", ".within_deg", ".height_m"))
-    }
+    silent = {path: value for path, value in spoken.items() if path.endswith((".tolerance", ".within_deg", ".height_m"))}
     ranges = {f"~{path}": [one.low, one.high] for one in found.ranges if one.low is not None for path in one.paths}
     ranges |= {f"~{path}": list(one.levels) for one in found.ranges if one.levels for path in one.paths if "_level" in path}
     return {path: value for path, value in spoken.items() if path not in silent} | ranges
