@@ -422,8 +422,8 @@ class Reader:
     # What is said of a group.
 
     def _of_group(self, phrase: Phrase) -> None:
-        if phrase.rule == "place":
-            self._stand(phrase)
+        if phrase.rule in ("place", "stretch") or len(places_in(phrase)) > 1:
+            self._figures(phrase, later=False)
             return
         subject = self.cast.subject
         if not subject:

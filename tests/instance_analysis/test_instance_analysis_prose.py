@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import random
 import time
 from pathlib import Path
 
@@ -260,3 +261,14 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
             one.model_copy(update={"density_per_km2": density}) if one.id == "civilians" else one for one in example.actors
         )
         assert difficulty_of(asked, example.model_copy(update={"actors": actors})).nodes["KA-03"].tension == wanted
+
+
+def test_any_words_are_answered_or_refused() -> None:
+    """Words of the vocabulary in any order come to a result or to a sentence, and never to another exception."""
+    random_order = random.Random(5)
+    words = [*sorted(VOCABULARY.meanings), *("(0,0)", "20 m", "30 s", "a", "two", "[1,2]", "47.4 N 8.5 E", "sector A", ".") * 60]
+    openings = ["", "A truck. ", "Two trucks near a road. ", "The village is 100 by 100 m. A radar at (1, 2). "]
+    for _ in range(300):
+        text = " ".join(random_order.choice(words) for _ in range(random_order.randint(2, 14)))
+        with contextlib.suppress(SetupError):
+            read_prose(random_order.choice(openings) + text, VOCABULARY)
