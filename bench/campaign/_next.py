@@ -190,26 +190,27 @@ class _Hidden:
     agent: str
     node: str
     runs: int
-    most: float
+    most: float | None
+    """None where the points do not carry the factor beside the others."""
 
     def told(self) -> str:
-        return f"{100 * self.most:.0f} points in {self.node} of {self.agent}"
+        return f"{100 * (self.most or 0.0):.0f} points in {self.node} of {self.agent}"
 
 
 def _hidden(runs: pl.DataFrame, levels: Mapping[str, Mapping[str, Level]], design: Design) -> dict[str, list[_Hidden]]:
-    """By factor, the widest first; where runs do not carry a factor, all of the scale is open."""
+    """By factor, those that are not carried first, then the widest. What follows by a formula is part of what it follows from."""
     switched = {one.name for one in design.factors if one.when}
+    found: dict[str, list[_Hidden]] = {one.name: [] for one in design.factors if one.formula is None}
     active = {
-        point: {name: None if name in switched and level == INACTIVE else level for name, level in of.items()}
+        point: {name: None if name in switched and of[name] == INACTIVE else of[name] for name in found}
         for point, of in levels.items()
     }
-    found: dict[str, list[_Hidden]] = {one.name: [] for one in design.factors}
     for (agent, node), mine in runs.group_by("agent", "node", maintain_order=True):
         points = mine["design_point"].to_list()
         bounds = hidden_differences(mine["confidence"].to_list(), factor_columns([active[one] for one in points]), points)
         for name, most in bounds.items():
-            found[name].append(_Hidden(str(agent), str(node), len(points), 1.0 if most is None else most))
-    return {name: sorted(each, key=lambda one: -one.most) for name, each in found.items()}
+            found[name].append(_Hidden(str(agent), str(node), len(points), most))
+    return {name: sorted(each, key=lambda one: -math.inf if one.most is None else -one.most) for name, each in found.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +246,11 @@ def _next_factor(factor: Factor, design: Design, evidence: _Evidence) -> _Next:
 def _without_effect(factor: Factor, design: Design, hidden: Sequence[_Hidden], notes: tuple[str, ...]) -> _Next:
     """No test found anything: that is worth something where the tests would have."""
     widest = hidden[0]
+    if widest.most is None:
+        why = (
+            f"stays: the runs considered in {widest.node} of {widest.agent} cannot tell it from the other factors, or are too few"
+        )
+        return _Next(factor, (why, *notes))
     if widest.most > HIDDEN:
         runs = math.ceil(widest.runs * (widest.most / HIDDEN) ** 2)
         why = (

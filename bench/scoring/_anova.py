@@ -196,11 +196,8 @@ def _equal_spread(residual: NDArray[np.float64], x: NDArray[np.float64]) -> floa
     squares = residual**2
     if np.ptp(squares) <= 1e-12 * float(squares.max(initial=0.0)):
         return None
-    from statsmodels.stats.diagnostic import het_breuschpagan  # a second to import, so only who analyses pays for it
-
-    with np.errstate(divide="ignore", invalid="ignore"):  # of its F statistic, which is not used here
-        p = float(het_breuschpagan(residual, x, robust=True)[1])
-    return p if np.isfinite(p) else None
+    share = 1.0 - _residual_ss(x, squares) / float(((squares - squares.mean()) ** 2).sum())
+    return float(stats.chi2.sf(len(x) * max(0.0, share), x.shape[1] - 1))
 
 
 def cluster_codes(points: Sequence[str]) -> NDArray[np.int64]:

@@ -150,6 +150,18 @@ def test_what_few_runs_cannot_rule_out_stays(tmp_path: Path) -> None:
     assert "the least sure one, is ruled out between its levels (95 %)" in " ".join(many.text.replace("#", "").split())
 
 
+def test_what_follows_by_a_formula_is_part_of_its_factor(tmp_path: Path) -> None:
+    """Gusts that follow wind leave wind's own effect to be had, and ruled out."""
+    gusts = {"name": "gusts", "formula": "wind / 3", "sets": ["environment.wind.turbulence_mps"]}
+    method = {"kind": "sobol", "points": 32}
+    text = propose_next(finished(tmp_path, steep, factors=[FOG, WIND, gusts], method=method, seed=11)).text
+
+    assert "gusts: follows from others" in text
+    assert re.search(
+        r"wind: stays: .* 32 runs do not rule out a difference of [2-9]\d points in", " ".join(text.replace("#", "").split())
+    )
+
+
 def test_two_values_show_no_boundary_and_aliases_are_told(tmp_path: Path) -> None:
     """Between two values flown only the curve's own shape says where passing turns; a quarter of 2^5 blurs main effects."""
     rain = {**RAIN, "range": {"low": 0, "high": 8}}
