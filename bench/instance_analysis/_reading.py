@@ -9,6 +9,7 @@ from bench.simspec import Role
 from ._cast import Cast
 from ._coordinates import Coordinates
 from ._draft import Draft
+from ._flight import Flight
 from ._ground import Ground
 from ._happenings import Happenings
 from ._phrases import DENIALS, Part, Phrase, Quantity
@@ -16,17 +17,12 @@ from ._places import Places, places_in
 from ._relations import Relations
 from ._reports import Reports
 from ._roads import Roads
-from ._rulings import UNIT_NAMES, Rulings
+from ._rulings import Rulings
 from ._sky import Sky
 from ._tokens import Word
-from ._traits import Traits, length_of, say_speed
-from ._vocabulary import FieldWords, MotionWords, SetWords, Vocabulary
+from ._traits import Traits, length_of
+from ._vocabulary import MotionWords, Vocabulary
 
-UNITS = {
-    "LENGTH": {"m": 1.0, "ft": 0.3048},
-    "SPEED": {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444},
-    "TIME": {"s": 1.0, "min": 60.0},
-}
 WEAK = frozenset(
     [
         "OF",
@@ -84,10 +80,6 @@ WEAK = frozenset(
 
 
 PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
-BOUNDS = {
-    "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
-    "mission.speed_mps": {"WITHIN": "max_speed_mps"},
-}
 OF_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 OF_A_GROUP = Relations.RULES | Traits.RULES | Roads.RULES | {"loop"}
@@ -102,7 +94,6 @@ class Reader:
         self.draft, self.vocabulary = draft, vocabulary
         self.cast = Cast(draft, vocabulary)
         self.joined: list[str] = []
-        self.reporting = False
         self.waiting: list[Phrase] = []
         self.topic = ""
         """What places and points are said of: group, home, ground, road; nothing at the beginning of a sentence."""
@@ -115,6 +106,7 @@ class Reader:
         self.relations = Relations(draft, vocabulary.defaults, self.ground, self.places, self.cast)
         self.traits = Traits(draft, self.cast, self.relations.refine)
         self.reports = Reports(draft, self.cast)
+        self.flight = Flight(draft, self.cast, self.ground, self.reports)
         self.happenings = Happenings(draft, self.cast, self.reports)
         self.rulings = Rulings(draft, self.cast)
 
@@ -145,7 +137,7 @@ class Reader:
     def _sentence(self, sentence: list[Phrase | Word]) -> None:
         self.cast.here, self.cast.spoken, self.joined, self.waiting, self.topic = False, [], [], [], ""
         self.flying = any(_flies(one) for one in sentence)
-        self.reporting = any(isinstance(one, Word) and one.text.lower().startswith("report") for one in sentence)
+        self.flight.reporting = any(isinstance(one, Word) and one.text.lower().startswith("report") for one in sentence)
         joins = False
         for index, one in enumerate(sentence):
             if isinstance(one, Word):
@@ -338,11 +330,13 @@ class Reader:
         readers: list[tuple[object, frozenset[str]]] = [
             (self.sky, Sky.RULES),
             (self.rulings, Rulings.RULES),
+            (self.flight, Flight.RULES),
             (self.ground, frozenset(["extent", "overfly", "stayin"])),
             (self.roads, frozenset(["axis", "width"])),
             (self.happenings, frozenset(["event"])),
             (self.reports, frozenset(["intelligence"])),
         ]
+        self.flight.of_ground = self.topic == "ground"
         reader = next((one for one, rules in readers if rule in rules), None)
         found: Callable[[Phrase], None] = getattr(self, f"_{rule}") if reader is None else getattr(reader, rule)
         return found
@@ -478,104 +472,6 @@ class Reader:
             return
         self.ground.when(phrase)
 
-    def _field(self, phrase: Phrase) -> None:
-        word = phrase.first("FIELD")
-        given = next(one for one in phrase.parts if isinstance(one, Part) and isinstance(one.value, Quantity))
-        assert word is not None
-        assert isinstance(word.value, tuple)
-        assert isinstance(given.value, Quantity)
-        quantity, fields = given.value, [one for one in word.value if isinstance(one, FieldWords)]
-        fitting = [one for one in fields if _fits(one, quantity)]
-        if not fitting and quantity.kind == "COUNT":
-            field = fields[0]
-            if field.kind in ("ANGLE", "PERCENT"):
-                self._plain_number(field, quantity, phrase)
-                return
-            if field.kind not in UNITS:
-                self.draft.fault(phrase.span, f"{field.path} takes a number with a unit", "write its unit")
-                return
-            units = UNITS[field.kind]
-            chosen = list(units)[self.draft.ask(phrase.span, "in which unit?", list(units))]
-            low, high = (round(one * units[chosen], 6) for one in (quantity.low, quantity.high))
-            quantity, fitting = Quantity(field.kind, low, high), [field]
-        if not fitting:
-            wanted = " or ".join(sorted({f"{one.path} is a {one.kind.lower()}" for one in fields}))
-            self.draft.fault(phrase.span, f"{wanted}, not a {quantity.kind.lower()}", "give it in a unit that fits")
-            return
-        field = fitting[0]
-        if field.path == "intelligence.uncertainty_m" and self.topic == "ground":
-            self.ground.round(quantity, phrase.span)
-            return
-        if field.path.startswith("intelligence."):
-            self.reports.field(field.path.split(".")[1], quantity, phrase.span)
-            return
-        if self._bounds(field, phrase):
-            return
-        if field.path == "mission.speed_mps" and self.cast.here and not self.cast.mission and self._moving():
-            for group in self.cast.subject:
-                say_speed(self.draft, group, quantity, phrase.span)
-            return
-        self.cast.mission = self.cast.mission or field.path.startswith("mission.")
-        whole = field.path == "seeds.root"
-        unit = UNIT_NAMES.get(field.kind)
-        self.draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
-
-    def _plain_number(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
-        """Angles are degrees; a share is a fraction up to 1, and percent above."""
-        share = 0.01 if field.kind == "PERCENT" and quantity.high > 1 else 1.0
-        low, high = (round(one * share, 9) for one in (quantity.low, quantity.high))
-        self.draft.vary(tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind))
-
-    def _moving(self) -> bool:
-        return all(("actors", one, "motion", "kind") in self.draft.entries for one in self.cast.subject)
-
-    def _bounds(self, field: FieldWords, phrase: Phrase) -> bool:
-        """`height not more than 100 m, not less than 25 m`: rules, and not the height of the mission."""
-        names = BOUNDS.get(field.path, {})
-        taken, bound = False, ""
-        for part in phrase.parts:
-            if isinstance(part, Part) and part.kind in ("WITHIN", "ATLEAST"):
-                bound = part.kind
-            elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
-                unit = UNIT_NAMES.get(field.kind)
-                self.draft.vary(("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit)
-                taken = True
-        return taken
-
-    def _altitude(self, phrase: Phrase) -> None:
-        length = length_of(self.draft, phrase)
-        self.cast.mission = True
-        self.draft.vary(("mission", "altitude_m"), length.low, length.high, phrase.span, unit="m")
-
-    def _speed(self, phrase: Phrase) -> None:
-        part = phrase.first("SPEED")
-        assert part is not None
-        assert isinstance(part.value, Quantity)
-        if self.cast.here and self.cast.subject and not self.cast.mission and not phrase.first("FLY"):
-            for group in self.cast.subject:
-                if ("actors", group, "motion", "route") not in self.draft.entries:
-                    self.draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
-                say_speed(self.draft, group, part.value, phrase.span)
-            return
-        self.draft.vary(("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s")
-
-    def _limit(self, phrase: Phrase) -> None:
-        part = phrase.first("TIME")
-        assert part is not None
-        assert isinstance(part.value, Quantity)
-        readings = ["the time limit of the mission", "the time from intelligence to the report on it"]
-        if self.reporting and self.draft.ask(phrase.span, "which time is this?", readings) == 1:
-            self.draft.vary(("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s")
-            return
-        self.draft.vary(("mission", "time_limit_s"), part.value.low, part.value.high, phrase.span, unit="s")
-
-    def _set(self, phrase: Phrase) -> None:
-        part = phrase.first("SET")
-        assert part is not None
-        assert isinstance(part.value, SetWords)
-        for path, value in part.value.set.items():
-            self.draft.put(tuple(path.split(".")), value, phrase.span)
-
     def _standoff(self, phrase: Phrase) -> None:
         if self.cast.here and self.cast.subject and not self.cast.mission:
             read = self.relations.atleast if phrase.first("ATLEAST") or phrase.first("APPROACH") else self.relations.exact
@@ -594,12 +490,6 @@ class Reader:
         self.roads.finish()
         self.places.finish(self.roads.laid_out)
         self.rulings.finish()
-
-
-def _fits(field: FieldWords, quantity: Quantity) -> bool:
-    if field.kind == "NUMBER":
-        return quantity.kind in ("COUNT", "PERCENT")
-    return quantity.kind == field.kind
 
 
 def _flies(one: Phrase | Word) -> bool:

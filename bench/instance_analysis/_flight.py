@@ -1,0 +1,139 @@
+"""What is said of the flight to fields: height, speed, time, and whatever else a number beside a word says."""
+
+from __future__ import annotations
+
+from ._cast import Cast
+from ._draft import Draft
+from ._ground import Ground
+from ._phrases import Part, Phrase, Quantity
+from ._reports import Reports
+from ._rulings import UNIT_NAMES
+from ._traits import length_of, say_speed
+from ._vocabulary import FieldWords, SetWords
+
+UNITS = {
+    "LENGTH": {"m": 1.0, "ft": 0.3048},
+    "SPEED": {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444},
+    "TIME": {"s": 1.0, "min": 60.0},
+}
+BOUNDS = {
+    "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
+    "mission.speed_mps": {"WITHIN": "max_speed_mps"},
+}
+
+
+class Flight:
+    """Reads numbers and settings into a draft; each rule of the grammar by the method of its name."""
+
+    RULES = frozenset(["field", "altitude", "speed", "limit", "set"])
+
+    def __init__(self, draft: Draft, cast: Cast, ground: Ground, reports: Reports) -> None:
+        self._draft, self._cast, self._ground, self._reports = draft, cast, ground, reports
+        self.reporting = False
+        """Whether the sentence is about reports."""
+        self.of_ground = False
+        """Whether a piece of ground is spoken of, whose radius a radius is."""
+
+    def field(self, phrase: Phrase) -> None:
+        word = phrase.first("FIELD")
+        given = next(one for one in phrase.parts if isinstance(one, Part) and isinstance(one.value, Quantity))
+        assert word is not None
+        assert isinstance(word.value, tuple)
+        assert isinstance(given.value, Quantity)
+        quantity, fields = given.value, [one for one in word.value if isinstance(one, FieldWords)]
+        fitting = [one for one in fields if _fits(one, quantity)]
+        if not fitting and quantity.kind == "COUNT":
+            field = fields[0]
+            if field.kind in ("ANGLE", "PERCENT"):
+                self._plain_number(field, quantity, phrase)
+                return
+            if field.kind not in UNITS:
+                self._draft.fault(phrase.span, f"{field.path} takes a number with a unit", "write its unit")
+                return
+            units = UNITS[field.kind]
+            chosen = list(units)[self._draft.ask(phrase.span, "in which unit?", list(units))]
+            low, high = (round(one * units[chosen], 6) for one in (quantity.low, quantity.high))
+            quantity, fitting = Quantity(field.kind, low, high), [field]
+        if not fitting:
+            wanted = " or ".join(sorted({f"{one.path} is a {one.kind.lower()}" for one in fields}))
+            self._draft.fault(phrase.span, f"{wanted}, not a {quantity.kind.lower()}", "give it in a unit that fits")
+            return
+        field = fitting[0]
+        if field.path == "intelligence.uncertainty_m" and self.of_ground:
+            self._ground.round(quantity, phrase.span)
+            return
+        if field.path.startswith("intelligence."):
+            self._reports.field(field.path.split(".")[1], quantity, phrase.span)
+            return
+        if self._bounds(field, phrase):
+            return
+        if field.path == "mission.speed_mps" and self._cast.here and not self._cast.mission and self._moving():
+            for group in self._cast.subject:
+                say_speed(self._draft, group, quantity, phrase.span)
+            return
+        self._cast.mission = self._cast.mission or field.path.startswith("mission.")
+        whole = field.path == "seeds.root"
+        unit = UNIT_NAMES.get(field.kind)
+        self._draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
+
+    def _plain_number(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
+        """Angles are degrees; a share is a fraction up to 1, and percent above."""
+        share = 0.01 if field.kind == "PERCENT" and quantity.high > 1 else 1.0
+        low, high = (round(one * share, 9) for one in (quantity.low, quantity.high))
+        self._draft.vary(tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind))
+
+    def _moving(self) -> bool:
+        return all(("actors", one, "motion", "kind") in self._draft.entries for one in self._cast.subject)
+
+    def _bounds(self, field: FieldWords, phrase: Phrase) -> bool:
+        """`height not more than 100 m, not less than 25 m`: rules, and not the height of the mission."""
+        names = BOUNDS.get(field.path, {})
+        taken, bound = False, ""
+        for part in phrase.parts:
+            if isinstance(part, Part) and part.kind in ("WITHIN", "ATLEAST"):
+                bound = part.kind
+            elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
+                unit = UNIT_NAMES.get(field.kind)
+                self._draft.vary(("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit)
+                taken = True
+        return taken
+
+    def altitude(self, phrase: Phrase) -> None:
+        length = length_of(self._draft, phrase)
+        self._cast.mission = True
+        self._draft.vary(("mission", "altitude_m"), length.low, length.high, phrase.span, unit="m")
+
+    def speed(self, phrase: Phrase) -> None:
+        part = phrase.first("SPEED")
+        assert part is not None
+        assert isinstance(part.value, Quantity)
+        if self._cast.here and self._cast.subject and not self._cast.mission and not phrase.first("FLY"):
+            for group in self._cast.subject:
+                if ("actors", group, "motion", "route") not in self._draft.entries:
+                    self._draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
+                say_speed(self._draft, group, part.value, phrase.span)
+            return
+        self._draft.vary(("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s")
+
+    def limit(self, phrase: Phrase) -> None:
+        part = phrase.first("TIME")
+        assert part is not None
+        assert isinstance(part.value, Quantity)
+        readings = ["the time limit of the mission", "the time from intelligence to the report on it"]
+        if self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 1:
+            self._draft.vary(("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s")
+            return
+        self._draft.vary(("mission", "time_limit_s"), part.value.low, part.value.high, phrase.span, unit="s")
+
+    def set(self, phrase: Phrase) -> None:
+        part = phrase.first("SET")
+        assert part is not None
+        assert isinstance(part.value, SetWords)
+        for path, value in part.value.set.items():
+            self._draft.put(tuple(path.split(".")), value, phrase.span)
+
+
+def _fits(field: FieldWords, quantity: Quantity) -> bool:
+    if field.kind == "NUMBER":
+        return quantity.kind in ("COUNT", "PERCENT")
+    return quantity.kind == field.kind
