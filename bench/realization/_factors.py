@@ -116,7 +116,7 @@ class Factor(Document):
             return self.levels
         if self.range.steps is None:
             raise ValueError(f"factor {self.name!r} is a range; this design counts levels: give levels or range.steps")
-        return tuple(self.range.at(step / (self.range.steps - 1)) for step in range(self.range.steps))
+        return tuple(_plain(self.range.at(step / (self.range.steps - 1))) for step in range(self.range.steps))
 
     def ends(self) -> tuple[Level, Level]:
         """Its two levels, or the ends of its range. Raises ValueError for any other number of levels."""
@@ -143,6 +143,11 @@ class Factor(Document):
         if self.when is not None and level == INACTIVE:
             return {}
         return dict.fromkeys(self.sets, level) | self.patches.get(str(level), {})
+
+
+def _plain(value: float | int) -> float | int:
+    """Without the noise of rounding: 0.3 and not 0.30000000000000004, which no prohibition of 0.3 would meet."""
+    return float(f"{value:.12g}") if isinstance(value, float) else value
 
 
 @dataclass(frozen=True, slots=True)

@@ -304,6 +304,13 @@ def test_conditional_factors_and_formulas() -> None:
     assert list(points[0]) == ["gps", "noise", "approach", "fog", "night", "load"]
 
 
+def test_steps_of_a_range_are_the_numbers_that_one_writes() -> None:
+    """The third of five steps from 0.1 to 0.5 is 0.3, so that what is forbidden at 0.3 is."""
+    stepped = {"name": "a", "range": {"low": 0.1, "high": 0.5, "steps": 5}, "sets": ["a"]}
+
+    assert [one.levels["a"] for one in design([stepped], forbid=["a == 0.3"]).points()] == [0.1, 0.2, 0.4, 0.5]
+
+
 def test_forbidden_points_are_left_out() -> None:
     """Of a full factorial just the forbidden ones are missing."""
     every = [point.levels for point in design(TANGLED).points()]
