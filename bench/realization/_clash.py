@@ -37,7 +37,7 @@ from ._midway import Midway, midways
 from ._packing import most_aligned, most_apart
 from ._relations import HOME_CLEARANCE_M, Tie, field
 from ._standing import standing
-from ._ties import ties
+from ._ties import band_room, ties
 from ._ways import closes, first_legs, loops, open_routes, seen_room, walks
 from ._whom import hosts_of, inner_radius_m, is_home, members_of, outer_radius_m, region_of
 
@@ -187,7 +187,7 @@ def find_clash(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeas
             noted = f" ({'; '.join(scene.notes)})" if scene.notes else ""
             return PlacementInfeasible(
                 f"impossible, and proved so: not all of this can hold: {said}{noted}. Loosen one of these",
-                clash=tuple(term.path for term in core),
+                clash=tuple(dict.fromkeys(term.path for term in core)),
             )
     return None
 
@@ -338,10 +338,15 @@ class _Scene:
                     self._cut(term.group, term.midway.room(*(self._ground_of(name) for name in term.midway.ends)))
             if any(one.is_empty for one in self.ground.values()):
                 return True
+            means = [(term.group, term.mean) for term in self.terms if term.mean]
+            if any(self._mean_fails(own, mean) for own, mean in means):
+                return True
+            for own, mean in means:
+                self._narrow_by_mean(own, mean)
+            if any(one.is_empty for one in self.ground.values()):
+                return True
             if np.allclose(before, [shapely.area(one) for one in self.ground.values()], rtol=1e-4):
                 break
-        if any(self._mean_fails(term.group, term.mean) for term in self.terms if term.mean):
-            return True
         banded = [term for term in self.terms if term.band]
         if any(self._bands_fail(term, other) for number, term in enumerate(banded) for other in banded[:number]):
             return True
@@ -418,8 +423,17 @@ class _Scene:
         if room is not None:
             self.ground[name] = solid(shapely.intersection(self.ground[name], room))
 
-    def _mean_fails(self, own: str, mean: MeanDistance | None) -> bool:
-        assert mean is not None
+    def _narrow_by_mean(self, own: str, mean: MeanDistance) -> None:
+        """Whom a mean distance is about is near enough to some ground of the group and far enough from some; who is alone keeps
+        the mean itself."""
+        slack_m = mean.tolerance * mean.mean_m + 1e-3
+        least_m, most_m = mean.mean_m - slack_m, mean.mean_m + slack_m
+        if self._alone(own):
+            self._cut(own, band_room(coarse(self._ground_of(mean.of)), least_m, most_m))
+        if mean.of in self.ground and self._alone(mean.of) and not self.ground[own].is_empty:
+            self._cut(mean.of, band_room(coarse(self.ground[own]), least_m, most_m))
+
+    def _mean_fails(self, own: str, mean: MeanDistance) -> bool:
         group, mine, theirs = self.simspec.group(own), self.ground[own], self._ground_of(mean.of)
         nearest = np.full(members_of(self.simspec, group), shapely.distance(mine, theirs))
         if any(term.group == own and term.need_m2 for term in self.terms):

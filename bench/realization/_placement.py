@@ -27,7 +27,7 @@ from bench.simspec import (
 )
 
 from ._check import check_placement
-from ._clash import PlacementInfeasible, check_areas, check_fixed_ways, find_clash
+from ._clash import PlacementInfeasible, check_areas, check_fixed_ways, find_clash, narrowed_ground
 from ._footprint import Array, Footprints
 from ._ground import Geometry, ground
 from ._sampling import Budget, Placed, Stuck, fixed_places, sampled
@@ -37,7 +37,7 @@ from ._whom import members_of, related
 REPORT_SHARE = 0.8
 """Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies well inside."""
 
-ATTEMPTS = 8
+ATTEMPTS = 32
 
 HOPELESS = 0.8
 """Share of a group's members: where crowding leaves fewer a place, drawing places again will not do."""
@@ -69,14 +69,16 @@ def _found(simspec: SimSpec) -> SimSpec:
     order = placement_order(simspec)
     check_fixed_ways(simspec, fixed_places(order))
     check_areas(simspec)
-    budget = Budget(12_000 + 40 * sum(members_of(simspec, group) for group in order))
+    budget = Budget(60_000 + 40 * sum(members_of(simspec, group) for group in order))
     stuck: Stuck | None = None
+    left: dict[str, Geometry] | None = None
     for attempt in range(ATTEMPTS):
         try:
-            return with_places(simspec, sampled(simspec, order, attempt, budget), "sampling")
+            return with_places(simspec, sampled(simspec, order, attempt, budget, left), "sampling")
         except Stuck as reason:
             if stuck is None and (clash := find_clash(simspec, order)):
                 raise clash from None
+            left = left or narrowed_ground(simspec, order)
             again = stuck is not None and stuck.crowded
             if budget.spent or (reason.crowded and (again or reason.share < HOPELESS)):
                 stuck = reason

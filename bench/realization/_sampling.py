@@ -17,7 +17,7 @@ from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 from ._aim import aimed_deg, facing_target
 from ._clash import PlacementInfeasible
 from ._footprint import Array, Footprints, crowded, footprints, joined, no_footprints
-from ._ground import Geometry, drawn_from, ground
+from ._ground import Geometry, drawn_from, flat, ground
 from ._midway import midways
 from ._relations import Relation, common_room
 from ._sight import Solids
@@ -58,8 +58,10 @@ class Budget:
         return self.left <= 0
 
 
-def sampled(simspec: SimSpec, order: Sequence[ActorGroup], attempt: int, budget: Budget) -> Placed:
-    """Places for every group. Raises Stuck."""
+def sampled(
+    simspec: SimSpec, order: Sequence[ActorGroup], attempt: int, budget: Budget, left: Mapping[str, Geometry] | None = None
+) -> Placed:
+    """Places for every group, on the ground that is left to it where that is known. Raises Stuck."""
     placed = fixed_places(order)
     for group in order:
         if group.placement.at:
@@ -69,7 +71,7 @@ def sampled(simspec: SimSpec, order: Sequence[ActorGroup], attempt: int, budget:
         else:
             # A stream for each group by its name: adding a group leaves the draws of the others as they were.
             rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), attempt)
-            placed[group.id] = Sampler.of(simspec, group, placed, rng, budget).members()
+            placed[group.id] = Sampler.of(simspec, group, placed, rng, budget, left).members()
     return placed
 
 
@@ -131,7 +133,15 @@ class Sampler:
     budget: Budget
 
     @classmethod
-    def of(cls, simspec: SimSpec, group: ActorGroup, placed: Placed, rng: np.random.Generator, budget: Budget) -> Sampler:
+    def of(
+        cls,
+        simspec: SimSpec,
+        group: ActorGroup,
+        placed: Placed,
+        rng: np.random.Generator,
+        budget: Budget,
+        left: Mapping[str, Geometry] | None = None,
+    ) -> Sampler:
         """A sampler for a group whose relations are all to what is placed."""
         region = ground(region_of(simspec, group))
         where = group.placement
@@ -145,7 +155,9 @@ class Sampler:
             ring = None
         # Sectors, roads and the like leave so little of the box round the region that places are drawn where they can be kept.
         narrow = where.along or where.bearing or where.distances or where.inside or where.between
-        room = common_room(relations) if narrow else None
+        room = common_room(relations) if narrow or left is not None else None
+        if room is not None and left is not None:
+            room = flat(shapely.intersection(room, left[group.id]))
         facing = facing_target(simspec, group, placed)
         return cls(simspec, group, members_of(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget)
 
@@ -180,7 +192,10 @@ class Sampler:
                 f"but the places that keep its other relations allow means from {low:.1f} to {high:.1f} m "
                 f"({len(found)} places looked at): change mean_m, widen the region or move {mean.of!r}"
             )
-            if not low <= mean.mean_m * (1 + mean.tolerance) or not high >= mean.mean_m * (1 - mean.tolerance):
+            short_m = max(low - mean.mean_m * (1 + mean.tolerance), mean.mean_m * (1 - mean.tolerance) - high)
+            if short_m > high - low and len(found) > CROWD * self.count:
+                break  # more places would hardly reach twice as far; other places of whom it is about may
+            if short_m > 0.0:
                 continue
             # Halfway into the tolerance, so that nobody's rounding decides whether it is kept.
             crowd = _Crowd.of(self.count, self.group.placement.spread_m)

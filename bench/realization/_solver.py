@@ -43,6 +43,10 @@ EFFORT = 1.0
 """CP-SAT's deterministic seconds for one try; about as many of a core."""
 
 CANDIDATES = 6000
+
+MOST_TRIED = 12
+"""Places of one lattice that are tried for each that is wanted."""
+
 MOST_HOSTS = 12
 """In so many hosts the guests' places are tried in rows."""
 
@@ -196,7 +200,12 @@ class _Phase:
         lattices = [] if _aimed(group) else self._lattices(group)
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
-        yield from lattices
+        shapely.prepare(room)
+        for lattice in lattices:  # of small things in a wide yard there are a hundred thousand
+            within = np.flatnonzero(shapely.intersects_xy(room, lattice.centre_m[:, 0], lattice.centre_m[:, 1]))
+            if len(within) > MOST_TRIED * wanted:
+                within = np.sort(self.rng.permutation(within)[: MOST_TRIED * wanted])
+            yield lattice[within]
         for _ in range(4):
             yield self._random(group, room, wanted)
 

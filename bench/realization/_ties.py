@@ -86,17 +86,21 @@ def _distance(path: str, text: str, target: Target, whom: Whom, min_m: float, ma
         return kept
 
     def room(others: Geometry) -> Geometry | None:
-        """Within reach of some place there, and not so near to all of them that none is far enough."""
-        if max_m is None and min_m == 0.0:
-            return None
-        reach = wide(others, max_m) if max_m is not None else None
-        if min_m > 0.0:
-            corners = shapely.get_coordinates(octagon(others))
-            near = shapely.intersection_all(shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=ARC))
-            reach = (EVERYWHERE if reach is None else reach).difference(near)
-        return reach
+        return band_room(others, min_m, max_m)
 
     return Tie(path, text, target.of, whom, pairs, room, room, target.points)
+
+
+def band_room(others: Geometry, min_m: float, max_m: float | None) -> Geometry | None:
+    """Within reach of some place there, and not so near to all of them that none is far enough; None where that is anywhere."""
+    if max_m is None and min_m <= 0.0:
+        return None
+    reach = wide(others, max_m) if max_m is not None else None
+    if min_m > 0.0:
+        corners = shapely.get_coordinates(octagon(others))
+        near = shapely.intersection_all(shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=ARC))
+        reach = (EVERYWHERE if reach is None else reach).difference(near)
+    return reach
 
 
 def bearings_deg(some: Footprints, others: Footprints) -> Array:
