@@ -160,15 +160,18 @@ class _Evidence:
         """At how many values it was flown."""
         return len({levels[factor] for levels in self.levels.values()})
 
-    def open_between(self, factor: str) -> tuple[float, float] | None:
-        """The values of a factor of numbers at which passing is open, over all nodes and agents that follow it."""
+    def open_between(self, factor: str, *, band: bool) -> tuple[float, float] | None:
+        """The values of a factor of numbers at which passing is open, over all nodes and agents that follow it.
+
+        By the curve, or by its 95 % band: what is cut off is not flown again, and would not be missed.
+        """
         followed = {
             (row["agent"], row["node"]) for row in self.followed(factor, EFFECT_P) if row["of"] in ("confidence", "passes")
         }
-        found = [span for agent, node in sorted(followed) if (span := self._open(factor, agent, node)) is not None]
+        found = [span for agent, node in sorted(followed) if (span := self._open(factor, agent, node, band)) is not None]
         return (min(low for low, _ in found), max(high for _, high in found)) if found else None
 
-    def _open(self, factor: str, agent: str, node: str) -> tuple[float, float] | None:
+    def _open(self, factor: str, agent: str, node: str, band: bool) -> tuple[float, float] | None:
         active = [point for point, levels in self.levels.items() if not isinstance(levels[factor], str)]
         mine = self.runs.filter(pl.col("agent") == agent, pl.col("node") == node, pl.col("design_point").is_in(active))
         x = np.array([float(self.levels[point][factor]) for point in mine["design_point"]])
@@ -176,7 +179,8 @@ class _Evidence:
         # The curve is of difficulty, which passing falls with; where passing rises with the factor, its negative stands in.
         turn = -1.0 if float(((x - x.mean()) * (passed - passed.mean())).sum()) > 0.0 else 1.0
         curve = difficulty_response(turn * x, passed, mine["design_point"].to_list())
-        within = (curve.probability >= OPEN[0]) & (curve.probability <= OPEN[1])
+        low, high = (curve.low, curve.high) if band else (curve.probability, curve.probability)
+        within = (high >= OPEN[0]) & (low <= OPEN[1])
         if not within.any():
             return None
         values = turn * curve.difficulty[within]
@@ -282,25 +286,31 @@ def _user(name: str, design: Design) -> str:
 
 
 def _narrowed(factor: Factor, evidence: _Evidence) -> _Next | None:
-    """The factor on less of its range, and why; None where its range stays."""
+    """The factor on less of its range, or with what would be cut off if that were sure, and why; None where its range stays."""
     bounds = _bounds(factor) if evidence.values(factor.name) >= LEAST_VALUES else None
-    span = evidence.open_between(factor.name) if bounds else None
-    if bounds is None or span is None:
+    if bounds is None:
+        return None
+    whole, chance = f"{bounds[0]:g} ... {bounds[1]:g}", f"between {OPEN[0]:.0%} and {OPEN[1]:.0%}"
+    changed = _within(factor, bounds, evidence.open_between(factor.name, band=True))
+    if changed is not None:
+        new = "{:g} ... {:g}".format(*(_bounds(changed) or bounds))
+        said = f"from {whole} to {new}: there the chance of passing may lie {chance} (95 % band of a logistic curve)"
+        return _Next(changed, (said,))
+    by_curve = _within(factor, bounds, evidence.open_between(factor.name, band=False))
+    if by_curve is None:
+        return None
+    new = "{:g} ... {:g}".format(*(_bounds(by_curve) or bounds))
+    return _Next(
+        factor, (f"stays {whole}: a logistic curve puts the chance of passing {chance} at {new}, but its 95 % band is wider",)
+    )
+
+
+def _within(factor: Factor, bounds: tuple[float, float], span: tuple[float, float] | None) -> Factor | None:
+    """The factor on this span; None where that is no less than most of it, or too little."""
+    if span is None:
         return None
     low, high = max(bounds[0], span[0]), min(bounds[1], span[1])
-    if high - low > WORTH_NARROWING * (bounds[1] - bounds[0]):
-        return None
-    changed = _on(factor, low, high)
-    if changed is None:
-        return None
-    new_low, new_high = _bounds(changed) or bounds
-    return _Next(
-        changed,
-        (
-            f"from {bounds[0]:g} ... {bounds[1]:g} to {new_low:g} ... {new_high:g}: there the chance of passing lies between "
-            f"{OPEN[0]:.0%} and {OPEN[1]:.0%} (logistic curve)",
-        ),
-    )
+    return None if high - low > WORTH_NARROWING * (bounds[1] - bounds[0]) else _on(factor, low, high)
 
 
 def _bounds(factor: Factor) -> tuple[float, float] | None:

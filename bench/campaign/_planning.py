@@ -96,7 +96,11 @@ def _check_same(folder: CampaignFolder, journal: Journal, intents: dict[str, str
     if other:
         shown = ", ".join(other[:3]) + (f" and {len(other) - 3} more" if len(other) > 3 else "")
         faults.append(
-            Fault(str(folder.path), f"holds realizations that this campaign does not ask for: {shown}", "name another folder")
+            Fault(
+                str(folder.path),
+                f"holds realizations that this campaign does not ask for: {shown}",
+                "name another folder; docs/designs.md says what a design may be added to",
+            )
         )
     if faults:
         raise SetupError(faults)

@@ -332,8 +332,10 @@ def _bend(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float
         return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / left), df, left))
     if line_ss <= 1e-20 * float(((y - y.mean()) ** 2).sum()) or len(x) < 6:
         return "RESET", None
-    from statsmodels.regression.linear_model import OLS
-    from statsmodels.stats.diagnostic import linear_reset
-
-    standard = np.column_stack([np.ones(len(x)), (x - x.mean()) / x.std()])
-    return "RESET", float(linear_reset(OLS(y, standard).fit(), power=2, use_f=True).pvalue)
+    # The square of what a line foretells is, beside the line, the square of x; which is there where the line is flat, too.
+    standard = (x - x.mean()) / x.std()
+    bent = np.column_stack([np.ones(len(x)), standard, standard**2])
+    rest = float(((y - bent @ np.linalg.lstsq(bent, y, rcond=None)[0]) ** 2).sum())
+    if rest <= 1e-20 * line_ss:
+        return "RESET", 0.0
+    return "RESET", float(stats.f.sf((line_ss - rest) / (rest / (len(x) - 3)), 1, len(x) - 3))
