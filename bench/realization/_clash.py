@@ -38,7 +38,7 @@ from ._packing import most_aligned, most_apart
 from ._relations import HOME_CLEARANCE_M, Tie, field
 from ._standing import standing
 from ._ties import band_room, ties
-from ._ways import closes, first_legs, loops, open_routes, seen_room, walks
+from ._ways import closes, first_legs, loops, seen_room, shut_loops, walks
 from ._whom import hosts_of, inner_radius_m, is_home, members_of, outer_radius_m, region_of
 
 ROUNDS = 6
@@ -129,24 +129,41 @@ def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
 def check_fixed_ways(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None:
     """Refuse at once what is fixed on a patrol's route, or round a walker who is fixed himself."""
     fixed = [group for group in simspec.actors if group.id in placed]
-    for wall in fixed:
-        for relation in open_routes(simspec, wall):
-            if not relation.keeps(placed[wall.id]).all():
-                raise PlacementInfeasible(
-                    f"impossible, and proved so: {wall.id!r} is fixed ({field(wall, 'at')}), and is to {relation.text} "
-                    f"({relation.path}). Move one of them",
-                    clash=(field(wall, "at"), relation.path),
-                )
     walls = [group for group in fixed if closes(group)]
-    standing = joined([placed[group.id] for group in walls] or [no_footprints()])
-    for walker in fixed:
-        if walks(simspec, walker) and first_legs(simspec, walker, placed[walker.id], standing)[0] is None:
+    for walker in simspec.actors:
+        others = [wall for wall in walls if wall is not walker]
+        if walks(simspec, walker) and (shutting := _shut(simspec, walker, others, placed)):
             path = f"actors[{walker.id}].motion.route"
+            said = ", ".join(f"{wall.id!r} is fixed ({field(wall, 'at')})" for wall in shutting)
+            raise PlacementInfeasible(
+                f"impossible, and proved so: {said}, and is to leave the patrol route of {walker.id!r} open ({path}). Move one of them",
+                clash=(*(field(wall, "at") for wall in shutting), path),
+            )
+
+    def held(walker: ActorGroup, some: Sequence[ActorGroup]) -> bool:
+        standing = joined([placed[group.id] for group in some] or [no_footprints()])
+        return first_legs(simspec, walker, placed[walker.id], standing)[0] is None
+
+    for walker in fixed:
+        if walks(simspec, walker) and held(walker, walls):
+            path = f"actors[{walker.id}].motion.route"
+            needed = [] if held(walker, []) else _fewest(walls, lambda some, walker=walker: held(walker, some))  # type: ignore[misc]
             raise PlacementInfeasible(
                 f"impossible, and proved so: {walker.id!r} is fixed ({field(walker, 'at')}) where no straight way leads to any point "
                 f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
-                clash=(field(walker, "at"), path, *(field(group, "at") for group in walls)),
+                clash=(field(walker, "at"), path, *(field(group, "at") for group in needed)),
             )
+
+
+def _shut(
+    simspec: SimSpec, walker: ActorGroup, walls: Sequence[ActorGroup], placed: Mapping[str, Footprints]
+) -> list[ActorGroup]:
+    """Of what is fixed, the fewest that close the route wherever its walkers start; none where it is open to some."""
+
+    def fails(some: Sequence[ActorGroup]) -> bool:
+        return all(which.any() for which in shut_loops(simspec, walker, joined([placed[one.id] for one in some])).values())
+
+    return _fewest(walls, fails) if walls and fails(walls) else []
 
 
 def _check_room_inside(simspec: SimSpec, host: ActorGroup) -> None:

@@ -135,7 +135,7 @@ def _misfits(simspec: SimSpec) -> Iterator[Fault]:
         if group.placement.region:
             yield from _crossings(f"{where}.placement.region", group.placement.region)
         least = {one.id: one.members(simspec.world.area.area_m2) for one in simspec.actors}
-        if members_of(simspec, group) and (empty := [one for one in _named(group) if least.get(one) == 0]):
+        if members_of(simspec, group) and (empty := [one for one in sorted(_named(group)) if least.get(one) == 0]):
             yield Fault(
                 f"{where}.placement", f"relates to {empty[0]!r}, which has no members", "give it members or drop the relation"
             )

@@ -109,15 +109,21 @@ def open_routes(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
 
 
 def _off_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
-    legs = [leg for points in loops(simspec, walker).values() for leg in _legs(points)]
-    route = shapely.multilinestrings(shapely.linestrings(np.array(legs)))
-    shapely.prepare(route)
-
     def keeps(some: Footprints) -> Mask:
-        kept: Mask = ~shapely.intersects(route, grown(some, room_m(walker) + HAIR_M))
+        kept: Mask = ~np.any(list(shut_loops(simspec, walker, some).values()), axis=0)
         return kept
 
     return Relation(_path(walker), f"leave the patrol route of {walker.id!r} open", keeps)
+
+
+def shut_loops(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Mask]:
+    """(n,) which of the walls close the route, by whether its walkers start inside the area; for each way that may be."""
+    outlines = grown(walls, room_m(walker) + HAIR_M)
+    routes = {
+        inside: shapely.multilinestrings(shapely.linestrings(_legs(points))) for inside, points in loops(simspec, walker).items()
+    }
+    shapely.prepare(list(routes.values()))
+    return {inside: np.asarray(shapely.intersects(route, outlines), dtype=np.bool_) for inside, route in routes.items()}
 
 
 def _path(walker: ActorGroup) -> str:
@@ -140,8 +146,14 @@ def walls_among(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Footprint
 
 
 def _to_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relation:
+    shut = {inside for inside, which in shut_loops(simspec, walker, walls).items() if which.any()}
+    area = ground(simspec.world.area)
+
     def keeps(some: Footprints) -> Mask:
         kept: Mask = np.any(open_legs(simspec, walker, some, walls)[1], axis=1)
+        inside = shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1])
+        for start in shut:
+            kept = kept & (inside != start)
         return kept
 
     return Relation(_path(walker), "walk straight from its place to some point of its patrol route", keeps)

@@ -10,11 +10,11 @@ import shapely
 import shapely.affinity
 
 from bench.documents import validate_document
-from bench.realization import PlacementInfeasible, check_placement
+from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization._clash import check_areas, check_fixed_ways, find_clash
 from bench.realization._ground import grown_by, shrunk_by
 from bench.realization._placement import fixed_places, placement_order
-from bench.simspec import PlacedActor, Realized, SimSpec
+from bench.simspec import PlacedActor, Realized, Seeds, SimSpec
 
 
 def ring(geometry: Any) -> dict[str, Any]:
@@ -81,3 +81,39 @@ def test_a_crowded_region_names_the_crowd_alone() -> None:
 
     assert refused is not None
     assert set(refused.clash) == {"actors[many].count", "world.area"}
+
+
+def test_a_wall_across_one_way_round_leaves_the_other() -> None:
+    """Guards whose region reaches past the border walk a route of their own out there; a house on that holds only those."""
+    walk = {"kind": "patrol", "route": [{"east_m": e, "north_m": 50.0} for e in (50.0, 140.0)]}
+    guards = group("guards", "soldier", 3, region=ring(shapely.box(80.0, 30.0, 110.0, 70.0))) | {"motion": walk}
+    beyond = group("house", "house", at={"east_m": 130.0, "north_m": 50.0, "heading_deg": 0.0})
+    within = group("shed", "shed", at={"east_m": 70.0, "north_m": 50.0, "heading_deg": 0.0})
+
+    placed = place(yard(guards, beyond))
+    assert placed.realized is not None
+    assert all(one.east_m < 100.0 for one in placed.realized.actors if one.group == "guards")
+    refused = refusal(yard(guards, beyond, within))
+    assert refused is not None
+    assert set(refused.clash) == {"actors[shed].placement.at", "actors[guards].motion.route"}
+
+
+def test_who_is_fixed_is_told_who_walls_him_in() -> None:
+    """A guard behind a house that stands between him and his route: the house is named, the one elsewhere is not."""
+    walk = {"kind": "patrol", "route": [{"east_m": 80.0, "north_m": n} for n in (48.0, 52.0)]}
+    guard = group("guard", "soldier", at={"east_m": 20.0, "north_m": 50.0}) | {"motion": walk}
+    house = group("house", "house", at={"east_m": 30.0, "north_m": 50.0, "heading_deg": 0.0})
+    aside = group("aside", "house", at={"east_m": 30.0, "north_m": 90.0, "heading_deg": 0.0})
+
+    refused = refusal(yard(guard, aside, house))
+    assert refused is not None
+    assert set(refused.clash) == {"actors[guard].placement.at", "actors[house].placement.at", "actors[guard].motion.route"}
+
+
+def test_a_mean_distance_tells_where_its_target_may_stand() -> None:
+    """A radar is drawn from a wide yard, and one guard on a lawn far off is to be at just some distance from it."""
+    lawn = ring(shapely.box(0.0, 0.0, 6.0, 6.0))
+    guard = group("guard", "soldier", region=lawn, mean_distance={"of": "radar", "mean_m": 124.0})
+    for seed in range(3):
+        simspec = yard(group("radar", "radar-vehicle"), guard).model_copy(update={"seeds": Seeds(root=seed)})
+        assert place(simspec).realized is not None
