@@ -242,6 +242,9 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     for column in start:
         reached = _extended(reached, column)
     found = further(start, reached, 0)
+    if not found and resolution == 4 and factors <= 2 ** (bases - 1):
+        # Columns of odd weight: an odd number of them never multiplies to a constant, nor do two that differ.
+        found = [*start, *(one for one in order if one.bit_count() % 2 and one not in start)][:factors]
     return tuple(found) if found else None
 
 
