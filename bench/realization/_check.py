@@ -196,6 +196,8 @@ def _group(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outl
         for actor in own:
             if math.hypot(actor.east_m - place.at.east_m, actor.north_m - place.at.north_m) > SLACK_M:
                 yield Fault(f"realized: {actor.id}", "is not where placement.at fixes it", "move it there")
+            if _turn_deg(actor.heading_deg, place.at.heading_deg) > SLACK_DEG:
+                yield Fault(f"realized: {actor.id}", "does not head as placement.at fixes it", "turn it")
         return
     region = _polygon(place.region or simspec.world.area).buffer(SLACK_M)
     for actor in own:

@@ -117,3 +117,11 @@ def test_a_mean_distance_tells_where_its_target_may_stand() -> None:
     for seed in range(3):
         simspec = yard(group("radar", "radar-vehicle"), guard).model_copy(update={"seeds": Seeds(root=seed)})
         assert place(simspec).realized is not None
+
+
+def test_who_is_fixed_must_head_as_fixed() -> None:
+    """The judge takes a fixed actor's heading as seriously as its place."""
+    simspec = yard(group("h", "house", at={"east_m": 50.0, "north_m": 50.0, "heading_deg": 30.0}))
+
+    assert kept(simspec, ("h", 50.0, 50.0, 30.0))
+    assert not kept(simspec, ("h", 50.0, 50.0, 40.0))
