@@ -17,12 +17,12 @@ from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 from ._aim import aimed_deg, facing_target
 from ._clash import PlacementInfeasible
 from ._footprint import Array, Footprints, crowded, footprints, joined, no_footprints
-from ._ground import Geometry, drawn_from, flat, ground
+from ._ground import EVERYWHERE, Geometry, drawn_from, flat, ground
 from ._midway import midways
 from ._relations import Relation, common_room
 from ._sight import Solids
 from ._standing import clear, standing
-from ._ties import ties
+from ._ties import band_room, ties
 from ._ways import open_routes, open_ways
 from ._whom import members_of, region_of, spots_of
 
@@ -116,6 +116,16 @@ def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Foo
     return [*found, *open_ways(simspec, group, placed)]
 
 
+def lone_room(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Geometry:
+    """Where the mean distance is kept by a lone member, whose own distance it is; everywhere for several."""
+    mean = group.placement.mean_distance
+    if mean is None or members_of(simspec, group) != 1:
+        return EVERYWHERE
+    slack_m = mean.tolerance * mean.mean_m / 2.0
+    target = shapely.Point(spots_of(simspec, mean.of, placed).centre_m[0])
+    return band_room(target, mean.mean_m - slack_m, mean.mean_m + slack_m)
+
+
 @dataclass(frozen=True, slots=True)
 class Sampler:
     """Finds the members of one group among what already stands."""
@@ -157,7 +167,7 @@ class Sampler:
         narrow = where.along or where.bearing or where.distances or where.inside or where.between
         room = common_room(relations) if narrow or left is not None else None
         if room is not None and left is not None:
-            room = flat(shapely.intersection(room, left[group.id]))
+            room = flat(shapely.intersection_all([room, left[group.id], lone_room(simspec, group, placed)]))
         facing = facing_target(simspec, group, placed)
         return cls(simspec, group, members_of(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget)
 

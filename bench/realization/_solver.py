@@ -23,10 +23,10 @@ from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
 from ._aim import aimed_deg, facing_target
 from ._clash import narrowed_ground
 from ._footprint import Array, Footprints, footprints, gaps, joined, no_footprints
-from ._ground import Geometry, drawn_from, ground
+from ._ground import Geometry, drawn_from, flat, ground
 from ._midway import midways
 from ._relations import Tie, common_room
-from ._sampling import Placed, fixed_places, solids_among
+from ._sampling import Placed, fixed_places, lone_room, solids_among
 from ._standing import clear, standing
 from ._ties import ties
 from ._ways import closes, closing_pairs, open_routes, open_ways, walks, walls_among
@@ -181,7 +181,7 @@ class _Phase:
         relations.append(clear(self.simspec, group, self.standing))
         relations += [way.bound(self.standing.__getitem__) for way in midways(self.simspec, group)]
         relations += open_ways(self.simspec, group, self.standing)
-        room = self.left[group.id]
+        room = flat(shapely.intersection(self.left[group.id], lone_room(self.simspec, group, self.standing)))
         if _in_between(group):
             room = shapely.intersection(room, common_room(relations))
         found = no_footprints()
