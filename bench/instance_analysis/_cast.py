@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from bench.simspec import HOME, Role
@@ -33,6 +34,8 @@ PLURALS = frozenset(
 DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
 Whom = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
+ROOFED = frozenset(["house", "shed"])
+"""What one can be inside of."""
 
 
 class Cast:
@@ -102,6 +105,8 @@ class Cast:
         count = counts[-1] if counts else None  # `a squad of nine`
         known = [one for one, other in self.groups.items() if other == name]
         if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
+            if count is not None and len(known) == 1 and known[0] in self._uncounted:
+                self._recount(known[0], phrase, count, span)  # `aid workers ...; the 6 aid workers`
             return self.one_of(known, span)
         if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
             several = [one for one in known if one in self.plural]
@@ -109,8 +114,13 @@ class Cast:
                 return self.one_of(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             return []
-        if phrase.rule == "group" and count and (earlier := self._not_counted(known)) and not phrase.first("PERAREA"):
-            if earlier in self._defined:
+        if (
+            phrase.rule == "group"
+            and count
+            and (earlier := self._not_counted(known, there=self._there_are(phrase.span)))
+            and not phrase.first("PERAREA")
+        ):
+            if earlier in self._defined or self._there_are(phrase.span):
                 self._recount(earlier, phrase, count, span)
                 return [earlier]
             readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
@@ -119,9 +129,14 @@ class Cast:
                 return [earlier]
         return [self._new(phrase, name, span, count)]
 
-    def _not_counted(self, known: Sequence[str]) -> str | None:
+    def _there_are(self, span: Span) -> bool:
+        """Whether the sentence only says how many there are: `there are four houses and ten trees`."""
+        return re.search(r"\bthere (are|were|is|was|will be)\b[^.;\n]*$", self.draft.text[: span.start].lower()) is not None
+
+    def _not_counted(self, known: Sequence[str], *, there: bool) -> str | None:
         """The one group of these whose number has not been said; None where there is none, or more."""
-        found = [one for one in known if one in self._uncounted and (one in self.plural or one in self._defined)]
+        told = self.plural | self._defined | (set(known) if there else set())
+        found = [one for one in known if one in self._uncounted and one in told]
         return found[0] if len(found) == 1 else None
 
     def _recount(self, group: str, phrase: Phrase, count: Part, span: Span) -> None:
@@ -157,7 +172,7 @@ class Cast:
         """Say how many there are of a group of which it has not been said; False where it has."""
         path: Path = ("actors", group, "count")
         entry = self.draft.entries.get(path)
-        if entry is None or group not in self._uncounted:
+        if entry is None or group not in self._uncounted or quantity.low != int(quantity.low):
             return False
         self._uncounted.discard(group)
         self.draft.forget(path)
@@ -225,14 +240,14 @@ class Cast:
         """Whom a relation is to: groups, the vehicle's home, or a place. The same words said of several groups mean the same."""
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
         if ref.span not in self.meant:
-            self.meant[ref.span] = self._meant(ref)
+            self.meant[ref.span] = self._meant(ref, indoors=phrase.rule == "inside")
         return self.meant[ref.span]
 
     def groups_in(self, phrase: Phrase) -> list[str]:
         """The groups among those that a phrase is about."""
         return [one for one in self.ref(phrase) if isinstance(one, str) and one in self.groups]
 
-    def _meant(self, ref: Phrase) -> list[Whom]:
+    def _meant(self, ref: Phrase, *, indoors: bool) -> list[Whom]:
         if point := ref.first("POINT"):
             assert isinstance(point.value, Coordinates)
             return [point.value]
@@ -244,15 +259,17 @@ class Cast:
             adversaries = [one for one in self.of_role(Role.ADVERSARY) if one not in self.subject]
             return [*(self.one_of(adversaries, target.span) if adversaries else [self._new_target(target.span)])]
         if them := ref.first("THEM"):
-            return [*self._them(them.span)]
+            return [*self._them(them.span, indoors=indoors)]
         found = self.named(ref)
         for group in found:
             self._adjectives(group, ref)
         return [*found]
 
-    def _them(self, span: Span) -> list[str]:
+    def _them(self, span: Span, *, indoors: bool = False) -> list[str]:
         others = [one for one in self.groups if one not in self.subject]
         single = self.draft.quote(span).lower() in ("it", "him", "her")
+        if indoors:
+            others = [one for one in others if self.vocabulary.assets[self.groups[one]].asset in ROOFED] or others
         fitting = [one for one in others if (one not in self.plural) == single] or others
         if not fitting:
             self.draft.unread(span, "there is nothing before it that it could mean", expressible=True)

@@ -31,6 +31,8 @@ class Happenings:
         self._draft, self._cast, self._reports = draft, cast, reports
         self._numbers: dict[str, int] = {}
         self._last = ""
+        self._timeless: list[tuple[EventWords, Phrase]] = []
+        self._timed: set[tuple[str, str]] = set()
 
     def event(self, phrase: Phrase) -> None:
         part = phrase.first("EVENT") or phrase.first("TASK") or phrase.first("ORDER")
@@ -39,11 +41,25 @@ class Happenings:
         when = _when(phrase)
         if part is not None and part.kind == "ORDER" and when.at_s is None:
             when = _When(_low(phrase, "COUNT"))  # `hold @40`: a SimSpec's times are seconds
+        if when.at_s is None and event.part != "orders":
+            self._timeless.append((event, phrase))
+            return
+        self._happens(event, phrase, when)
+
+    def finish(self) -> None:
+        """When something happens is asked where it is said nowhere."""
+        for event, phrase in self._timeless:
+            if (event.part, event.kind) not in self._timed:
+                self._happens(event, phrase, _when(phrase))
+
+    def _happens(self, event: EventWords, phrase: Phrase, when: _When) -> None:
         at_s = when.at_s
+        part = phrase.first("TASK")
         if at_s is None:
             at_s = [0.0, 60.0][self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])]
+        self._timed.add((event.part, event.kind))
         kind = event.kind
-        if part is not None and part.kind == "ORDER" and kind == "resume" and self._last == "stop_reporting":
+        if phrase.first("ORDER") and kind == "resume" and self._last == "stop_reporting":
             kind = "resume_reporting"
         base = self._begin(event.part, kind, at_s, phrase)
         lasting = when.lasting_s
@@ -57,7 +73,7 @@ class Happenings:
             self._draft.put((*base, "within_s"), when.within_s, phrase.span)
         if event.part == "vehicle.failures":
             self._failure(base, event.kind, phrase)
-        if part is not None and part.kind == "TASK":
+        if part is not None:
             self._task(base, phrase)
 
     def _begin(self, part: str, kind: str, at_s: float, phrase: Phrase) -> Path:

@@ -41,6 +41,8 @@ CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", 
 """Words that begin another clause: no phrase goes on past them."""
 
 
+ABOUT = frozenset(["about", "approximately", "roughly", "approx", "circa", "the", "perhaps", "maybe", "very"])
+"""Words that may stand inside a quantity."""
 CONDITIONAL = frozenset(["nomark", "noreport", "slow", "linklost", "stretch"])
 """Rules that have a clause of their own: `no marking when a civilian is within 50 m`."""
 TOLERANT = frozenset(["field", "event", "wind", "intelligence", "nomark", "noreport", "standoff"])
@@ -129,6 +131,8 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
         if word.filler:
             if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL:
                 break
+            if rule == "quantity" and index > begin and word.text.lower() not in ABOUT:
+                break  # in `six, by our count - 25 m away` nothing is 6 to 25
             continue
         if not word.meanings and rule in TOLERANT and unknown < MOST_UNKNOWN and _skipped(word):
             unknown += 1
@@ -207,12 +211,14 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
     return read
 
 
-_BEGINS = {"NUM", "VAGUE", "LBR", "BETWEEN", "FROM"}
+NUMBERED = {"ATMINUTE": 60.0, "ATSECOND": 1.0}
+"""`at minute three`, `at second 200`: seconds of each."""
+_BEGINS = {"NUM", "VAGUE", "LBR", "BETWEEN", "FROM", *NUMBERED}
 
 
 def _no_unit(words: Sequence[Word], at: int) -> bool:
     """Whether a word that nobody knows stands where a unit would: before `from`, `away`, `of` or another relation."""
-    if at + 1 >= len(words) or words[at].meanings or words[at].filler:
+    if at + 1 >= len(words) or words[at].meanings or words[at].filler or words[at + 1].comma:
         return False
     return any(one.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER") for one in words[at + 1].meanings)
 
@@ -232,6 +238,9 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
             units[-1] = value
         elif token.type == "BY":
             by = True
+        elif token.type in NUMBERED:
+            moment_s = NUMBERED[token.type] * _number(tree, words)
+            return Quantity("TIME", moment_s, moment_s)
     last = units[-1]
     filled = [one or last for one in units]
     kinds = {one[0] if one else "COUNT" for one in filled}
@@ -242,6 +251,12 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     if by:
         return Quantity("DIM", values[0], values[1]) if kinds == {"LENGTH"} else None
     return Quantity(kinds.pop(), values[0], values[-1])
+
+
+def _number(tree: Tree[Token], words: Sequence[Word]) -> float:
+    value = next(_meaning(one, words).value for one in tree.scan_values(lambda one: isinstance(one, Token)) if one.type == "NUM")
+    assert isinstance(value, float | int)
+    return float(value)
 
 
 def _meaning(token: Token, words: Sequence[Word]) -> Meaning:

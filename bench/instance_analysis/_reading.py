@@ -207,9 +207,9 @@ class Reader:
         before = self.draft.text[: phrase.span.start].rstrip()
         if count is None or asset is None or len(phrase.parts) > 2 or not before.endswith((",", "(", ":")):
             return False
-        generic = self.draft.quote(asset.span).lower() in ("persons", "people", "men", "individuals", "in all")
+        generic = self.draft.quote(asset.span).lower() in ("persons", "people", "men", "adults", "individuals", "in all")
         named = self.cast.subject if self.cast.here and not self.waiting else []
-        if not generic or len(named) != 1 or not isinstance(count.value, Quantity) or self.cast.groups[named[0]] == asset.value:
+        if not generic or len(named) != 1 or not isinstance(count.value, Quantity):
             return False
         person = self.vocabulary.assets[self.cast.groups[named[0]]].asset in PERSONS
         return person and self.cast.count_later(named[0], count.value, phrase.span)
@@ -484,6 +484,7 @@ class Reader:
 
     def finish(self) -> None:
         """What depends on several parts of the text: the moment, the ground, roads, ways, windows, the ceiling."""
+        self.happenings.finish()
         self.reports.finish()
         self.sky.finish()
         self.ground.finish()

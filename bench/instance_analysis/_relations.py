@@ -25,6 +25,7 @@ class Whose(Protocol):
     """Whom relations are to, as the reader knows it."""
 
     groups: dict[str, str]
+    spoken: list[str]
     plural: set[str]
 
     def ref(self, phrase: Phrase) -> list[str | Coordinates]:
@@ -59,6 +60,7 @@ class Relations:
         base: Path = ("actors", group, "placement")
         low, high = round(low, 6), None if high is None else round(high, 6)
         defaulted = span if note != "default" else None
+        self._closer(base, other, note)
         if isinstance(other, Coordinates) or every or (*base, "near", "of") in self._draft.entries:
             where: Path = (*base, "distances", self._rows(base))
             if isinstance(other, str):
@@ -73,6 +75,12 @@ class Relations:
             self._draft.put((*where, "min_m"), low, span, note)
         if high is not None:
             self._draft.put((*where, "max_m"), high, defaulted, "what near means" if defaulted is None else note)
+
+    def _closer(self, base: Path, other: str | Coordinates, note: str) -> None:
+        """What near means gives way to a distance from the same group."""
+        of, most = (self._draft.entries.get((*base, "near", name)) for name in ("of", "max_m"))
+        if of is not None and of.value == other and most is not None and most.span is None and note != "default":
+            self._draft.forget((*base, "near"))
 
     def _rows(self, base: Path) -> int:
         return len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
@@ -113,10 +121,17 @@ class Relations:
         if not others:
             self._draft.unread(span, "it is not said from what", expressible=True)
             return
-        chosen = 0
-        if len(others) > 1:
-            chosen = self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])
-        self._keep(group, [*others, HOME][chosen], span, low, high, every=False, note=note)
+        self._keep(group, self._from_whom(group, span), span, low, high, every=False, note=note)
+
+    def _from_whom(self, group: str, span: Span) -> str:
+        """From whom a distance without a word for it is: the one other group there is, or home; with several it is asked."""
+        others: list[str] = [one for one in self._who.groups if one != group]
+        near = [one for one in others if one in self._who.spoken]
+        if len(others) > 1 and len(near) != 1:
+            return [*others, HOME][self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])]
+        whom = (near if len(others) > 1 else others or [HOME])[0]
+        self._draft.remark(span, f"it is not said from what: read as from {'the start' if whom == HOME else whom}")
+        return whom
 
     def _band(self, length: Quantity) -> tuple[float, float, str]:
         if not length.single:
@@ -133,11 +148,7 @@ class Relations:
 
     def away(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))
-        others: list[str] = [one for one in self._who.groups if one != group]
-        readings = [*others, "the vehicle's start"]
-        asked = len(others) > 1 or (others and phrase.first("DISTANCE") is None)
-        chosen = self._draft.ask(phrase.span, "away from what?", readings) if asked else 0
-        self._keep(group, [*others, HOME][chosen], phrase.span, low, high, every=False, note=note)
+        self._keep(group, self._from_whom(group, phrase.span), phrase.span, low, high, every=False, note=note)
 
     def mean(self, group: str, phrase: Phrase) -> None:
         length, of = length_of(self._draft, phrase), self._who.ref(phrase)

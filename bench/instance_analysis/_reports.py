@@ -19,17 +19,31 @@ class Reports:
         self._draft, self._cast = draft, cast
         self._report: str | None = None
         self._pending: list[tuple[str, Quantity, Span]] = []
+        self._said_of: list[str] = []
         self._perhaps: list[str] = []
         """Who was spoken of when what waits was said."""
 
     def field(self, name: str, quantity: Quantity, span: Span) -> None:
         """A number of the report that is spoken of."""
+        if name == "priority" and self._report is None and (of := self._one_spoken_of()):
+            self._report, self._said_of = self.on(of, span), [of]
         if self._report is None:
             self._pending.append((name, quantity, span))
             self._perhaps += self._cast.subject
             return
+        if self._cast.here and self._cast.subject != self._said_of and len(self._cast.subject) == 1:
+            spoken = f"{self._cast.subject[0]}-sighting"  # `the radar has priority 2, the soldiers have priority 1`
+            if ("intelligence", spoken, "id") in self._draft.entries:
+                self._report = spoken
         path: Path = ("intelligence", self._report, name)
         self._draft.vary(path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority")
+
+    def _one_spoken_of(self) -> str | None:
+        """The group that the sentence is about, where a report may be about it."""
+        cast = self._cast
+        if not cast.here or len(cast.subject) != 1 or cast.vocabulary.role(cast.groups[cast.subject[0]]) is Role.CLUTTER:
+            return None
+        return cast.subject[0]
 
     def intelligence(self, phrase: Phrase) -> None:
         of_subject = self._cast.subject and phrase.refs[0].first("THEM")
@@ -40,7 +54,7 @@ class Reports:
             if self._cast.vocabulary.role(self._cast.groups[group]) is Role.CLUTTER:
                 self._draft.unread(phrase.span, "intelligence here is about adversaries or bystanders")
                 continue
-            self._report = self.on(group, phrase.span)
+            self._report, self._said_of = self.on(group, phrase.span), list(self._cast.subject)
             if (time := phrase.first("TIME")) and isinstance(time.value, Quantity):
                 self.field("delivered_s", time.value, phrase.span)
             pending, self._pending = self._pending, []

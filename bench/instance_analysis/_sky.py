@@ -25,11 +25,15 @@ class Sky:
         self._day_said: tuple[dt.date, Span] | None = None
         self._clock_said: tuple[Clock, Span] | None = None
         self._sun_said: tuple[str, Quantity | None, int, Span] | None = None
+        self._levels_unsaid: list[tuple[Part, Span]] = []
 
     def weather(self, phrase: Phrase) -> None:
         if phrase.first("AND"):
             for word in phrase.every("WEATHER"):
                 self.weather(Phrase("weather", (Phrase("state", (word, *_intensities(phrase)), phrase.span),), phrase.span))
+            return
+        if (alone := self._only_kind(phrase)) is not None:
+            self._levels_unsaid.append((alone, phrase.span))
             return
         found = self._states(phrase)
         first = found[0]
@@ -52,6 +56,22 @@ class Sky:
             for path, level, _ in found
         }
         self._draft.ranges.append(Varied(name="weather", choices=choices, unit="level"))
+
+    def _only_kind(self, phrase: Phrase) -> Part | None:
+        """The one kind of weather that a phrase names without saying how much; None for any other phrase."""
+        if len(phrase.parts) != 1 or not isinstance(state := phrase.parts[0], Phrase) or len(state.parts) != 1:
+            return None
+        word = state.first("WEATHER")
+        return word if word is not None and isinstance(word.value, WeatherWords) and word.value.level is None else None
+
+    def _unsaid_levels(self) -> None:
+        """How much it rains is asked where no sentence has said it."""
+        for word, span in self._levels_unsaid:
+            assert isinstance(word.value, WeatherWords)
+            path = tuple(word.value.path.split("."))
+            if path not in self._draft.entries:
+                where, level, _ = self._state(Phrase("state", (word,), span), [])
+                self._draft.put(tuple(where.split(".")), level, span)
 
     def _states(self, phrase: Phrase) -> list[tuple[str, float, float]]:
         """Field and level of each of several; a level by itself is of the kind that is named beside it."""
@@ -141,7 +161,12 @@ class Sky:
         self._day_said = (part.value, phrase.span)
 
     def finish(self) -> None:
-        """The moment at which the scenario begins, from day, hour and sun together."""
+        """What weather is not told more closely, and the moment at which the scenario begins."""
+        self._unsaid_levels()
+        self._moment()
+
+    def _moment(self) -> None:
+        """From day, hour and sun together."""
         usual = Environment().start_utc
         day, where = self._day_said or (usual.date(), None)
         spans = [one for one in (where, self._clock_said and self._clock_said[1], self._sun_said and self._sun_said[3]) if one]

@@ -32,6 +32,7 @@ _PATTERN = re.compile(
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
     |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
+    |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question)\s+\d+[a-z]?\b(?=\s*[.:(,;)]))
     |(?P<place>{PLACE})
     |(?P<named>{NAMED})
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
@@ -42,6 +43,9 @@ _PATTERN = re.compile(
 )
 
 
+FULL_LINE = 60
+"""Characters from which on a line may have been broken because it was full."""
+_ITEM = re.compile(r"\s*(?:[-*•–]\s|\d+[.)]\s)")
 RUN = ("word", "unit", "times", "short")
 """What phrases of the vocabulary are made of."""
 ZONES_H = {"cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
@@ -92,8 +96,14 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
     while index < len(raw):
         match = raw[index]
         span = Span(match.start(), match.end())
+        if match.lastgroup == "heading":
+            index += 1
+            continue
         if match.lastgroup == "comma" and not _in_brackets(raw, index):
             comma, index = True, index + 1
+            continue
+        if match.group() == "\n" and _wrapped(text, match.start()):
+            index += 1
             continue
         if match.lastgroup in RUN:
             word, used = _phrase(raw, index, vocabulary, mended_as)
@@ -102,6 +112,13 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
         found.append(replace(word, comma=comma))
         comma, index = False, index + used
     return list(_articles(found))
+
+
+def _wrapped(text: str, at: int) -> bool:
+    """Whether a line ends there only because it was full: a sentence goes on in the next one."""
+    line = text[text.rfind("\n", 0, at) + 1 : at]
+    following = text[at + 1 :].split("\n", 1)[0]
+    return len(line) >= FULL_LINE and bool(following.strip()) and _ITEM.match(following) is None
 
 
 def _in_brackets(raw: list[re.Match[str]], index: int) -> bool:
@@ -180,6 +197,9 @@ _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
 def _articles(words: list[Word]) -> Iterator[Word]:
     """`a truck`, `an hour` are one of it; other articles change nothing."""
     for index, word in enumerate(words):
+        if word.text.lower() == "some" and index + 1 < len(words) and any(one.kind == "NUM" for one in words[index + 1].meanings):
+            yield replace(word, meanings=(), filler=True)  # `some 100 metres`
+            continue
         if word.text in ("a", "an"):
             following = next((one for one in words[index + 1 : index + 1 + FARTHEST_NOUN] if not one.filler), None)
             if following is not None and any(one.kind in _COUNTED for one in following.meanings):

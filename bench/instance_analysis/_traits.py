@@ -52,7 +52,10 @@ class Traits:
     def concealment(self, group: str, phrase: Phrase) -> None:
         path: Path = ("actors", group, "concealment")
         given = phrase.first("PERCENT") or phrase.first("COUNT")
+        before = self._draft.entries.get(path)
         if given is not None and isinstance(given.value, Quantity):
+            if before is not None and before.span is not None and self._draft.quote(before.span).replace("-", " ").isalpha():
+                self._draft.forget(path)  # `hidden so well that its concealment is 0.8`
             self._draft.vary(path, given.value.low, given.value.high, phrase.span, unit=None)
         elif word := phrase.first("CONCEAL"):
             self._draft.put(path, word.value, phrase.span)

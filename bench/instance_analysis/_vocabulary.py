@@ -101,6 +101,7 @@ class VocabularyDocument(Document):
     orders: Annotated[dict[str, Words], Field(description="Words that order something where a time stands beside them.")] = {}
     events: tuple[EventWords, ...] = ()
     defaults: Defaults | None = None
+    strangers: Annotated[Words, Field(description="Words known for none of these: always listed, never mended.")] = ()
     fillers: Annotated[Words, Field(description="Words that change nothing.")] = ()
 
 
@@ -133,7 +134,8 @@ class Vocabulary:
         self.fillers = frozenset(fillers - set(self.meanings))
         self.longest = max(len(phrase.split()) for phrase in (*self.meanings, *self.fillers))
         self.single = frozenset(word for phrase in self.meanings for word in phrase.split() if word.isalpha())
-        self.plain = self.single | {word for phrase in self.fillers for word in phrase.split()}
+        others = [*self.fillers, *(word.lower() for one in documents for word in one.strangers)]
+        self.plain = self.single | {word for phrase in others for word in phrase.split()}
 
     def role(self, group: str) -> Role:
         return self.assets[group].role
