@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 from ._cast import Cast
 from ._draft import Draft
 from ._ground import Ground
 from ._phrases import Part, Phrase, Quantity
 from ._reports import Reports
 from ._rulings import UNIT_NAMES
+from ._tokens import Span
 from ._traits import length_of, say_speed
 from ._vocabulary import FieldWords, SetWords
 
@@ -16,6 +19,11 @@ UNITS = {
     "SPEED": {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444},
     "TIME": {"s": 1.0, "min": 60.0},
 }
+WRITTEN = {
+    "LENGTH": {"m": "m|metres?|meters?|km", "ft": "ft|feet|yards?|miles?"},
+    "SPEED": {"m/s": "m/s|mps|met(?:re|er)s per second", "km/h": "km/h|kph", "knots": "knots|kts?|mph"},
+}
+"""How units are written behind a number."""
 BOUNDS = {
     "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
     "mission.speed_mps": {"WITHIN": "max_speed_mps"},
@@ -51,7 +59,9 @@ class Flight:
                 self._draft.fault(phrase.span, f"{field.path} takes a number with a unit", "write its unit")
                 return
             units = UNITS[field.kind]
-            chosen = list(units)[self._draft.ask(phrase.span, "in which unit?", list(units))]
+            chosen = (
+                self._usual_unit(field.kind, phrase.span) or [*units][self._draft.ask(phrase.span, "in which unit?", [*units])]
+            )
             low, high = (round(one * units[chosen], 6) for one in (quantity.low, quantity.high))
             quantity, fitting = Quantity(field.kind, low, high), [field]
         if not fitting:
@@ -75,6 +85,17 @@ class Flight:
         whole = field.path == "seeds.root"
         unit = UNIT_NAMES.get(field.kind)
         self._draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
+
+    def _usual_unit(self, kind: str, span: Span) -> str | None:
+        """The unit that all other numbers of a kind have in the text; None where there are none, or several."""
+        used = {
+            unit for unit, pattern in WRITTEN.get(kind, {}).items() if re.search(rf"\d\s?-?(?:{pattern})\b", self._draft.text)
+        }
+        if len(used) != 1:
+            return None
+        [unit] = used
+        self._draft.remark(span, f"no unit is given: read in {unit}, as all others in the text")
+        return unit
 
     def _plain_number(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
         """Angles are degrees; a share is a fraction up to 1, and percent above."""
@@ -120,7 +141,7 @@ class Flight:
         assert part is not None
         assert isinstance(part.value, Quantity)
         readings = ["the time limit of the mission", "the time from intelligence to the report on it"]
-        if self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 1:
+        if phrase.first("DELIVERY") or (self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 1):
             self._draft.vary(("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s")
             return
         self._draft.vary(("mission", "time_limit_s"), part.value.low, part.value.high, phrase.span, unit="s")

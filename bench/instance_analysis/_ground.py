@@ -59,7 +59,9 @@ class Ground:
         part = next((one for kind in KINDS for one in phrase.every(kind)), None)
         if part is None:  # `inside it`
             return self.current or self.world
-        if part.kind == "AREAWORD":
+        if part.kind == "AREAWORD" and self.current is not None and self._is_the_current(part.span):
+            found = self.current
+        elif part.kind == "AREAWORD":
             found = self.world
         else:
             text = self._draft.quote(part.span).lower()
@@ -72,6 +74,13 @@ class Ground:
             found = self.pieces.setdefault(name, Piece(part.kind, name, part.span))
         self.current = found
         return found
+
+    def _is_the_current(self, span: Span) -> bool:
+        """`the yard is the named area from ...`, `a no-fly zone; the zone goes ...`: the piece that was spoken of."""
+        assert self.current is not None
+        before, word = self._draft.text[: span.start].lower().rstrip(), self._draft.quote(span).lower()
+        named = re.search(r"\bis (the|a|an)( named)?$", before) is not None and self.current is not self.world
+        return named or (self.current.kind == "NOFLY" and word == "zone" and before.endswith("the"))
 
     def _is_definite(self, span: Span) -> bool:
         before = self._draft.text[: span.start].lower().split()
@@ -247,6 +256,8 @@ class Ground:
         if not (piece.corners or piece.size_m or piece.radius_m):
             if (wanted and piece.kind in ("NOFLY", "FENCE")) or (piece.within and piece.kind == "NAMED"):
                 self._draft.unread(piece.span, "neither corners nor size of it are said", expressible=True)
+            for _, span in piece.within if piece.kind == "GROUND" else ():
+                self._draft.remark(span, "nothing says where it lies or how large it is: read as the whole area")
             return
         base: dict[str, Path] = {"NOFLY": ("rules", "no_fly", piece.id, "area"), "FENCE": ("rules", "geofence")}
         where = base.get(piece.kind, ("world", "areas", piece.id))

@@ -40,8 +40,9 @@ class Happenings:
         assert isinstance(event, EventWords)
         when = _when(phrase)
         if part is not None and part.kind == "ORDER" and when.at_s is None:
-            when = _When(_low(phrase, "COUNT"))  # `hold @40`: a SimSpec's times are seconds
-        if when.at_s is None and event.part != "orders":
+            when = _When(_low(phrase, "COUNT"))
+            self._draft.remark(phrase.span, "a number without a unit is read as seconds")
+        if when.at_s is None:
             self._timeless.append((event, phrase))
             return
         self._happens(event, phrase, when)

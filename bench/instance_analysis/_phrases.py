@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from typing import cast
 
 from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedInput
 from lark.parsers.lalr_interactive_parser import InteractiveParser
 
+from ._coordinates import Coordinates
 from ._tokens import Span, Word
 from ._vocabulary import FieldWords, Meaning
 
@@ -51,7 +53,12 @@ MOST_UNKNOWN = 2
 DENIALS = frozenset(
     ["not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't", "if", "unless"]
 )
-_APART = {"group": {"COUNT", "ASSET", "AMBIGUOUS"}, "wind": {"COUNT", "WIND"}, "field": {"COUNT", "FIELD"}}
+_APART = {
+    "quantity": {"COUNT", "UNIT"},
+    "group": {"COUNT", "ASSET", "AMBIGUOUS"},
+    "wind": {"COUNT", "WIND"},
+    "field": {"COUNT", "FIELD"},
+}
 """What does not follow a comma inside a phrase; COUNT in all others."""
 
 
@@ -137,7 +144,7 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
         if not word.meanings and rule in TOLERANT and unknown < MOST_UNKNOWN and _skipped(word):
             unknown += 1
             continue
-        if rule == "quantity" and index > begin and word.text in ("a", "an"):
+        if rule == "quantity" and index > begin and word.text.lower() in ("a", "an", "single", "a single", "the single"):
             break  # `60 m to a radar` is no range
         following: list[_State] = []
         for state, tokens in states:
@@ -239,8 +246,7 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
         elif token.type == "BY":
             by = True
         elif token.type in NUMBERED:
-            moment_s = NUMBERED[token.type] * _number(tree, words)
-            return Quantity("TIME", moment_s, moment_s)
+            return _moment(token, tree, words)
     last = units[-1]
     filled = [one or last for one in units]
     kinds = {one[0] if one else "COUNT" for one in filled}
@@ -251,6 +257,14 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     if by:
         return Quantity("DIM", values[0], values[1]) if kinds == {"LENGTH"} else None
     return Quantity(kinds.pop(), values[0], values[-1])
+
+
+def _moment(before: Token, tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
+    """`at minute three`, `T plus 90`; None where the number has a unit that is none of time."""
+    unit = next((one for one in tree.scan_values(lambda one: isinstance(one, Token)) if one.type == "UNIT"), None)
+    kind, factor = ("TIME", NUMBERED[before.type]) if unit is None else cast("tuple[str, float]", _meaning(unit, words).value)
+    moment_s = factor * _number(tree, words)
+    return Quantity("TIME", moment_s, moment_s) if kind == "TIME" else None
 
 
 def _number(tree: Tree[Token], words: Sequence[Word]) -> float:
@@ -286,12 +300,33 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
 def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
     """Whether a number stands before a word that takes another kind: in `9 m/s, limit 5 min` it is not the limit's."""
     first, *rest = tree.scan_values(lambda one: isinstance(one, Token))
+    if first.type == "FIELD":
+        return _far_off(first, rest, words)
     word = next((one for one in rest if one.type == "FIELD"), None)
     quantity = _meaning(first, words).value
     if word is None or not isinstance(quantity, Quantity):
         return False
     kinds = {one.value.kind for one in words[int(str(word).split(":")[0])].meanings if isinstance(one.value, FieldWords)}
     return not kinds & {quantity.kind, "NUMBER" if quantity.kind in ("COUNT", "PERCENT") else quantity.kind}
+
+
+_COUNTED = {"ASSET", "AMBIGUOUS"}
+
+
+def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool:
+    """Whether a number after a word is of another kind, and others stand between: `battery anomaly: 150 s` is no charge."""
+    at = int(str(field).split(":")[0])
+    kinds = {one.value.kind for one in words[at].meanings if isinstance(one.value, FieldWords)}
+    taken = [int(str(one).split(":")[0]) for one in rest]
+    given = [value.kind for one in rest if isinstance(value := _meaning(one, words).value, Quantity)]
+    fits = any(kind in kinds or (kind in ("COUNT", "PERCENT") and "NUMBER" in kinds) or kind == "COUNT" for kind in given)
+    strange = any(not one.meanings and not one.filler for one in words[at : max(taken, default=at)])
+    before = words[at - 1].meanings if at else ()
+    fed = any(isinstance(one.value, Quantity) and one.value.kind in kinds for one in before)
+    after = next((one for one in words[max(taken, default=at) + 1 :] if not one.filler), None)
+    if set(given) == {"COUNT"} and after is not None and not after.comma and any(one.kind in _COUNTED for one in after.meanings):
+        return not kinds & {"NUMBER", "PERCENT"}  # `below were thirty civilians`
+    return not fits and (strange or fed or words[at].text.lower().endswith(" within"))
 
 
 def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
@@ -307,5 +342,7 @@ def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
             parts.append(_phrase(str(child.data), child, words))
         else:
             parts += _phrase(str(child.data), child, words).parts
+    if rule == "place" and [one.kind for one in parts if isinstance(one, Part)] == ["AT", "ORIGIN"]:
+        parts[1] = Part("POINT", Coordinates(0.0, 0.0), parts[1].span)  # `at the origin`
     spans = [one.span for one in parts]
     return Phrase(rule, tuple(parts), Span(min(s.start for s in spans), max(s.end for s in spans)))

@@ -18,6 +18,7 @@ from ._relations import Relations
 from ._reports import Reports
 from ._roads import Roads
 from ._rulings import Rulings
+from ._sentences import sentences_of
 from ._sky import Sky
 from ._tokens import Word
 from ._traits import Traits, length_of
@@ -25,56 +26,11 @@ from ._vocabulary import MotionWords, Vocabulary
 
 WEAK = frozenset(
     [
-        "OF",
-        "TO",
-        "AT",
-        "FOR",
-        "IN",
-        "AND",
-        "OR",
-        "FROM",
-        "HOME",
-        "THEM",
-        "COMMA",
-        "DASH",
-        "STOP",
-        "ABOUT",
-        "OVER",
-        "BY",
-        "AWAY",
-        "PART",
-        "FLY",
-        "UNTIL",
-        "AFTER",
-        "BEFORE",
-        "SQUARE",
-        "DENSITYOF",
-        "KEEP",
-        "AREAWORD",
-        "INTEL",
-        "TARGET",
-        "LBR",
-        "RBR",
-        "ALONG",
-        "SEEN",
-        "MORETHAN",
-        "ONAVERAGE",
-        *(
-            "AGL",
-            "ORIGIN",
-            "LAUNCH",
-            "CORNERS",
-            "ROUTE",
-            "AXIS",
-            "RUNS",
-            "NTH",
-            "MIDDLE",
-            "LINKDO",
-            "FAILS",
-            "GROUND",
-            "NAMED",
-            "WIDE",
-        ),
+        *("OF", "TO", "AT", "FOR", "IN", "AND", "OR", "FROM", "HOME", "THEM"),
+        *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
+        *("AFTER", "BEFORE", "SQUARE", "DENSITYOF", "KEEP", "AREAWORD", "INTEL", "TARGET", "LBR", "RBR"),
+        *("ALONG", "SEEN", "MORETHAN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
+        *("RUNS", "NTH", "MIDDLE", "LINKDO", "FAILS", "GROUND", "NAMED", "WIDE"),
     ]
 )
 
@@ -113,13 +69,7 @@ class Reader:
     def read(self, found: Sequence[Phrase | Word]) -> None:
         """Read everything; the draft then has all but what `finish` adds."""
         self._origin_and_home([one for one in found if isinstance(one, Phrase)])
-        sentences: list[list[Phrase | Word]] = [[]]
-        for one in found:
-            if isinstance(one, Word) and any(m.kind == "STOP" for m in one.meanings):
-                sentences.append([])
-            else:
-                sentences[-1].append(one)
-        for sentence in sentences:
+        for sentence in sentences_of(found, self.draft):
             self._sentence(sentence)
         self.finish()
 
@@ -144,9 +94,8 @@ class Reader:
                 # After a comma, `and` begins another clause.
                 joins = (not one.comma and any(m.kind == "AND" for m in one.meanings)) or (joins and one.filler)
                 self._relative(one, sentence[:index])
-                if not self._late_count(one, sentence[index - 1] if index else None) and not _of_a_rule(
-                    one, sentence[index + 1 :]
-                ):
+                late = self._late_count(one, sentence[index - 1] if index else None)
+                if not late and not _of_a_rule(one, sentence[index + 1 :]):
                     self._word(one)
                 continue
             if self._denied(sentence[:index]):
@@ -164,7 +113,7 @@ class Reader:
 
     def _of_the_next(self, phrase: Phrase, rest: Sequence[Phrase | Word]) -> bool:
         """Whether a relation is of the group that follows: `a truck and, 60 m from it, six civilians`; `, in sector B a car`."""
-        before = self.draft.text[: phrase.span.start].lower().rstrip()
+        before = self.draft.text[: phrase.span.start].lower().rstrip().removesuffix(" some")
         words = before.split()
         if phrase.refs and phrase.refs[0].first("THEM") and words and words[-1].strip(",") in ("and", "plus"):
             return True
@@ -230,6 +179,9 @@ class Reader:
             return [Phrase("inside", (named,), phrase.span)] if named else [Phrase("spread", (), phrase.span)]
         if phrase.rule == "landgap":
             self.ground.mention(phrase).spoken = True
+        if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("NOFLY", "FENCE")):
+            self._ground(phrase)
+            return []
         if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
             self.ground.mention(phrase)
             self.topic = "group"
@@ -380,6 +332,8 @@ class Reader:
     def _word(self, word: Word) -> None:
         kinds = {one.kind for one in word.meanings}
         cast = self.cast
+        if "HOME" in kinds and word.text.lower().startswith("the vehicle "):
+            self.draft.remark(word.span, "the vehicle is read as the drone under test")
         if kinds & {"HOME", "LAUNCH"}:
             cast.here, cast.mission, cast.subject, self.topic = False, True, [], "home"
         elif "THEM" in kinds and self.topic == "" and self.last in ("ground", "road"):
@@ -428,10 +382,11 @@ class Reader:
             return
         if phrase.rule == "inside" and phrase.first("AREAWORD"):
             return  # the area of interest, where everybody is
-        if len(self.joined) > 1 and phrase.rule not in TO_ALL and self.joined[-1:] == subject[-1:]:
-            readings = [", ".join(subject), ", ".join(self.joined)]
+        joined = [one for one in self.joined if not (phrase.refs and one in self.cast.ref(phrase))]
+        if len(joined) > 1 and phrase.rule not in TO_ALL and joined[-1:] == subject[-1:]:
+            readings = [", ".join(subject), ", ".join(joined)]
             if self.draft.ask(phrase.span, "of whom is this said?", readings) == 1:
-                subject = list(self.joined)
+                subject = joined
         for group in subject:
             if phrase.rule == "loop":
                 self._loop(group, phrase)
@@ -467,7 +422,9 @@ class Reader:
     def _when(self, phrase: Phrase) -> None:
         time = phrase.first("TIME")
         of_ground = self.ground.current is not None and self.ground.current.kind == "NOFLY"
-        if self.flying and not of_ground and len(phrase.parts) == 1 and time is not None and isinstance(time.value, Quantity):
+        limited = ("mission", "time_limit_s") in self.draft.entries
+        alone = len(phrase.parts) == 1 and not limited
+        if self.flying and not of_ground and alone and time is not None and isinstance(time.value, Quantity):
             self.draft.vary(("mission", "time_limit_s"), time.value.low, time.value.high, phrase.span, unit="s")
             return
         self.ground.when(phrase)

@@ -151,7 +151,9 @@ class Relations:
         self._keep(group, self._from_whom(group, phrase.span), phrase.span, low, high, every=False, note=note)
 
     def mean(self, group: str, phrase: Phrase) -> None:
-        length, of = length_of(self._draft, phrase), self._who.ref(phrase)
+        length, of = length_of(self._draft, phrase), self._who.ref(phrase.refs[-1])
+        if len(phrase.refs) > 1:  # `the mean distance of the civilians to the radar`
+            group = next((one for one in self._who.ref(phrase.refs[0]) if isinstance(one, str)), group)
         groups = [one for one in of if isinstance(one, str)]
         if not groups:
             self._draft.unread(phrase.span, "a mean distance is to a group or to the vehicle's start")

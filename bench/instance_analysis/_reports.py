@@ -25,7 +25,8 @@ class Reports:
 
     def field(self, name: str, quantity: Quantity, span: Span) -> None:
         """A number of the report that is spoken of."""
-        if name == "priority" and self._report is None and (of := self._one_spoken_of()):
+        of = self._one_spoken_of() if name == "priority" else None
+        if of is not None and (self._report is None or self._said_of not in ([of], [])):
             self._report, self._said_of = self.on(of, span), [of]
         if self._report is None:
             self._pending.append((name, quantity, span))

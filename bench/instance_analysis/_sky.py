@@ -25,6 +25,7 @@ class Sky:
         self._day_said: tuple[dt.date, Span] | None = None
         self._clock_said: tuple[Clock, Span] | None = None
         self._sun_said: tuple[str, Quantity | None, int, Span] | None = None
+        self._winds_unsaid: list[Span] = []
         self._levels_unsaid: list[tuple[Part, Span]] = []
 
     def weather(self, phrase: Phrase) -> None:
@@ -65,11 +66,16 @@ class Sky:
         return word if word is not None and isinstance(word.value, WeatherWords) and word.value.level is None else None
 
     def _unsaid_levels(self) -> None:
-        """How much it rains is asked where no sentence has said it."""
+        """How much it rains, and how strong the wind is, is asked where no sentence has said it."""
+        path: Path = ("environment", "wind", "speed_mps")
+        for span in self._winds_unsaid:
+            if path not in self._draft.entries:
+                readings = ["3 m/s, light", "6 m/s, moderate", "12 m/s, strong"]
+                chosen = self._draft.ask(span, "how strong is the wind?", readings)
+                self._draft.put(path, [3.0, 6.0, 12.0][chosen], span)
         for word, span in self._levels_unsaid:
             assert isinstance(word.value, WeatherWords)
-            path = tuple(word.value.path.split("."))
-            if path not in self._draft.entries:
+            if tuple(word.value.path.split(".")) not in self._draft.entries:
                 where, level, _ = self._state(Phrase("state", (word,), span), [])
                 self._draft.put(tuple(where.split(".")), level, span)
 
@@ -116,10 +122,16 @@ class Sky:
             self._draft.vary((*base, "speed_mps"), speed.value.low, speed.value.high, phrase.span, unit="m/s")
         elif (word := phrase.first("WINDS")) and isinstance(word.value, float | int):
             self._draft.put((*base, "speed_mps"), float(word.value), phrase.span)
+        elif (
+            len(phrase.parts) == 2
+            and (none := phrase.first("COUNT"))
+            and isinstance(none.value, Quantity)
+            and not none.value.high
+        ):
+            self._draft.put((*base, "speed_mps"), 0.0, phrase.span)
+            return
         else:
-            readings = ["3 m/s, light", "6 m/s, moderate", "12 m/s, strong"]
-            chosen = self._draft.ask(phrase.span, "how strong is the wind?", readings)
-            self._draft.put((*base, "speed_mps"), [3.0, 6.0, 12.0][chosen], phrase.span)
+            self._winds_unsaid.append(phrase.span)
         direction = phrase.first("DIR")
         figure = phrase.first("ANGLE") or phrase.first("COUNT")
         if direction is not None:

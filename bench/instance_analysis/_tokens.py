@@ -27,12 +27,18 @@ MONTHS = (
     "december",
 )
 _MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
+HOURS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+_HOUR = rf"(?:{'|'.join(HOURS)}|1[0-2]|[1-9])"
+_DAYPART = r"\s+(?:in\s+the\s+(?:morning|afternoon|evening)|at\s+night)"
+TOLD = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|{_HOUR}\s+o['’]clock|{_HOUR}(?={_DAYPART}))\b(?:{_DAYPART})?(?:,?\s+(?:utc|gmt|zulu)\b)?"
+"""A time of day in words."""
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<told>{TOLD})
     |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
-    |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question)\s+\d+[a-z]?\b(?=\s*[.:(,;)]))
+    |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
     |(?P<place>{PLACE})
     |(?P<named>{NAMED})
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
@@ -89,21 +95,16 @@ class Clock:
 
 def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
     """All words of a text, in order, phrases taken as long as they come. Time grows with the length of the text alone."""
-    raw = list(_PATTERN.finditer(text))
+    said_by = _speakers(text)
+    raw = [one for one in _PATTERN.finditer(text) if one.start() not in said_by and not _changes_nothing(one, text)]
     found: list[Word] = []
     comma, mended_as = False, dict[str, str]()
     index = 0
     while index < len(raw):
         match = raw[index]
         span = Span(match.start(), match.end())
-        if match.lastgroup == "heading":
-            index += 1
-            continue
         if match.lastgroup == "comma" and not _in_brackets(raw, index):
             comma, index = True, index + 1
-            continue
-        if match.group() == "\n" and _wrapped(text, match.start()):
-            index += 1
             continue
         if match.lastgroup in RUN:
             word, used = _phrase(raw, index, vocabulary, mended_as)
@@ -112,6 +113,19 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
         found.append(replace(word, comma=comma))
         comma, index = False, index + used
     return list(_articles(found))
+
+
+def _speakers(text: str) -> frozenset[int]:
+    """Where a line begins with the name of who says it, which begins another one too; and where it quotes a line."""
+    lines = [(one.start(1), one.group(1).lower()) for one in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)]
+    names = [name for _, name in lines]
+    quoted = {one.start(1) for one in re.finditer(r"(?m)^[ \t]*(>)", text)}
+    return frozenset({at for at, name in lines if names.count(name) > 1} | quoted)
+
+
+def _changes_nothing(one: re.Match[str], text: str) -> bool:
+    """Whether it is a heading with a number, or the end of a full line."""
+    return one.lastgroup == "heading" or (one.group() == "\n" and _wrapped(text, one.start()))
 
 
 def _wrapped(text: str, at: int) -> bool:
@@ -130,8 +144,8 @@ def _plain(match: re.Match[str]) -> tuple[Meaning, ...]:
     match match.lastgroup:
         case "number":
             return (Meaning("NUM", float(text.replace(",", ""))),)
-        case "clock":
-            clock = _clock(text)
+        case "clock" | "told":
+            clock = _clock(text) if match.lastgroup == "clock" else _told(text)
             return (Meaning("CLOCK", clock),) if clock else ()
         case "iso" | "date":
             day = _date(text)
@@ -160,6 +174,19 @@ def _clock(text: str) -> Clock | None:
         return Clock(dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead)
     except ValueError:
         return None
+
+
+def _told(text: str) -> Clock:
+    """`half past five in the morning, UTC`; without a part of the day it is before noon."""
+    lower = text.lower()
+    hour = next(number for number, name in enumerate(HOURS, start=1) if re.search(rf"\b({name}|{number})\b", lower))
+    minute = 30 if "half" in lower else 15 if "quarter" in lower else 0
+    early = "morning" in lower or (hour == 12 and "night" in lower)
+    late = any(part in lower for part in ("afternoon", "evening", "night"))
+    hour = hour % 12 + (12 if (late and hour < 12) or (hour == 12 and not early) else 0)
+    before = re.search(r"\bto\b", lower) is not None
+    at = (hour * 60 + (-minute if before else minute)) % (24 * 60)
+    return Clock(dt.time(at // 60, at % 60), any(zone in lower for zone in ("utc", "gmt", "zulu")))
 
 
 def _date(text: str) -> dt.date | None:

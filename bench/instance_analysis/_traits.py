@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Protocol
 
@@ -54,7 +55,7 @@ class Traits:
         given = phrase.first("PERCENT") or phrase.first("COUNT")
         before = self._draft.entries.get(path)
         if given is not None and isinstance(given.value, Quantity):
-            if before is not None and before.span is not None and self._draft.quote(before.span).replace("-", " ").isalpha():
+            if before is not None and before.span is not None and not re.search(r"\d", self._draft.quote(before.span)):
                 self._draft.forget(path)  # `hidden so well that its concealment is 0.8`
             self._draft.vary(path, given.value.low, given.value.high, phrase.span, unit=None)
         elif word := phrase.first("CONCEAL"):
@@ -74,7 +75,11 @@ def moves(draft: Draft, group: str, part: Part, speed: Part | None) -> None:
     """Say how a group moves, with the speed that is given or that the word has by itself."""
     assert isinstance(part.value, MotionWords)
     base: Path = ("actors", group, "motion")
-    draft.put((*base, "kind"), part.value.kind, part.span)
+    before = draft.entries.get((*base, "kind"))
+    if before is None or before.value in ("still", "wander") or part.value.kind == "still":
+        draft.put((*base, "kind"), part.value.kind, part.span)
+    elif speed is None:
+        return  # `patrols between ..., moving`
     if speed is not None and isinstance(speed.value, Quantity):
         say_speed(draft, group, speed.value, speed.span)
     elif part.value.speed_mps is not None and (*base, "speed_mps") not in draft.entries:

@@ -133,8 +133,11 @@ def same(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-def wrong_in(entry: dict[str, Any], found: BaseSimSpec) -> tuple[int, list[str]]:
-    """Number of fields compared, and what is wrong in each that is."""
+def wrong_in(entry: dict[str, Any], found: BaseSimSpec | None) -> tuple[int, list[str]]:
+    """Number of fields compared, and what is wrong in each that is; None stands for a text that was refused."""
+    if found is None:
+        missing = [path for path in expected_fields(entry["is"]) if not is_open(path, entry.get("open", ()))]
+        return len(missing) + 2, ["refused"] * (len(missing) + 2)
     compared, wrong = 0, list[str]()
     for name, here in (("asks", len(found.questions)), ("unexpressed", len(found.not_expressible))):
         if name == "asks" or name in entry:

@@ -10,13 +10,14 @@ import pytest
 import yaml
 from compared_fields import wrong_in
 
+from bench.errors import SetupError
 from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
 from bench.simspec import SimSpec
 
 CORPUS = Path(__file__).parent / "corpus"
 VOCABULARY = load_vocabulary()
 ENTRIES = [(f"{file.stem}-{number}", one) for file in sorted(CORPUS.glob("*.yaml")) for number, one in enumerate(yaml.safe_load(file.read_text()), start=1)]  # fmt: skip
-FLOORS = {"outside_a": 0.90, "outside_b": 0.74}
+FLOORS = {"outside_a": 0.90, "outside_b": 0.83, "outside_c": 0.61}
 """The least share of fields exact for texts of outside authors; all other files together have 95 %."""
 
 
@@ -27,13 +28,20 @@ def test_the_corpus_is_large_enough() -> None:
 
 
 @pytest.fixture(scope="session")
-def readings() -> dict[str, BaseSimSpec]:
-    """The corpus as it is read, once for all tests."""
-    return {name: read_prose(entry["say"], VOCABULARY, entry.get("accept", ())) for name, entry in ENTRIES}
+def readings() -> dict[str, BaseSimSpec | None]:
+    """The corpus as it is read, once for all tests; None for what is refused."""
+    return {name: _read(entry) for name, entry in ENTRIES}
+
+
+def _read(entry: dict[str, Any]) -> BaseSimSpec | None:
+    try:
+        return read_prose(entry["say"], VOCABULARY, entry.get("accept", ()))
+    except SetupError:
+        return None
 
 
 @pytest.mark.parametrize("file", [*FLOORS, "all others"])
-def test_fields_are_exact(file: str, readings: dict[str, BaseSimSpec], capsys: pytest.CaptureFixture[str]) -> None:
+def test_fields_are_exact(file: str, readings: dict[str, BaseSimSpec | None], capsys: pytest.CaptureFixture[str]) -> None:
     """Every field that a person expects and every field that is there is compared; questions count as one each."""
     compared = 0
     missed: list[str] = []
@@ -62,9 +70,12 @@ def leaves(value: Any, where: str = "") -> Iterator[str]:
 
 
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
-def test_every_field_has_a_receipt(name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec]) -> None:
+def test_every_field_has_a_receipt(name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec | None]) -> None:
     """Valid by the schema; every field has a receipt, whose quote stands in the text; nothing is filled in silently."""
     found = readings[name]
+    if found is None:  # with a sentence each that says what to mend; texts of outside authors alone
+        assert name.startswith("outside_")
+        return
     if found.simspec is None:
         assert found.questions
         return
