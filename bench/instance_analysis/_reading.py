@@ -168,7 +168,7 @@ class Reader:
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (phrase.rule == "road" and phrase.first("THEM") is not None)
         if it and self.roads.roads and (phrase.rule == "road" or (phrase.rule in OF_IT and self._it_is_a_road(phrase))):
             return [self.roads.is_meant(phrase)]
-        if it and self.before == "ground" and phrase.rule == "inside" and self.ground.current is not None:
+        if it and self.before == "ground" and phrase.rule == "inside" and self.ground.current not in (None, self.ground.world):
             return [Phrase("inside", (), phrase.span)]
         if phrase.rule == "road" and it:
             self.draft.unread(phrase.span, "it is not a road", expressible=True)

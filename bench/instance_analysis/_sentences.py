@@ -31,8 +31,7 @@ def sentences_of(found: Sequence[Phrase | Word], draft: Draft) -> Iterator[list[
 
 def _asks(parts: list[Phrase | Word], draft: Draft, stop: str) -> bool:
     span = parts[0].span.joined(parts[-1].span)
-    begin = max(draft.text.rfind(one, 0, span.start) for one in ".;\n!?") + 1
-    asks = stop == "?" and _ASKS.match(draft.text[begin : span.end].strip(" \t\"'(-*")) is not None
+    asks = stop == "?" and _ASKS.match(draft.quote(span)) is not None
     if asks:
         draft.unread(span, "a question describes nothing", expressible=True)
     return asks

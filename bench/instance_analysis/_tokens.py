@@ -224,8 +224,11 @@ _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
 def _articles(words: list[Word]) -> Iterator[Word]:
     """`a truck`, `an hour` are one of it; other articles change nothing."""
     for index, word in enumerate(words):
-        if word.text.lower() == "some" and index + 1 < len(words) and any(one.kind == "NUM" for one in words[index + 1].meanings):
-            yield replace(word, meanings=(), filler=True)  # `some 100 metres`
+        some = word.text.lower() == "some" or (
+            word.text.lower() == "around" and index > 0 and (word.comma or words[index - 1].text.lower() in ("and", "with", "of"))
+        )
+        if some and index + 1 < len(words) and any(one.kind == "NUM" for one in words[index + 1].meanings):
+            yield replace(word, meanings=(), filler=True)  # `some 100 metres`, `two trucks and around twenty villagers`
             continue
         if word.text in ("a", "an"):
             following = next((one for one in words[index + 1 : index + 1 + FARTHEST_NOUN] if not one.filler), None)

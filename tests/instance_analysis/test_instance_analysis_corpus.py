@@ -17,7 +17,7 @@ from bench.simspec import SimSpec
 CORPUS = Path(__file__).parent / "corpus"
 VOCABULARY = load_vocabulary()
 ENTRIES = [(f"{file.stem}-{number}", one) for file in sorted(CORPUS.glob("*.yaml")) for number, one in enumerate(yaml.safe_load(file.read_text()), start=1)]  # fmt: skip
-FLOORS = {"outside_a": 0.90, "outside_b": 0.83, "outside_c": 0.61}
+FLOORS = {"outside_a": 0.90, "outside_b": 0.83, "outside_c": 0.62}
 """The least share of fields exact for texts of outside authors; all other files together have 95 %."""
 
 

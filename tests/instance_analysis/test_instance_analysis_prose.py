@@ -272,3 +272,53 @@ def test_any_words_are_answered_or_refused() -> None:
         text = " ".join(random_order.choice(words) for _ in range(random_order.randint(2, 14)))
         with contextlib.suppress(SetupError):
             read_prose(random_order.choice(openings) + text, VOCABULARY)
+
+
+@pytest.mark.parametrize(
+    ("text", "remark"),
+    [
+        ("A radar [20-40] meters away.", "read as from the start"),
+        ("A radar at 60 m from two trucks. The vehicle must stay below 80 m.", "the drone under test"),
+        ("A radar. Hold @40, resume @60.", "read as seconds"),
+        ("3 children in the village.", "read as the whole area"),
+        ("A radar within 30 m of a truck, altitude 50.", "read in m"),
+    ],
+)
+def test_what_is_taken_without_being_said_is_a_remark(text: str, remark: str) -> None:
+    """Nothing is assumed silently where nothing is asked."""
+    found = read_prose(text, VOCABULARY)
+    assert not found.questions
+    assert any(remark in one.why for one in found.remarks)
+
+
+@pytest.mark.parametrize("word", ["guarded by", "escorted by", "surrounded by", "next to"])
+def test_words_for_being_near_are_read_as_near(word: str) -> None:
+    """They are no words that change nothing."""
+    found = read_prose(f"A radar vehicle {word} four soldiers.", VOCABULARY)
+    assert {one.path: one.value for one in found.receipts}["actors[radar].placement.near.of"] == "soldier"
+
+
+def test_words_that_say_where_are_never_dropped() -> None:
+    """What the grammar has no place for is listed."""
+    found = read_prose("A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY)
+    assert {"outside", "left", "into"} <= {one.quote for one in (*found.not_understood, *found.not_expressible)}
+
+
+def test_a_group_is_at_no_distance_from_itself() -> None:
+    """So who stands 20 to 40 m from the radar, the radar and the trucks or the trucks alone, is no question."""
+    found = read_prose("A radar vehicle and [1,2] trucks [20-40] m from the radar.", VOCABULARY)
+    assert not found.questions
+    assert {one.path: one.value for one in found.receipts}["actors[truck].placement.near.min_m"] == 20.0
+
+
+def test_questions_and_names_of_speakers_describe_nothing() -> None:
+    """What only asks is listed; who says a line is no word of it; a full line goes on in the next."""
+    chat = (
+        "jo: two soldiers near a shed\nkim: how many trucks are there?\n"
+        "jo: one truck, and the two soldiers walk about at one metre a\nsecond\nkim: ok"
+    )
+    found = read_prose(chat, VOCABULARY)
+    values = {one.path: one.value for one in found.receipts}
+    assert [one.quote for one in found.not_understood] == ["how many trucks are there"]
+    assert values["actors[soldier].motion.speed_mps"] == 1.0
+    assert values["actors[truck].count"] == 1
