@@ -322,3 +322,26 @@ def test_questions_and_names_of_speakers_describe_nothing() -> None:
     assert [one.quote for one in found.not_understood] == ["how many trucks are there"]
     assert values["actors[soldier].motion.speed_mps"] == 1.0
     assert values["actors[truck].count"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("Two friendly soldiers near a radar.", "friendly"),
+        ("A radar in the evening.", "evening"),
+        ("A truck tomorrow at noon.", "tomorrow"),
+        ("A radar, unless somebody comes.", "unless"),
+        ("A dark truck.", "dark"),
+        ("Own forces: two soldiers.", "forces"),
+    ],
+)
+def test_words_that_would_change_the_scene_are_never_dropped(text: str, word: str) -> None:
+    """Whose side, when, on what condition: what is not read is listed."""
+    assert word in [one.quote for one in read_prose(text, VOCABULARY).not_understood]
+
+
+def test_night_is_said_to_be_midnight() -> None:
+    """The darkest moment, with the words as receipt."""
+    found = read_prose("A radar at night.", VOCABULARY)
+    assert found.simspec is not None
+    assert (found.simspec.environment.start_utc.hour, found.simspec.environment.start_utc.minute) == (23, 28)
