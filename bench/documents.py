@@ -61,7 +61,12 @@ def validate_document(value: object, kind: type[D], source: str = "", lines: Map
     try:
         return kind.model_validate(value)
     except ValidationError as error:
-        raise SetupError([_fault(detail, kind, source, lines or {}) for detail in error.errors()]) from None
+        details = error.errors()
+        other = next((one for one in details if one["loc"] == ("format",) and one["type"] == "literal_error"), None)
+        if other and str(other["input"]).startswith("rebar."):  # every other fault would be one of mistaken identity
+            wanted = str(kind.model_fields["format"].default)
+            raise SetupError(Fault(source, f"is a {other['input']}", f"name a {wanted} here")) from None
+        raise SetupError([_fault(detail, kind, source, lines or {}) for detail in details]) from None
 
 
 class _Loader(yaml.SafeLoader):

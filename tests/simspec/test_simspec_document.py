@@ -171,6 +171,14 @@ def test_what_is_no_document_gets_a_sentence(text: str, words: str) -> None:
     assert any(words in one for one in faults(text))
 
 
+def test_another_kind_of_document_is_said_to_be_one() -> None:
+    """A campaign where a SimSpec is wanted has one fault, not one for each field that SimSpecs do not know."""
+    assert faults("format: rebar.campaign/1\nname: fog\ndesign: {}\n") == [
+        "scene.yaml: is a rebar.campaign/1 (name a rebar.simspec/1 here)"
+    ]
+    assert faults("format: simspec\n" + SQUARE) != ["scene.yaml: is a simspec (name a rebar.simspec/1 here)"]
+
+
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     """A missing file is answered with its nearest neighbours; binary and folders with what they are."""
     (tmp_path / "scene.yaml").write_text("name: x")
