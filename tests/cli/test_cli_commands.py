@@ -70,7 +70,7 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
     [
         (["simulate", "nowhere.yaml"], "there is no such file"),
         (["run", "nowhere.yaml"], "there is no such file"),
-        (["run", str(EXAMPLE)], "unknown field"),
+        (["run", str(EXAMPLE)], "is a rebar.simspec/1 (name a rebar.campaign/1 here)"),
         (["run", str(EXAMPLE), "--executor", "dask"], "not there yet"),
         (["score", "/"], "there is no recording.mcap"),
         (["report", "/"], "is not a campaign's folder"),
