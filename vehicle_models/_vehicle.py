@@ -31,12 +31,12 @@ from .controller import (
     Airframe,
     Attitude,
     Controller,
+    Equipment,
     Flight,
     Home,
     Kept,
     Link,
     Manoeuvres,
-    Payload,
     Personality,
     Target,
     attitude_quaternion,
@@ -244,7 +244,7 @@ class Aircraft(ABC):
             self._silence,
         )
         truth = self._hil_state if simspec.vehicle.ground_truth else None
-        self._payload = Payload(simspec.vehicle.camera, truth, self._failures.break_part)
+        self._payload = Equipment(simspec.vehicle.camera, truth, self._failures.break_part)
         self._controller = self._boot(None)
 
     def endpoints(self) -> Mapping[str, str]:

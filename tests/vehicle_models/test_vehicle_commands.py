@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import NAN, Client, simspec
 
-from vehicle_models.controller._dialect import dialect
+from vehicle_models.controller.links._dialect import dialect
 
 Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import all as plain
 
-from vehicle_models.controller._dialect import dialect
+from vehicle_models.controller.links._dialect import dialect
 
 # CRC_EXTRA of the specification, as its C headers have them.
 KNOWN = {8: 117, 80: 14, 300: 217, 380: 232, 395: 0, 397: 182, 410: 160, 411: 106, 412: 33, 413: 77}

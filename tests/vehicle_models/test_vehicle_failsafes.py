@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from vehicle_client import Client, simspec
 
-from vehicle_models.controller._dialect import dialect as mavlink
+from vehicle_models.controller.links._dialect import dialect as mavlink
 
 Make = Callable[..., Client]
 

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from vehicle_client import Client, mavlink, simspec
 
-from vehicle_models.controller._files import Files
-from vehicle_models.controller._ftp import Error, Op
+from vehicle_models.controller.files._files import Files
+from vehicle_models.controller.files._ftp import Error, Op
 
 Make = Callable[..., Client]
 _HEAD = struct.Struct("<HBBBBBBI")

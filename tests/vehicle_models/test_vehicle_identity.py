@@ -11,7 +11,7 @@ from typing import Any
 
 from vehicle_client import Client, mavlink, simspec
 
-from vehicle_models.controller._ftp import Error, Op
+from vehicle_models.controller.files._ftp import Error, Op
 
 Make = Callable[..., Client]
 REQUEST = 512

@@ -159,7 +159,7 @@ def test_lengths_of_mavlink_1_are_those_of_its_own_dialect() -> None:
     """All messages that are in both, against the dialect generated without extensions."""
     from pymavlink.dialects.v10 import all as old
 
-    from vehicle_models.controller._frames import KINDS, v1_length
+    from vehicle_models.controller.links._frames import KINDS, v1_length
 
     both = [kind for kind in KINDS.values() if kind.id < 256 and kind.id in old.mavlink_map]
     assert len(both) > 150

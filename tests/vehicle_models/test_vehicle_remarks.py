@@ -10,7 +10,7 @@ import pytest
 from vehicle_client import NAN, Client, simspec
 
 from vehicle_models import TangentPlane
-from vehicle_models.controller._dialect import dialect as mavlink
+from vehicle_models.controller.links._dialect import dialect as mavlink
 
 Make = Callable[..., Client]
 MOTOR_TEST = 209

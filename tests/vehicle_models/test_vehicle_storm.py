@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from vehicle_client import NAN, Client, simspec
 
-from vehicle_models.controller._frames import KINDS, Packer
+from vehicle_models.controller.links._frames import KINDS, Packer
 
 Make = Callable[..., Client]
 # Messages that do what they say to a vehicle in flight whatever their values are; SETUP_SIGNING would lock the others out.

@@ -12,7 +12,7 @@ from test_vehicle_wing import MakeWing, take_off
 from test_vehicle_wing import make_wing as make_wing
 from vehicle_client import Client, mavlink, simspec
 
-from vehicle_models.controller._frames import KINDS, message_id
+from vehicle_models.controller.links._frames import KINDS, message_id
 
 Make = Callable[..., Client]
 

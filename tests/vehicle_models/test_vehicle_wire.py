@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from vehicle_client import Client, simspec
 from vehicle_client import mavlink as mavlink
 
-from vehicle_models.controller._frames import KINDS, Decoder, FrameReader, Packer, wire_values
+from vehicle_models.controller.links._frames import KINDS, Decoder, FrameReader, Packer, wire_values
 
 Make = Callable[..., Client]
 

@@ -13,7 +13,7 @@ import pytest
 from bench.contracts import LinkSpec, MavlinkTap, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
 from vehicle_models import open_x500
-from vehicle_models.controller._dialect import dialect
+from vehicle_models.controller.links._dialect import dialect
 
 NAN = math.nan
 mavlink = dialect

@@ -8,47 +8,50 @@ from typing import Any
 
 from bench.contracts import MavlinkTap
 
-from ._arming import Arming
-from ._board import Board, Handler, Sender, Service, Ticking
-from ._camera import CameraComponent
-from ._chase import FollowMe
-from ._clock import Clock
-from ._commands import Commands
-from ._events import Events
-from ._failsafe import Failsafe
-from ._fence import Fence, Rally
-from ._files import Files
 from ._flight import Airframe, Behaviour, Flight, Landed, Target
-from ._frames import KINDS, Decoder, Packer, message_id, sender
-from ._ftp import FileTransfer
-from ._gimbal import Gimbal
-from ._guidance import Guidance
-from ._health import Health
-from ._home import HomeKeeper
-from ._identity import Identity
-from ._injection import Injection
-from ._land_detector import LandDetector
-from ._links import Link
-from ._manoeuvres import Manoeuvres, Takeoff
-from ._manual import Manual
-from ._mission_flight import MissionFlight
-from ._mission_protocol import MissionProtocol
-from ._mission_store import Plans
-from ._modes import Modes
-from ._motor_test import MotorTest
-from ._navigator import Navigator
-from ._parameters import Parameters, ParameterStore
-from ._payload import Payload
 from ._personality import Event, Personality
-from ._pretended_battery import PretendedBattery
-from ._radio import Channel, Radio
-from ._remarks import Remarks
-from ._restart import Kept, Restart
-from ._setpoints import Setpoints
-from ._signing import KeyKeeper, open_signing
-from ._streams import Streams
-from ._telemetry import Telemetry
-from ._texts import Texts
+from ._service import Handler, Sender, Service, Ticking
+from ._service_context import ServiceContext
+from .files._files import Files
+from .files._ftp import FileTransfer
+from .guidance._guidance import Guidance
+from .guidance._land_detector import LandDetector
+from .guidance._manoeuvres import Manoeuvres, Takeoff
+from .links._frames import KINDS, Decoder, Packer, message_id, sender
+from .links._links import Link
+from .links._radio import Channel, Radio
+from .links._signing import open_signing
+from .missions._mission_flight import MissionFlight
+from .missions._protocol import MissionProtocol
+from .missions._store import Plans
+from .parameters._parameters import Parameters
+from .parameters._store import ParameterStore
+from .payload._camera import CameraComponent
+from .payload._equipment import Equipment
+from .payload._gimbal import Gimbal
+from .safety._failsafe import Failsafe
+from .safety._failure_injection import FailureInjection
+from .safety._fence import Fence, Rally
+from .safety._health import Health
+from .safety._simulated_battery import SimulatedBattery
+from .services._arming import Arming
+from .services._clock import Clock
+from .services._commands import Commands
+from .services._follow_me import FollowMe
+from .services._home import HomeKeeper
+from .services._identity import Identity
+from .services._manual import Manual
+from .services._modes import Modes
+from .services._motor_test import MotorTest
+from .services._navigator import Navigator
+from .services._restart import Kept, Restart
+from .services._setpoints import Setpoints
+from .services._signing_keys import SigningKeys
+from .telemetry._events import Events
+from .telemetry._ground_texts import GroundTexts
+from .telemetry._streams import Streams
+from .telemetry._telemetry import Telemetry
+from .telemetry._texts import Texts
 
 COMPONENT = 1
 
@@ -65,7 +68,7 @@ class Controller:
         given: Mapping[str, float],
         tap: MavlinkTap | None = None,
         manoeuvres: Manoeuvres | None = None,
-        payload: Payload | None = None,
+        payload: Equipment | None = None,
         kept: Kept | None = None,
     ) -> None:
         parameters = ParameterStore(personality.parameters, kept.parameters if kept else given)
@@ -78,7 +81,7 @@ class Controller:
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
         radio = Radio(self.channels, tap, personality.speaks_when_spoken_to)
         texts = Texts(radio, personality.text_ending)
-        self._board = board = Board(flight, airframe, personality, radio, texts, parameters)
+        self._board = board = ServiceContext(flight, airframe, personality, radio, texts, parameters)
         self._guidance = Guidance(flight, personality.limits(parameters), manoeuvres)
         parameters.on_change(self._limits_changed)
         self._setpoints = Setpoints(board, self._guidance)
@@ -104,7 +107,10 @@ class Controller:
         restart = Restart(board)
         self._fence = fence = Fence(board, modes, failsafe, plans)
         self._guidance.refuge = Rally(board, plans).refuge
-        missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm)
+        camera = payload.camera if payload else None
+        gimbal = Gimbal(board, math.radians(camera.tilt_deg)) if camera and camera.gimbal else None
+        self._camera = CameraComponent(board, camera, self._system) if camera and camera.mavlink else None
+        missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm, gimbal, self._camera)
         telemetry.mission_current, telemetry.fence_status = missions.current, fence.status
         self._plans, self._restart = plans, restart
         # The order of this list is the order in which services work; a failsafe has the last word.
@@ -112,7 +118,7 @@ class Controller:
             commands,
             Parameters(board),
             Clock(board),
-            KeyKeeper(self._signing),
+            SigningKeys(self._signing),
             restart,
             identity,
             events,
@@ -130,13 +136,12 @@ class Controller:
             fence,
             Health(board),
             MotorTest(board),
-            Remarks(board),
-            PretendedBattery(board),
+            GroundTexts(board),
+            SimulatedBattery(board),
             failsafe,
         ]
-        self._camera: CameraComponent | None = None
         if payload:
-            self._carry(payload)
+            self._carry(payload, gimbal)
         self._ticks = [service.tick for service in self._services if isinstance(service, Ticking)]
         self._handlers: dict[int, list[Handler]] = {}
         for service in self._services:
@@ -151,21 +156,18 @@ class Controller:
         self._detector = LandDetector()
         self._unheard = 0
 
-    def _carry(self, payload: Payload) -> None:
+    def _carry(self, payload: Equipment, gimbal: Gimbal | None) -> None:
         """Services of what the vehicle carries, and of what the bench allows."""
-        board, camera = self._board, payload.camera
-        if camera and camera.gimbal:
-            gimbal = board.gimbal = Gimbal(board, math.radians(camera.tilt_deg))
+        board = self._board
+        if gimbal:
             self._services.append(gimbal)
             self._streams.add_answers(gimbal.answers())
             for name, values in gimbal.streams().items():
                 self._streams.add(name, values, board.personality.gimbal_streams.get(name))
-        if camera and camera.mavlink:
-            self._camera = board.camera = CameraComponent(board, camera, self._system)
         if payload.truth:
             self._streams.add("HIL_STATE_QUATERNION", payload.truth)
         if payload.break_part:
-            self._services.append(Injection(board, payload.break_part))
+            self._services.append(FailureInjection(board, payload.break_part))
 
     def exposed(self, frame: int) -> None:
         """The scene has made a frame of the vehicle's camera."""

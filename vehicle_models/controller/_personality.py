@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import ClassVar, Literal
 
-from ._board import Command, Result
-from ._events import EventName
-from ._failsafe_policy import Failsafes
-from ._fence_policy import FencePolicy
-from ._files import Content
 from ._flight import Behaviour, Flight, Mode
-from ._metadata import Metadata
-from ._mission_policy import MissionPolicy
-from ._parameters import Parameter, ParameterStore, ParameterStyle
+from ._service import Command, Result
+from .files._files import Content
+from .files._metadata import Metadata
+from .missions._policy import MissionPolicy
+from .parameters._store import Parameter, ParameterStore, ParameterStyle
+from .safety._failsafe_policy import Failsafes
+from .safety._fence_policy import FencePolicy
+from .telemetry._event_names import EventName
 
 Seconds = float
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .._failsafe_policy import BatteryStep, Failsafes, Reaction
 from .._flight import Behaviour
-from .._parameters import ParameterStore
-from .._texts import CRITICAL, WARNING
+from ..parameters._store import ParameterStore
+from ..safety._failsafe_policy import BatteryStep, Failsafes, Reaction
+from ..telemetry._texts import CRITICAL, WARNING
 
 _BATTERY = {1: Behaviour.LAND, 2: Behaviour.RETURN, 3: Behaviour.RETURN, 4: Behaviour.RETURN, 5: Behaviour.TERMINATE}
 _STATION = {1: Behaviour.RETURN, 3: Behaviour.RETURN, 4: Behaviour.RETURN, 5: Behaviour.LAND}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from .._board import Result
-from .._failsafe_policy import Reaction
-from .._fence_policy import Breach, FenceLimits, FencePolicy
 from .._flight import Behaviour
-from .._parameters import ParameterStore
-from .._texts import INFO, NOTICE
+from .._service import Result
+from ..parameters._store import ParameterStore
+from ..safety._failsafe_policy import Reaction
+from ..safety._fence_policy import Breach, FenceLimits, FencePolicy
+from ..telemetry._texts import INFO, NOTICE
 
 _CEILING, _CIRCLE, _POLYGON = 1, 2, 4  # FENCE_TYPE
 # FENCE_ACTION: report, return, land, smart return, brake, smart return or land.

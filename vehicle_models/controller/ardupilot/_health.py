@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from .._flight import Flight
-from .._parameters import ParameterStore
 from .._personality import SensorBits
-from .._texts import INFO
+from ..parameters._store import ParameterStore
+from ..telemetry._texts import INFO
 
 # Simulated seconds at which the SITL was seen to get so far.
 STANDBY_S, ESTIMATOR_S, ALIGNED_S, RECEIVER_S, PLACE_S = 2.9, 4.4, 5.8, 9.8, 20.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from .._mission_policy import MissionPolicy, Text, Verdict
-from .._mission_store import ABOVE_GROUND, ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
-from .._parameters import ParameterStore
-from .._texts import DEBUG, INFO, WARNING
+from ..missions._policy import MissionPolicy, Text, Verdict
+from ..missions._store import ABOVE_GROUND, ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
+from ..parameters._store import ParameterStore
+from ..telemetry._texts import DEBUG, INFO, WARNING
 
 _NAMES = {
     16: "WP",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._parameters import INT8, INT16, INT32, Parameter
+from ..parameters._store import INT8, INT16, INT32, Parameter
 
 _RATES = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB")
 

@@ -6,14 +6,15 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from .._board import Command, Result
-from .._failsafe_policy import Failsafes
-from .._files import Content
 from .._flight import Behaviour, Flight, Landed, Mode
-from .._parameter_table import read_parameters
-from .._parameters import ParameterStore, ParameterStyle, Push
 from .._personality import Answer, ChaseLimits, Event, GpsFields, Limits, Personality, Refusal, SensorBits, StickLimits
-from .._texts import CRITICAL, INFO, WARNING
+from .._service import Command, Result
+from ..files._files import Content
+from ..files._packed_parameters import packed_parameters
+from ..parameters._store import ParameterStore, ParameterStyle, Push
+from ..parameters._table import read_parameters
+from ..safety._failsafe_policy import Failsafes
+from ..telemetry._texts import CRITICAL, INFO, WARNING
 from ._failsafes import failsafes
 from ._fence import ArduPilotFence
 from ._health import (
@@ -30,7 +31,6 @@ from ._health import (
 )
 from ._missions import ArduPilotMissions
 from ._modes import MODES, REFUSING
-from ._packed_parameters import packed_parameters
 from ._parameters import PARAMETERS
 
 _ARMED = 128

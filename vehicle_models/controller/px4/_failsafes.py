@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-from .._failsafe_policy import BatteryStep, Failsafes, Reaction, Text
 from .._flight import Behaviour
-from .._parameters import ParameterStore
-from .._texts import EMERGENCY, ERROR, WARNING
+from ..parameters._store import ParameterStore
+from ..safety._failsafe_policy import BatteryStep, Failsafes, Reaction, Text
+from ..telemetry._texts import EMERGENCY, ERROR, WARNING
 
 _ACTIONS: dict[int, Behaviour] = {
     1: Behaviour.HOLD,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from .._board import Result
-from .._failsafe_policy import Reaction
-from .._fence_policy import Breach, FenceLimits, FencePolicy
-from .._parameters import ParameterStore
-from .._texts import CRITICAL
+from .._service import Result
+from ..parameters._store import ParameterStore
+from ..safety._failsafe_policy import Reaction
+from ..safety._fence_policy import Breach, FenceLimits, FencePolicy
+from ..telemetry._texts import CRITICAL
 from ._failsafes import fence_reaction
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._events import EventName
+from ..telemetry._event_names import EventName
 
 # MAV_STANDARD_MODE by mode.
 STANDARD_MODES = {

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .._mission_policy import MissionPolicy, Text, Verdict
-from .._mission_store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
-from .._parameters import ParameterStore
-from .._texts import CRITICAL, ERROR, INFO
+from ..missions._policy import MissionPolicy, Text, Verdict
+from ..missions._store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
+from ..parameters._store import ParameterStore
+from ..telemetry._texts import CRITICAL, ERROR, INFO
 
 # Waypoint, loiter unlimited and for a time, land, takeoff, loiter to altitude, ROI, VTOL takeoff and landing, gate,
 # fence points, rally point, arm, autotune.

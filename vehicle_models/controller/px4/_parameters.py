@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._parameters import INT32, Parameter
+from ..parameters._store import INT32, Parameter
 
 PARAMETERS = (
     Parameter("BAT1_CAPACITY", -1.0),

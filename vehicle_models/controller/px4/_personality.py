@@ -5,12 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from .._board import Command, Result
-from .._failsafe_policy import Failsafes
 from .._flight import Behaviour, Flight, Mode
-from .._metadata import Metadata
-from .._parameter_table import read_parameters
-from .._parameters import ParameterStore, ParameterStyle
 from .._personality import (
     Answer,
     BatteryPlan,
@@ -23,7 +18,12 @@ from .._personality import (
     SensorBits,
     StickLimits,
 )
-from .._texts import CRITICAL, INFO
+from .._service import Command, Result
+from ..files._metadata import Metadata
+from ..parameters._store import ParameterStore, ParameterStyle
+from ..parameters._table import read_parameters
+from ..safety._failsafe_policy import Failsafes
+from ..telemetry._texts import CRITICAL, INFO
 from ._failsafes import failsafes
 from ._fence import Px4Fence
 from ._identity import EVENTS, STANDARD_MODES

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from .._parameters import INT32, Parameter, ParameterStore
-from .._wing import WingLimits
+from ..guidance._wing import WingLimits
+from ..parameters._store import INT32, Parameter, ParameterStore
 from ._personality import Px4
 
 _OWN = (

@@ -1,0 +1,1 @@
+"""Files that MAVLink FTP serves."""

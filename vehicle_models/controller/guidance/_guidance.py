@@ -1,0 +1,98 @@
+"""Guidance: the manoeuvre that each behaviour begins, and where the nose looks meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+from .._flight import Behaviour, Flight, Home, Target
+from .._personality import Limits
+from ._manoeuvres import Circle, Land, Manoeuvre, Manoeuvres, Piloted, Return
+
+_FACES_FROM_MPS = 0.5
+
+
+class Heading(Protocol):
+    """A heading that somebody wants, whatever is being flown."""
+
+    turn_max_radps: float
+
+    def yaw_rad(self, flight: Flight) -> float:
+        """The heading at this moment."""
+
+
+class FixedHeading:
+    """A heading once and for all."""
+
+    def __init__(self, yaw_rad: float, turn_max_radps: float = 1.0) -> None:
+        self._yaw_rad = yaw_rad
+        self.turn_max_radps = turn_max_radps
+
+    def yaw_rad(self, flight: Flight) -> float:
+        return self._yaw_rad
+
+
+class HeadingTo:
+    """Towards a place."""
+
+    turn_max_radps = 1.0
+
+    def __init__(self, north_east_m: tuple[float, float]) -> None:
+        self._place = north_east_m
+
+    def yaw_rad(self, flight: Flight) -> float:
+        return math.atan2(self._place[1] - flight.east_m, self._place[0] - flight.north_m)
+
+
+class Guidance:
+    """The manoeuvre being flown. `begin` starts that of a behaviour."""
+
+    def __init__(self, flight: Flight, limits: Limits, manoeuvres: Manoeuvres | None = None) -> None:
+        self.limits = limits
+        self.manoeuvres = manoeuvres or Manoeuvres()
+        self.manoeuvre: Manoeuvre = self.manoeuvres.hold(flight)
+        self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
+        self.heading: Heading | None = None  # of CONDITION_YAW or a region of interest: before any heading of the manoeuvre
+
+        self.refuge: Callable[[Flight], Home | None] = lambda flight: flight.home  # where a return leads
+
+    def begin(self, behaviour: Behaviour, flight: Flight) -> None:
+        """Start what a behaviour flies by default."""
+        self.speed_mps = None
+        self.heading = None
+        match behaviour:
+            case Behaviour.TAKEOFF:
+                self.manoeuvre = self.manoeuvres.takeoff(flight, flight.down_m - self.limits.takeoff_height_m)
+            case Behaviour.LAND:
+                self.manoeuvre = self.manoeuvres.land(flight, ground_down_m=flight.home.down_m if flight.home else 0.0)
+            case Behaviour.RETURN if flight.home:
+                self.manoeuvre = self.manoeuvres.go_home(flight, self.refuge(flight) or flight.home, self.limits)
+            case Behaviour.FOLLOW:
+                self.manoeuvre = self.manoeuvres.follow(flight)
+            case Behaviour.PILOT if flight.mode.stick:
+                self.manoeuvre = Piloted(flight, flight.mode.stick)
+            case Behaviour.CIRCLE:
+                self.manoeuvre = Circle.around_point_ahead(flight, self.limits)
+            case _:
+                self.manoeuvre = self.manoeuvres.hold(flight)
+
+    def target(self, flight: Flight) -> Target:
+        """Where to go, and where to look meanwhile."""
+        target = self.manoeuvre.target(flight, self.limits)
+        target = self.manoeuvres.shaped(self.manoeuvre, target, flight, self.limits)
+        if self.heading and target.attitude is None:
+            yaw = self.heading.yaw_rad(flight)
+            return replace(target, yaw_rad=yaw, yawrate_radps=0.0, turn_max_radps=self.heading.turn_max_radps)
+        if target.faces_motion:
+            speed = math.hypot(flight.vn_mps, flight.ve_mps)
+            if speed > _FACES_FROM_MPS:
+                return replace(target, yaw_rad=math.atan2(flight.ve_mps, flight.vn_mps))
+        return target
+
+    @property
+    def landing(self) -> bool:
+        """Whether the present manoeuvre is on its way to the ground."""
+        manoeuvre = self.manoeuvre
+        return isinstance(manoeuvre, Land) or (isinstance(manoeuvre, Return) and manoeuvre.landing)

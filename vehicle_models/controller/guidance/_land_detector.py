@@ -1,0 +1,39 @@
+"""Whether the vehicle stands on the ground or has left it."""
+
+from __future__ import annotations
+
+import math
+
+from .._flight import Flight, Target
+
+
+class LandDetector:
+    """On the ground: the feet touch, nothing moves, and the target is not above. Off it: the feet are clear of it."""
+
+    SETTLE_S = 0.6
+
+    def __init__(self) -> None:
+        self._still_s = 0.0
+
+    def landed(self, flight: Flight, target: Target) -> bool:
+        """Whether the vehicle has come to rest on the ground; to be asked once a step while it flies."""
+        attitude = target.attitude
+        if attitude and attitude.thrust is not None:
+            low = attitude.thrust < 0.75 * flight.hover_thrust and flight.on_ground and abs(flight.vd_mps) < 0.15
+            self._still_s = self._still_s + flight.step_s if low else 0.0
+            return self._still_s >= self.SETTLE_S
+        wants_down = target.velocity_ned_mps[2] > 0.05 if target.down_m is None else target.down_m > flight.down_m - 0.05
+        still = flight.on_ground and abs(flight.vd_mps) < 0.15 and math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
+        self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
+        return self._still_s >= self.SETTLE_S
+
+    def wants_off(self, flight: Flight, target: Target) -> bool:
+        """Whether a target, given on the ground, leads off it."""
+        if target.attitude and target.attitude.thrust is not None:
+            return target.attitude.thrust > flight.hover_thrust
+        if target.down_m is None:
+            return target.velocity_ned_mps[2] < -0.1
+        return target.down_m < flight.down_m - 0.3
+
+    def off(self, flight: Flight) -> bool:
+        return not flight.on_ground and flight.vd_mps < 0.0

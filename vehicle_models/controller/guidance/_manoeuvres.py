@@ -1,0 +1,444 @@
+"""Manoeuvres: what can be flown, each making one target for the airframe of the present state; and which of them an aircraft has."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Literal, Protocol
+
+from .._flight import Attitude, Flight, Home, Stick, Sticks, Target
+from .._personality import Limits
+
+_STOPPING_MPS2 = 2.0  # braking that the airframe manages with ease
+
+
+class Manoeuvre(Protocol):
+    """One thing being flown."""
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        """Where to go during the next step."""
+
+    def done(self, flight: Flight) -> bool:
+        """Whether it has reached its end; what follows is the modes' business."""
+
+
+class Hold:
+    """Stay at a place; by default where the vehicle comes to rest when it brakes now. Also the way to a position."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        north_east_m: tuple[float, float] | None = None,
+        down_m: float | None = None,
+        yaw_rad: float | None = None,
+        speed_mps: float | None = None,
+    ) -> None:
+        self._place = north_east_m or _stopping_place(flight)
+        self._down_m = down_m if down_m is not None else flight.down_m + _stopping_m(flight.vd_mps)
+        self._yaw_rad = yaw_rad if yaw_rad is not None else flight.yaw_rad
+        self._speed_mps = speed_mps
+        self._faces = False
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._faces and limits.faces_beyond_m is not None:
+            north, east = self._place[0] - flight.north_m, self._place[1] - flight.east_m
+            if math.hypot(north, east) > limits.faces_beyond_m:
+                self._yaw_rad = math.atan2(east, north)
+        along = self._faces and limits.faces_beyond_m is None
+        return Target(
+            north_east_m=self._place,
+            down_m=self._down_m,
+            yaw_rad=None if along else self._yaw_rad,
+            faces_motion=along,
+            speed_max_mps=self._speed_mps or limits.cruise_mps,
+            climb_max_mps=limits.climb_mps,
+            descent_max_mps=limits.descent_mps,
+        )
+
+    def face_ahead(self) -> None:
+        """Turn the nose to where it goes, as long as that is far enough away."""
+        self._faces = True
+
+    def change_down(self, down_m: float) -> None:
+        """Go on to another height."""
+        self._down_m = down_m
+
+    def change_speed(self, speed_mps: float) -> None:
+        self._speed_mps = speed_mps
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+
+class Takeoff:
+    """Straight up to a height, over the place where it began; on the ground the rotors spool up first."""
+
+    REACHED_M = 0.3
+    SLOWEST_MPS = 0.2
+
+    def __init__(self, flight: Flight, down_m: float) -> None:
+        self._place = (flight.north_m, flight.east_m)
+        self._down_m = min(down_m, flight.down_m)
+        self._yaw_rad = flight.yaw_rad
+        self._begun_ns: int | None = None
+        self._spools = not flight.flying
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._begun_ns is None:
+            self._begun_ns = flight.time_ns
+        climbing_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
+        waits = self._spools and climbing_s < 0.0
+        share = climbing_s / limits.takeoff_ramp_s if self._spools and climbing_s < limits.takeoff_ramp_s else 1.0
+        return Target(
+            north_east_m=self._place,
+            down_m=flight.down_m if waits else self._down_m,
+            yaw_rad=self._yaw_rad,
+            speed_max_mps=limits.cruise_mps,
+            climb_max_mps=max(share * limits.takeoff_mps, self.SLOWEST_MPS),
+            descent_max_mps=limits.descent_mps,
+        )
+
+    def done(self, flight: Flight) -> bool:
+        return abs(flight.down_m - self._down_m) < self.REACHED_M
+
+    def hold(self, flight: Flight) -> Hold:
+        """Staying where it was going to."""
+        return Hold(flight, self._place, self._down_m, self._yaw_rad)
+
+
+class Land:
+    """Straight down, slower near the ground. The ground is where the feet meet it, not where a map says."""
+
+    def __init__(self, flight: Flight, north_east_m: tuple[float, float] | None = None, ground_down_m: float = 0.0) -> None:
+        self._place = north_east_m or _stopping_place(flight)
+        self._ground_down_m = ground_down_m
+        self._yaw_rad = flight.yaw_rad
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        height_m = self._ground_down_m - flight.down_m
+        span_m = limits.land_fast_above_m - limits.land_slow_below_m
+        share = 1.0 if span_m <= 0.0 else min(max((height_m - limits.land_slow_below_m) / span_m, 0.0), 1.0)
+        if span_m <= 0.0 and height_m < limits.land_slow_below_m:
+            share = 0.0
+        speed = limits.land_mps + share * (limits.descent_mps - limits.land_mps)
+        return Target(
+            # With its feet on the ground it holds still: going after a wandering position would only turn it over.
+            north_east_m=None if flight.on_ground else self._place,
+            velocity_ned_mps=(0.0, 0.0, speed),
+            yaw_rad=self._yaw_rad,
+            speed_max_mps=limits.cruise_mps,
+            climb_max_mps=limits.climb_mps,
+            descent_max_mps=max(speed, 0.1),
+        )
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+
+class Return:
+    """Climb, go home, land there."""
+
+    ARRIVED_M = 0.5
+
+    def __init__(self, flight: Flight, home: Home, limits: Limits) -> None:
+        self._home = home
+        away_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
+        height_m = home.down_m - flight.down_m
+        if limits.return_climbs_by_m is not None:
+            cruise_m = max(limits.return_height_m, height_m + limits.return_climbs_by_m)
+        else:
+            cruise_m = height_m if away_m < limits.return_near_m else max(limits.return_height_m, height_m)
+        self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
+        self._cruise_down_m = home.down_m - max(cruise_m, height_m)
+        self._faces = limits.return_faces_home
+        self._arrived_ns: int | None = None
+        self._climbing = self._cruise_down_m < flight.down_m - 0.5
+        self._land: Land | None = None
+
+    @property
+    def landing(self) -> bool:
+        return self._land is not None
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._land:
+            return self._land.target(flight, limits)
+        if self._climbing:
+            self._climbing = flight.down_m > self._cruise_down_m + 0.5
+            return self._climb.target(flight, limits)
+        home = (self._home.north_m, self._home.east_m)
+        if self._waited(flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M):
+            self._land = Land(flight, home, self._home.down_m)
+        return Target(
+            north_east_m=home,
+            down_m=self._cruise_down_m,
+            yaw_rad=self._yaw_home(flight),
+            speed_max_mps=limits.cruise_mps,
+            climb_max_mps=limits.climb_mps,
+            descent_max_mps=limits.descent_mps,
+        )
+
+    def _waited(self, flight: Flight, limits: Limits, arrived: bool) -> bool:
+        """Whether it has been above home for long enough."""
+        if arrived and self._arrived_ns is None:
+            self._arrived_ns = flight.time_ns
+        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(limits.return_waits_s * 1e9)
+
+    def _yaw_home(self, flight: Flight) -> float | None:
+        """Nose towards home on the way; kept when near, where the direction has no meaning."""
+        if not self._faces:
+            return None
+        north, east = self._home.north_m - flight.north_m, self._home.east_m - flight.east_m
+        return math.atan2(east, north) if math.hypot(north, east) > 3.0 else None
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+
+class Follow:
+    """The setpoints of a companion, as last given.
+
+    Where only acceleration is given (`pushes`: horizontally, vertically), its integral is the velocity flown.
+    """
+
+    LEAD_MPS = 2.0  # so far may that integral be ahead of what the vehicle really does
+
+    def __init__(self, flight: Flight) -> None:
+        self._rest = Hold(flight)
+        self._given: Target | None = None
+        self._pushes = (False, False)
+        self._pushed_mps = (0.0, 0.0, 0.0)
+
+    def give(self, target: Target, flight: Flight, pushes: tuple[bool, bool] = (False, False)) -> None:
+        """Fly `target` from now on."""
+        before, self._pushes = self._pushes, pushes
+        north, east, down = self._pushed_mps
+        if not before[0]:
+            north, east = flight.vn_mps, flight.ve_mps
+        if not before[1]:
+            down = flight.vd_mps
+        self._pushed_mps = (north, east, down)
+        self._given = target
+
+    def lapse(self, flight: Flight) -> None:
+        """The companion is silent: stop and stay."""
+        self._given, self._rest, self._pushes = None, Hold(flight), (False, False)
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._given is None:
+            return self._rest.target(flight, limits)
+        return self._pushed(self._given, flight) if any(self._pushes) else self._given
+
+    def _pushed(self, target: Target, flight: Flight) -> Target:
+        moves = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
+        most = (target.speed_max_mps, target.speed_max_mps, target.descent_max_mps)
+        least = (-target.speed_max_mps, -target.speed_max_mps, -target.climb_max_mps)
+        pushed = []
+        for axis, acceleration in enumerate(target.acceleration_ned_mps2):
+            speed = self._pushed_mps[axis] + acceleration * flight.step_s
+            speed = min(max(speed, moves[axis] - self.LEAD_MPS), moves[axis] + self.LEAD_MPS)
+            pushed.append(min(max(speed, least[axis]), most[axis]))
+        self._pushed_mps = (pushed[0], pushed[1], pushed[2])
+        horizontally, vertically = self._pushes
+        given = target.velocity_ned_mps
+        north, east = pushed[:2] if horizontally else given[:2]
+        return replace(target, velocity_ned_mps=(north, east, pushed[2] if vertically else given[2]))
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+
+class Circle:
+    """Around a centre: to the nearest point of the circle first, then along it at constant speed."""
+
+    JOINED_M = 1.0
+
+    def __init__(
+        self,
+        centre: tuple[float, float],
+        down_m: float,
+        radius_m: float,
+        speed_mps: float,  # negative: anticlockwise
+        looks: Literal["in", "ahead", "kept"] = "in",
+    ) -> None:
+        self.centre, self.down_m, self.radius_m, self.speed_mps = centre, down_m, radius_m, speed_mps
+        self._looks = looks
+        self._angle_rad: float | None = None
+        self._flown_mps = 0.0
+        self._height = Throttle()
+
+    @classmethod
+    def around_point_ahead(cls, flight: Flight, limits: Limits) -> Circle:
+        """Around a point one radius ahead of the nose."""
+        radius = limits.circle_radius_m
+        centre = (flight.north_m + radius * math.cos(flight.yaw_rad), flight.east_m + radius * math.sin(flight.yaw_rad))
+        return cls(centre, flight.down_m, radius, radius * limits.circle_radps)
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        north, east = flight.north_m - self.centre[0], flight.east_m - self.centre[1]
+        if self._angle_rad is None and abs(math.hypot(north, east) - self.radius_m) > self.JOINED_M:
+            angle, speed = math.atan2(east, north), 0.0
+        else:
+            self._speed_up(flight)
+            speed = self._flown_mps
+            angle = math.atan2(east, north) if self._angle_rad is None else self._angle_rad
+            angle = self._angle_rad = angle + speed / self.radius_m * flight.step_s
+        cos, sin = math.cos(angle), math.sin(angle)
+        inwards = -speed * speed / self.radius_m
+        down, sinks = self._vertical(flight, limits)
+        return Target(
+            north_east_m=(self.centre[0] + self.radius_m * cos, self.centre[1] + self.radius_m * sin),
+            down_m=down,
+            velocity_ned_mps=(-speed * sin, speed * cos, sinks),
+            acceleration_ned_mps2=(inwards * cos, inwards * sin, 0.0),
+            yaw_rad=self._yaw_rad(angle, flight),
+            speed_max_mps=max(limits.cruise_mps, abs(self.speed_mps) + 2.0),
+            climb_max_mps=limits.climb_mps,
+            descent_max_mps=limits.descent_mps,
+        )
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+    def _speed_up(self, flight: Flight) -> None:
+        most = 1.5 * flight.step_s
+        self._flown_mps += min(max(self.speed_mps - self._flown_mps, -most), most)
+
+    def _vertical(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
+        """The radio's throttle has a say in an autopilot's own circling mode."""
+        if flight.mode.stick is None or flight.sticks is None:
+            return self.down_m, 0.0
+        return self._height.target(flight, limits)
+
+    def _yaw_rad(self, angle: float, flight: Flight) -> float | None:
+        if self._looks == "in":
+            return angle + math.pi
+        if self._looks == "ahead":
+            return angle + math.copysign(math.pi / 2, self.speed_mps)
+        return None
+
+
+class Throttle:
+    """Height by a throttle stick: its middle holds, above it climbs, below it sinks."""
+
+    def __init__(self) -> None:
+        self._held_m: float | None = None
+
+    def target(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
+        """Height to hold and velocity downwards."""
+        sticks, most = flight.sticks or Sticks(), limits.sticks
+        wish = beyond(sticks.throttle, most.dead)
+        if wish == 0.0:
+            if self._held_m is None:
+                self._held_m = flight.down_m + _stopping_m(flight.vd_mps)
+            return self._held_m, 0.0
+        self._held_m = None
+        return None, -wish * (most.climb_mps if wish > 0.0 else most.descent_mps)
+
+
+class Piloted:
+    """Somebody's sticks."""
+
+    def __init__(self, flight: Flight, stick: Stick) -> None:
+        self._stick = stick
+        self._height = Throttle()
+        self._place: tuple[float, float] | None = None
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        sticks, most = flight.sticks or Sticks(), limits.sticks
+        down, sinks = (None, 0.0) if self._stick in (Stick.RATES, Stick.ATTITUDE) else self._height.target(flight, limits)
+        moves = self._moves(sticks, flight, limits)
+        return Target(
+            north_east_m=self._place,
+            down_m=down,
+            velocity_ned_mps=(*moves, sinks),
+            yawrate_radps=beyond(sticks.yaw, most.dead) * most.yaw_radps,
+            speed_max_mps=most.speed_mps,
+            climb_max_mps=most.climb_mps,
+            descent_max_mps=most.descent_mps,
+            attitude=self._attitude(sticks, flight, limits),
+        )
+
+    def done(self, flight: Flight) -> bool:
+        return False
+
+    def _moves(self, sticks: Sticks, flight: Flight, limits: Limits) -> tuple[float, float]:
+        if self._stick is not Stick.POSITION:
+            return 0.0, 0.0
+        ahead, right = (beyond(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll))
+        if ahead == right == 0.0:
+            # On its feet it stays where it stands: going after a wandering position would turn it over.
+            self._place = None if flight.on_ground else self._place or _stopping_place(flight)
+            return 0.0, 0.0
+        self._place = None
+        cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
+        return cos * ahead - sin * right, sin * ahead + cos * right
+
+    def _attitude(self, sticks: Sticks, flight: Flight, limits: Limits) -> Attitude | None:
+        if self._stick is Stick.POSITION:
+            return None
+        most = limits.sticks
+        thrust = None if self._stick is Stick.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
+        if self._stick is Stick.RATES:
+            rates = (sticks.roll * most.rates_radps, -sticks.pitch * most.rates_radps, sticks.yaw * most.yaw_radps)
+            return Attitude(thrust=thrust, rates_radps=rates)
+        share = 0.0 if flight.on_ground else 1.0  # no tilting on the feet
+        return Attitude(sticks.roll * most.tilt_rad * share, -sticks.pitch * most.tilt_rad * share, thrust)
+
+
+class Manoeuvres:
+    """How this kind of aircraft does what every kind can: the multicopter's way. Another kind overrides what it does otherwise."""
+
+    lands_from_afar = False  # a landing begins elsewhere than over its place
+    passes_m, passes_height_m = 0.0, 0.0  # a waypoint counts as reached this near, if not before
+
+    def turning_radius_m(self, wanted_m: float, limits: Limits) -> float:
+        """Radius of the turns that a mission wants; 0 leaves it to the vehicle."""
+        return wanted_m or 10.0
+
+    def hold(
+        self,
+        flight: Flight,
+        north_east_m: tuple[float, float] | None = None,
+        down_m: float | None = None,
+        yaw_rad: float | None = None,
+        speed_mps: float | None = None,
+        radius_m: float | None = None,
+    ) -> Hold:
+        """Stay at a place. `radius_m` is for what cannot stand still: positive clockwise, None as the parameters say."""
+        return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
+
+    def takeoff(self, flight: Flight, down_m: float) -> Takeoff:
+        return Takeoff(flight, down_m)
+
+    def land(self, flight: Flight, north_east_m: tuple[float, float] | None = None, ground_down_m: float = 0.0) -> Land:
+        return Land(flight, north_east_m, ground_down_m)
+
+    def go_home(self, flight: Flight, home: Home, limits: Limits) -> Return:
+        return Return(flight, home, limits)
+
+    def follow(self, flight: Flight) -> Follow:
+        return Follow(flight)
+
+    def shaped(self, manoeuvre: Manoeuvre, target: Target, flight: Flight, limits: Limits) -> Target:
+        """The target of any manoeuvre in the form that this kind of aircraft can fly."""
+        return target
+
+
+def beyond(stick: float, dead: float) -> float:
+    """A stick's share beyond its dead zone, -1 to 1."""
+    return math.copysign(max(abs(stick) - dead, 0.0) / (1.0 - dead), stick)
+
+
+def _thrust(throttle: float, hover: float) -> float:
+    """Thrust of a throttle stick, -1 to 1, whose middle carries the vehicle."""
+    return hover * (1.0 + throttle) if throttle < 0.0 else hover + throttle * (1.0 - hover)
+
+
+def _stopping_m(speed_mps: float) -> float:
+    return math.copysign(speed_mps * speed_mps / (2.0 * _STOPPING_MPS2), speed_mps)
+
+
+def _stopping_place(flight: Flight) -> tuple[float, float]:
+    speed = math.hypot(flight.vn_mps, flight.ve_mps)
+    ahead_s = speed / (2.0 * _STOPPING_MPS2) + 0.2 * min(speed, 1.0)
+    return flight.north_m + flight.vn_mps * ahead_s, flight.east_m + flight.ve_mps * ahead_s

@@ -1,0 +1,318 @@
+"""Guidance of a fixed wing: what it does where a multicopter would stand still or go straight up and down."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from .._flight import Flight, Home, Target
+from .._personality import Limits, Seconds
+from ._legs import Goto, Turns
+from ._manoeuvres import Circle, Follow, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
+
+_LEAD_S = 2.2  # of flight, how far ahead on a line it aims: what the airframe's lateral law is made for
+_BANK_MAX_RAD = math.radians(45.0)
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class WingTarget(Target):
+    """A target for what has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is met by climbing on the way.
+
+    With a place, `radius_m` circles around it, clockwise when positive; None flies over it. Without one the direction of
+    `velocity_ned_mps` is the course; its third component is the sink rate without `down_m`, and added to it beside one.
+    """
+
+    radius_m: float | None = None
+    motor: bool = True
+    bank_max_rad: float = _BANK_MAX_RAD
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WingLimits(Limits):
+    """Limits with what only a fixed wing has. `cruise_mps`, `speed_max_mps` are airspeeds."""
+
+    slowest_mps: float
+    landing_mps: float
+    loiter_radius_m: float  # negative: against the clock
+    return_radius_m: float
+    descend_height_m: float  # above home, circled at before landing
+    land_delay_s: Seconds | None  # of that circling; None: until told otherwise
+    glide_rad: float
+    flare_height_m: float
+    flare_sink_mps: float
+
+
+def wing_limits(limits: Limits) -> WingLimits:
+    """The limits of a fixed wing's personality; TypeError for those of any other."""
+    if not isinstance(limits, WingLimits):
+        raise TypeError("a fixed wing needs the limits of a fixed wing")
+    return limits
+
+
+class WingHold(Hold):
+    """Circle around a place; by default around where the vehicle is now."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        north_east_m: Place | None = None,
+        down_m: float | None = None,
+        speed_mps: float | None = None,
+        radius_m: float | None = None,
+    ) -> None:
+        self._place = north_east_m or (flight.north_m, flight.east_m)
+        self._down_m = flight.down_m if down_m is None else down_m
+        self._speed_mps = speed_mps
+        self._radius_m = radius_m
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        return _circle(wing_limits(limits), self._place, self._down_m, self._radius_m, self._speed_mps)
+
+
+class WingTakeoff(Takeoff):
+    """Off the catapult, straight ahead and up to a height."""
+
+    REACHED_M = 1.5
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        return _climb_ahead(wing_limits(limits), self._down_m, self._yaw_rad)
+
+    def done(self, flight: Flight) -> bool:
+        return flight.down_m - self._down_m < self.REACHED_M
+
+    def hold(self, flight: Flight) -> Hold:
+        """Circling at the height, here."""
+        return WingHold(flight, down_m=self._down_m)
+
+
+class WingLand(Land):
+    """Down in a circle to the beginning of the glide path, along it against the wind, and a flare over the place."""
+
+    APPROACH_HEIGHT_M = 25.0
+    LEAD_M = 40.0  # how far ahead on the path it aims
+    AIM_SHORT_S = 2.1  # of flight at landing speed: the flare floats so far
+
+    def __init__(self, flight: Flight, north_east_m: Place | None = None, ground_down_m: float = 0.0) -> None:
+        self._spot = north_east_m or (flight.north_m, flight.east_m)
+        self._ground_down_m = ground_down_m
+        self._course_rad, self._headwind_mps = _into_wind(flight)
+        self._phase = "circle"
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        wing = wing_limits(limits)
+        height_m = self._ground_down_m - flight.down_m
+        along_m, _ = self._along(flight)
+        if self._phase == "circle" and self._at_entry(flight, wing, height_m):
+            self._phase = "glide"
+        if self._phase == "glide" and height_m < wing.flare_height_m:
+            self._phase = "flare"
+        if self._phase == "circle":
+            down = self._ground_down_m - self.APPROACH_HEIGHT_M
+            return _circle(wing, self._turn_centre(wing), down, abs(wing.loiter_radius_m))
+        cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
+        ahead_m = along_m + self.LEAD_M
+        place = (self._spot[0] + ahead_m * cos, self._spot[1] + ahead_m * sin)
+        slope = math.tan(wing.glide_rad)
+        if self._phase == "glide":
+            path_m = max(-along_m - self._short_m(wing), 0.0) * slope
+            return WingTarget(
+                north_east_m=place,
+                down_m=self._ground_down_m - path_m,
+                velocity_ned_mps=(0.0, 0.0, slope * math.hypot(flight.vn_mps, flight.ve_mps)),
+                speed_max_mps=wing.landing_mps,
+                climb_max_mps=wing.climb_mps,
+                descent_max_mps=wing.descent_mps,
+            )
+        return WingTarget(
+            north_east_m=place,
+            velocity_ned_mps=(0.0, 0.0, wing.flare_sink_mps),
+            speed_max_mps=wing.landing_mps,
+            descent_max_mps=wing.descent_mps,
+            motor=False,
+            bank_max_rad=math.radians(5.0),
+        )
+
+    def _along(self, flight: Flight) -> tuple[float, float]:
+        """Where the vehicle is against the landing spot: metres along the landing course, and right of it."""
+        north, east = flight.north_m - self._spot[0], flight.east_m - self._spot[1]
+        cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
+        return north * cos + east * sin, east * cos - north * sin
+
+    def _entry_m(self, wing: WingLimits) -> float:
+        return self.APPROACH_HEIGHT_M / math.tan(wing.glide_rad) + self._short_m(wing)
+
+    def _short_m(self, wing: WingLimits) -> float:
+        return self.AIM_SHORT_S * max(wing.landing_mps - self._headwind_mps, 0.0)
+
+    def _turn_centre(self, wing: WingLimits) -> Place:
+        """Of the clockwise circle that runs into the glide path."""
+        back, aside = self._entry_m(wing), abs(wing.loiter_radius_m)
+        cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
+        return self._spot[0] - back * cos - aside * sin, self._spot[1] - back * sin + aside * cos
+
+    def _at_entry(self, flight: Flight, wing: WingLimits, height_m: float) -> bool:
+        along_m, right_m = self._along(flight)
+        course = math.atan2(flight.ve_mps, flight.vn_mps)
+        aligned = abs(math.remainder(course - self._course_rad, 2.0 * math.pi)) < math.radians(25.0)
+        near = math.hypot(along_m + self._entry_m(wing), right_m) < 40.0
+        return aligned and near and height_m < self.APPROACH_HEIGHT_M + 3.0
+
+
+class WingReturn(Return):
+    """Home at the return height, down in circles over it, and (where the parameters say so) land."""
+
+    def __init__(self, flight: Flight, home: Home, limits: Limits) -> None:
+        wing = wing_limits(limits)
+        self._home = home
+        height_m = home.down_m - flight.down_m
+        self._cruise_down_m = home.down_m - max(wing.return_height_m, height_m)
+        self._there = False
+        self._low_ns: int | None = None
+        self._land = None
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        if self._land:
+            return self._land.target(flight, limits)
+        wing = wing_limits(limits)
+        home = (self._home.north_m, self._home.east_m)
+        away_m = math.hypot(flight.north_m - home[0], flight.east_m - home[1])
+        self._there = self._there or away_m < 1.25 * abs(wing.return_radius_m)
+        low = self._home.down_m - wing.descend_height_m
+        if self._there and flight.down_m > low - 2.0 and self._low_ns is None:
+            self._low_ns = flight.time_ns
+        circled_ns = None if self._low_ns is None else flight.time_ns - self._low_ns
+        if circled_ns is not None and wing.land_delay_s is not None and circled_ns >= round(wing.land_delay_s * 1e9):
+            self._land = WingLand(flight, home, self._home.down_m)
+        down = low if self._there else self._cruise_down_m
+        return _circle(wing, home, down, wing.return_radius_m)
+
+
+class WingFollow(Follow):
+    """The setpoints of a companion: a position is circled, a velocity is a course with a climb."""
+
+    def __init__(self, flight: Flight) -> None:
+        super().__init__(flight)
+        self._rest = WingHold(flight)
+
+    def lapse(self, flight: Flight) -> None:
+        super().lapse(flight)
+        self._rest = WingHold(flight)
+
+    def target(self, flight: Flight, limits: Limits) -> Target:
+        wing = wing_limits(limits)
+        if self._given is None:
+            return self._rest.target(flight, limits)
+        given = super().target(flight, limits)
+        if given.attitude:
+            return given
+        speed = math.hypot(*given.velocity_ned_mps[:2])
+        return WingTarget(
+            north_east_m=given.north_east_m,
+            down_m=given.down_m,
+            velocity_ned_mps=given.velocity_ned_mps,
+            speed_max_mps=speed if speed > 1.0 else wing.cruise_mps,
+            climb_max_mps=wing.climb_mps,
+            descent_max_mps=wing.descent_mps,
+            radius_m=wing.loiter_radius_m,
+        )
+
+
+class WingManoeuvres(Manoeuvres):
+    """A fixed wing's way."""
+
+    lands_from_afar = True
+    passes_m, passes_height_m = 25.0, 10.0
+
+    def turning_radius_m(self, wanted_m: float, limits: Limits) -> float:
+        return math.copysign(max(abs(wanted_m), 30.0), wanted_m) if wanted_m else wing_limits(limits).loiter_radius_m
+
+    def hold(
+        self,
+        flight: Flight,
+        north_east_m: Place | None = None,
+        down_m: float | None = None,
+        yaw_rad: float | None = None,
+        speed_mps: float | None = None,
+        radius_m: float | None = None,
+    ) -> Hold:
+        return WingHold(flight, north_east_m, down_m, speed_mps, radius_m)
+
+    def takeoff(self, flight: Flight, down_m: float) -> Takeoff:
+        return WingTakeoff(flight, down_m)
+
+    def land(self, flight: Flight, north_east_m: Place | None = None, ground_down_m: float = 0.0) -> Land:
+        return WingLand(flight, north_east_m, ground_down_m)
+
+    def go_home(self, flight: Flight, home: Home, limits: Limits) -> Return:
+        return WingReturn(flight, home, limits)
+
+    def follow(self, flight: Flight) -> Follow:
+        return WingFollow(flight)
+
+    def shaped(self, manoeuvre: Manoeuvre, target: Target, flight: Flight, limits: Limits) -> Target:
+        """Circles by their centre, climbs straight ahead; the rest is flown as it is."""
+        wing = wing_limits(limits)
+        if isinstance(target, WingTarget) or target.attitude:
+            return target
+        if isinstance(manoeuvre, Circle):
+            return _circle(wing, manoeuvre.centre, manoeuvre.down_m, math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps))
+        if isinstance(manoeuvre, Turns):
+            return _circle(wing, *manoeuvre.circle, manoeuvre.speed_mps)
+        down = flight.down_m if target.down_m is None else target.down_m
+        if isinstance(manoeuvre, Goto):
+            if manoeuvre.stays_at:
+                return _circle(wing, manoeuvre.stays_at, down, None, target.speed_max_mps)
+            return replace(target, north_east_m=_along(flight, *manoeuvre.line))
+        if isinstance(manoeuvre, Takeoff):
+            return _climb_ahead(wing, down, flight.yaw_rad if target.yaw_rad is None else target.yaw_rad)
+        return target
+
+
+def _circle(
+    wing: WingLimits, place: Place, down_m: float, radius_m: float | None = None, speed_mps: float | None = None
+) -> WingTarget:
+    return WingTarget(
+        north_east_m=place,
+        down_m=down_m,
+        speed_max_mps=max(speed_mps or wing.cruise_mps, wing.slowest_mps),
+        climb_max_mps=wing.climb_mps,
+        descent_max_mps=wing.descent_mps,
+        radius_m=radius_m or wing.loiter_radius_m,
+    )
+
+
+def _along(flight: Flight, begin: Place, end: Place) -> Place:
+    """The point of a line to aim at: ahead of the nearest, as far as it is away where that is more, and not beyond the end."""
+    north, east = end[0] - begin[0], end[1] - begin[1]
+    length = math.hypot(north, east)
+    if length < 1.0:
+        return end
+    north, east = north / length, east / length
+    here = (flight.north_m - begin[0], flight.east_m - begin[1])
+    passed, aside = here[0] * north + here[1] * east, abs(here[1] * north - here[0] * east)
+    lead = max(_LEAD_S * math.hypot(flight.vn_mps, flight.ve_mps), aside)
+    ahead = min(max(passed + lead, 0.0), length)
+    return begin[0] + ahead * north, begin[1] + ahead * east
+
+
+def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarget:
+    return WingTarget(
+        down_m=down_m,
+        velocity_ned_mps=(math.cos(course_rad), math.sin(course_rad), 0.0),
+        speed_max_mps=wing.cruise_mps,
+        climb_max_mps=wing.climb_mps,
+        descent_max_mps=wing.descent_mps,
+        bank_max_rad=math.radians(15.0),  # the tips are near the ground
+    )
+
+
+def _into_wind(flight: Flight) -> tuple[float, float]:
+    """The course against the wind, and the wind, as airspeed and ground speed show them; in a calm the present course."""
+    level = flight.airspeed_mps * math.cos(flight.pitch_rad)
+    north = flight.vn_mps - level * math.cos(flight.yaw_rad)
+    east = flight.ve_mps - level * math.sin(flight.yaw_rad)
+    wind = math.hypot(north, east)
+    if wind < 1.5:
+        return math.atan2(flight.ve_mps, flight.vn_mps), 0.0
+    return math.atan2(-east, -north), wind

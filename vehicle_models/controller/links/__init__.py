@@ -1,0 +1,1 @@
+"""Links to clients: sockets, MAVLink frames, signing and the queue of messages to send."""

@@ -1,0 +1,1 @@
+"""Missions: transfer, storage and flight of plans."""

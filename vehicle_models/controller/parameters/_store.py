@@ -1,0 +1,146 @@
+"""Parameters of an autopilot: their definitions, and the store of their values."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from bench.errors import Fault, SetupError
+
+INT8, INT16, UINT32, INT32, REAL32 = 2, 4, 5, 6, 9
+
+
+_RANGE = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1)}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter with its default; `kind` is a MAV_PARAM_TYPE. The rest tells people what it means: a value outside
+    `low` and `high` is taken all the same, as both autopilots do. A volatile one changes by itself."""
+
+    name: str
+    default: float
+    kind: int = REAL32
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    group: str = ""
+    description: str = ""
+    volatile: bool = False
+    needs_reboot: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A parameter that is sent unasked at `first_s`, and every `every_s` after that. `clock` counts running seconds."""
+
+    name: str
+    first_s: float
+    every_s: float | None = None
+    clock: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterStyle:
+    """How an autopilot speaks of its parameters.
+
+    `bytewise` puts an integer's bits into the float field; `hash_first` begins a list with _HASH_CHECK; `unknown`
+    says whether an unknown name is answered by PARAM_ERROR or by silence; `index_in_replies` False gives 65535 instead
+    of the index when asked by name; `any_case` finds names in any case and repeats the spelling asked for;
+    `changes_twice` reports a changed value once more to everybody.
+    """
+
+    bytewise: bool
+    hash_first: bool
+    unknown: Literal["error", "silence"]
+    index_in_replies: bool
+    any_case: bool
+    changes_twice: bool
+    checks_type: bool
+    pushes: tuple[Push, ...] = ()
+
+
+class ParameterStore:
+    """Values by name. Integers are kept whole. Raises SetupError for names in `given` that do not exist."""
+
+    def __init__(self, parameters: Iterable[Parameter], given: Mapping[str, float]) -> None:
+        ordered = tuple(parameters)
+        self.definitions = {one.name: one for one in ordered}
+        self.kinds = {one.name: one.kind for one in ordered}
+        self.names = list(self.kinds)
+        self.index = {name: number for number, name in enumerate(self.names)}
+        self._values = {one.name: float(one.default) for one in ordered}
+        self._saved: dict[str, float] = {}  # where that is not the present value
+        self._listeners: list[Callable[[], None]] = []
+        faults = [
+            Fault(f"vehicle.parameters.{name}", "this autopilot has no such parameter here", self._near(name))
+            for name in given
+            if name not in self.kinds
+        ]
+        if faults:
+            raise SetupError(faults)
+        for name, value in given.items():
+            self.put(name, value)
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def put(self, name: str, value: float, *, saves: bool = True) -> bool:
+        """Store a value; True when that changed it. Raises KeyError for an unknown name; what is not finite is refused.
+
+        What is not saved holds until the next start, which has the value from before again."""
+        old = self._values[name]
+        if not math.isfinite(value):
+            return False
+        if saves:
+            self._saved.pop(name, None)
+        else:
+            self._saved.setdefault(name, old)
+        if self.kinds[name] != REAL32:
+            low, high = _RANGE[self.kinds[name]]
+            value = float(min(max(int(value), low), high))
+        else:
+            value = float(struct.unpack("<f", struct.pack("<f", value))[0]) if abs(value) < 3.4e38 else old
+        self._values[name] = value
+        if value == old:
+            return False
+        for listener in self._listeners:
+            listener()
+        return True
+
+    def on_change(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after every change."""
+        self._listeners.append(listener)
+
+    def digest(self) -> int:
+        """The CRC-32 over names and values that PX4 and ground stations compute: no inversion, nothing volatile."""
+        crc = 0
+        for name, definition in self.definitions.items():
+            if not definition.volatile:
+                crc = crc32_plain(name.encode() + self.packed(name), crc)
+        return crc
+
+    def changed(self) -> dict[str, float]:
+        """What is saved and differs from the defaults, without what changes by itself."""
+        saved = {**self._values, **self._saved}
+        return {
+            name: saved[name] for name, one in self.definitions.items() if not one.volatile and saved[name] != float(one.default)
+        }
+
+    def packed(self, name: str) -> bytes:
+        """Four bytes: a float, or an integer for integer kinds."""
+        value = self._values[name]
+        return struct.pack("<f", value) if self.kinds[name] == REAL32 else struct.pack("<i", int(value))
+
+    def _near(self, name: str) -> str:
+        close = [known for known in self.names if known.startswith(name[:3])]
+        return f"there are, for example, {', '.join(close[:5] or self.names[:5])}"
+
+
+def crc32_plain(data: bytes, crc: int = 0) -> int:
+    """CRC-32 as embedded code has it (begun at 0, not inverted): MAVLink's file transfer, PX4's parameter hash."""
+    return zlib.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF

@@ -1,0 +1,1 @@
+"""Payload: the camera and the gimbal, each with its MAVLink protocol."""

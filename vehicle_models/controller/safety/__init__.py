@@ -1,0 +1,1 @@
+"""Safety: failsafes, fence, checks before arming, and injected failures."""

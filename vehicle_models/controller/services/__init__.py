@@ -1,0 +1,1 @@
+"""MAVLink services that arm, move and identify the vehicle."""

@@ -1,0 +1,1 @@
+"""Telemetry: what the vehicle sends unasked, as streams, texts and events."""
