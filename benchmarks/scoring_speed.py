@@ -21,7 +21,8 @@ import numpy as np
 import polars as pl
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, Trials, competence, difficulty, score_table, summary_frame, tally
+from bench.scoring import ScoredRun, difficulty, score_table, summary_frame
+from bench.statistics import Trials, competence, tally
 from decompositions import Decomposition, DecompositionDocument, decomposition_of
 
 COUNTS = (5, 43, 121, 135)

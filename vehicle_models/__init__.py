@@ -13,9 +13,5 @@ with open_x500(plan) as vehicle:
 from __future__ import annotations
 
 from ._geodesy import TangentPlane as TangentPlane
-from ._standalone import DEFAULT_LINKS as DEFAULT_LINKS
-from ._standalone import fly as fly
-from ._standalone import run_standalone as run_standalone
-from ._standalone import standalone_simspec as standalone_simspec
 from ._vehicle import open_x500 as open_x500
 from ._wing import open_wing as open_wing

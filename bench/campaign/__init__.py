@@ -56,8 +56,6 @@ from ._task import WorkersUnusable as WorkersUnusable
 from ._versions import versions as versions
 
 if TYPE_CHECKING:
-    from ._asked import load_asked as load_asked
-    from ._asked import measures_of as measures_of
     from ._estimate import CampaignEstimate as CampaignEstimate
     from ._estimate import estimate_campaign as estimate_campaign
     from ._finish import CampaignRuns as CampaignRuns
@@ -67,6 +65,10 @@ if TYPE_CHECKING:
     from ._finish import read_runs as read_runs
     from ._finish import rescore_campaign as rescore_campaign
     from ._fly import fly_realization as fly_realization
+    from ._measuring import check_options as check_options
+    from ._measuring import load_asked as load_asked
+    from ._measuring import measure_all as measure_all
+    from ._measuring import measures_of as measures_of
     from ._next import Proposal as Proposal
     from ._next import propose_next as propose_next
     from ._rescore import rescore as rescore
@@ -80,8 +82,10 @@ _HEAVY = {
     "finish_campaign": "_finish",
     "fly_realization": "_fly",
     "is_campaign": "_finish",
-    "load_asked": "_asked",
-    "measures_of": "_asked",
+    "check_options": "_measuring",
+    "load_asked": "_measuring",
+    "measure_all": "_measuring",
+    "measures_of": "_measuring",
     "propose_next": "_next",
     "read_runs": "_finish",
     "rescore": "_rescore",

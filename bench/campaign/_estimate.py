@@ -12,20 +12,13 @@ from pydantic import Field
 
 from bench.documents import Document
 from bench.realization import PlacementInfeasible, RealizationPlan, place
-from bench.scoring import (
-    ScoredRun,
-    difficulty_of,
-    mcnemar_power,
-    pairs_for_difference,
-    runs_for_half_width,
-    score_table,
-    studied,
-)
+from bench.scoring import ScoredRun, difficulty_of, score_table, studied
 from bench.simspec import SimSpec
+from bench.statistics import mcnemar_power, pairs_for_difference, runs_for_half_width
 
-from ._asked import load_asked
 from ._design import realizations
 from ._document import Campaign
+from ._measuring import load_asked
 from ._overhead import check_surrogates, fly_overhead
 
 MOST_SCENES = 200

@@ -19,7 +19,6 @@ from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, stu
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
-from ._asked import load_asked
 from ._document import Campaign
 from ._folder import (
     RECORDING,
@@ -33,6 +32,7 @@ from ._folder import (
     write_whole,
 )
 from ._journal import Entry, open_journal
+from ._measuring import load_asked
 from ._rescore import changed_since, rescore
 from ._settled import Key, is_past, outcome_name
 from ._versions import versions

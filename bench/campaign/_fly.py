@@ -9,18 +9,18 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from agent_adapters import load_manifest, open_agent
+from bench.agents import load_manifest, open_agent
 from bench.contracts import Observation, Outcome, Record, SessionResult
 from bench.documents import dump_json
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
+from bench.recording import TapeBuilder, open_recording
 from bench.simspec import SimSpec
 from bench.simulation import SessionEnd, SessionPlan, run_session
 from decompositions import Decomposition
-from test_ports import TapeBuilder, measure_all, open_recording
 
-from ._asked import measures_of
 from ._folder import RECORDING
+from ._measuring import measure_all, measures_of
 from ._versions import versions
 
 SIMSPEC = "simspec.json"

@@ -25,7 +25,7 @@ from bench.documents import read_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import INACTIVE, Design, Factor, FullFactorial, Level, Method, Sobol
 from bench.reporting import ReportData, factors_that_matter, load_report_data, points_of, quality_of
-from bench.scoring import difficulty_response, factor_columns, hidden_differences
+from bench.statistics import difficulty_response, factor_columns, hidden_differences
 
 from ._document import Campaign
 from ._finish import read_campaign_folder

@@ -53,7 +53,7 @@ def fly_overhead(simspecs: Sequence[SimSpec], names: Sequence[str], decompositio
     """The results of realized SimSpecs by surrogate. Raises SetupError for what no surrogate can fly."""
     from bench.simulation.overhead import observe, pack
 
-    from ._asked import measures_of
+    from ._measuring import measures_of
 
     if not simspecs:
         return []

@@ -7,11 +7,11 @@ from pathlib import Path
 from bench.contracts import Outcome, SessionResult, Tape
 from bench.documents import load_document
 from bench.errors import Fault, SetupError
+from bench.recording import read_simspec, read_tape
 from decompositions import Decomposition
-from test_ports import measure_all, read_simspec, read_tape
 
-from ._asked import measures_of
 from ._folder import RECORDING, RESULT, digest_of
+from ._measuring import measure_all, measures_of
 
 CUT_OFF = "the recording ends without an end: its session was cut off"
 

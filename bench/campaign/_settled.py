@@ -18,7 +18,7 @@ from ._document import Stopping
 from ._journal import Entry
 
 if TYPE_CHECKING:
-    from bench.scoring import StoppingRule
+    from bench.statistics import StoppingRule
     from decompositions import Decomposition
 
 FLOWN_PAST = "flown past the stop"
@@ -149,7 +149,8 @@ class Question:
 
 
 def _rule(stopping: Stopping) -> StoppingRule:
-    from bench.scoring import StoppingRule  # half a second to import, so only who stops pays for it
+    # Half a second to import: only a campaign with a stopping rule pays for it.
+    from bench.statistics import StoppingRule
 
     return StoppingRule(stopping.threshold, stopping.level)
 

@@ -41,7 +41,7 @@ def fly(
     duration: Annotated[float | None, typer.Option(help="Stop after so many simulated seconds")] = None,
 ) -> None:
     """A simulated flight controller by itself, a drop-in for a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
-    from vehicle_models import DEFAULT_LINKS, run_standalone
+    from bench.simulation import DEFAULT_LINKS, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
         raise SetupError(Fault("--autopilot", f"{autopilot!r} is not known", "px4 or ardupilot"))

@@ -182,8 +182,8 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> T
 
 def _of_run(folder: Path, decomposition: str | None) -> Target:
     from bench.campaign import load_asked, rescore
+    from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
-    from test_ports import read_simspec
 
     asked = load_asked(decomposition or _decomposition_beside(folder))
     result = rescore(folder, asked)

@@ -30,6 +30,7 @@ from ._documents import VehicleDocument as VehicleDocument
 from ._documents import ViewDocument as ViewDocument
 from ._documents import parse_document as parse_document
 from ._measure import At as At
+from ._measure import ChecksOptions as ChecksOptions
 from ._measure import Measure as Measure
 from ._measure import Option as Option
 from ._measure import Tape as Tape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,3 +112,11 @@ class Measure(Protocol):
     """
 
     def __call__(self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]) -> Observation: ...
+
+
+@runtime_checkable
+class ChecksOptions(Protocol):
+    """What a measure implements beside `Measure` when its options can be checked before anything flies."""
+
+    def check_options(self, options: Mapping[str, Option]) -> None:
+        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or wrong."""

@@ -16,10 +16,10 @@ from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import AgentSpec, Seeds, SimSpec
 
-from ._design import Design, DesignPoint
-from ._factors import Factor, Level
-from ._paths import UNITS, PathFault, SpecPath, find_path
-from ._stratified import Difficulties
+from .design._design import Design, DesignPoint
+from .design._factors import Factor, Level
+from .design._paths import UNITS, PathFault, SpecPath, find_path
+from .design._stratified import Difficulties
 
 
 @dataclass(frozen=True, slots=True)

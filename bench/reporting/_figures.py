@@ -16,7 +16,7 @@ from statistics import stdev
 import plotly.graph_objects as go
 import polars as pl
 
-from bench.scoring import Curve, CurveState
+from bench.statistics import Curve, CurveState
 
 from ._data import Configuration, ReportData, Tally
 from ._pairs import Pairing

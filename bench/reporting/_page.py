@@ -16,7 +16,7 @@ from plotly.offline import get_plotlyjs
 
 from bench.contracts import Outcome
 from bench.errors import SetupError
-from test_ports import read_simspec, read_tape
+from bench.recording import read_simspec, read_tape
 
 from . import _words as words
 from ._data import ALL, ReportData, Run, Tally, load_report_data

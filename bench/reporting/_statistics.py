@@ -12,17 +12,9 @@ import polars as pl
 
 from bench.errors import Fault, SetupError
 from bench.realization import INACTIVE
-from bench.scoring import (
-    FactorLevel,
-    Independence,
-    NodeComparison,
-    NodeFactors,
-    OddsRatio,
-    compare_nodes,
-    factor_frame,
-    node_factors,
-)
+from bench.scoring import NodeComparison, compare_nodes
 from bench.simspec import SimSpec
+from bench.statistics import FactorLevel, Independence, NodeFactors, OddsRatio, factor_frame, node_factors
 
 from ._data import ReportData, load_report_data
 from ._design import points_of

@@ -9,7 +9,7 @@ from functools import lru_cache
 import polars as pl
 
 from bench.contracts import Outcome
-from bench.scoring import Curve, CurveState, claim, difficulty_response
+from bench.statistics import Curve, CurveState, claim, difficulty_response
 
 from ._data import Tally
 from ._words import number, percent, plural

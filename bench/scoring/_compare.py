@@ -11,11 +11,17 @@ import polars as pl
 from scipy import stats
 
 from bench.contracts import Outcome
-
-from ._divergence import Divergence, Ended, divergence
-from ._effects import Difference, PairedCounts, cliffs_delta
-from ._multiplicity import benjamini_hochberg, holm
-from ._power import pairs_for_difference
+from bench.statistics import (
+    Difference,
+    Divergence,
+    Ended,
+    PairedCounts,
+    benjamini_hochberg,
+    cliffs_delta,
+    divergence,
+    holm,
+    pairs_for_difference,
+)
 
 SETTLED_BELOW = 0.05
 WORTH_FINDING = 0.1

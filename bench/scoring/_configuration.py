@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bench.errors import Fault, SetupError
+from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, Level
 
-from ._difficulty import DECIMALS, Difficulty, tension
+from ._difficulty import Difficulty, tension
 
 
 def studied(decomposition: Decomposition, study: Sequence[str] = ()) -> tuple[str, ...]:
@@ -33,4 +34,4 @@ def configuration_tension(decomposition: Decomposition, found: Difficulty, study
 
 
 def _written(value: float) -> str:
-    return f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")
+    return f"{value:.{DIFFICULTY_DECIMALS}f}".rstrip("0").rstrip(".")

@@ -13,9 +13,8 @@ from typing import Any
 
 from bench.errors import Fault, SetupError
 from bench.simspec import FACTORS, SimSpec, factor_values
+from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, KeyFactor, Level, Policies
-
-DECIMALS = 6  # difficulties that agree to so many decimals are one difficulty
 
 
 def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> float:
@@ -46,7 +45,7 @@ def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> fl
 
 def tension(difficulty: float) -> int:
     """Tension 1 to 5 of a node: max(1, ceil(difficulty / 20)). A difficulty is equal to another to six decimals."""
-    return max(1, math.ceil(round(difficulty, DECIMALS) / 20.0))
+    return max(1, math.ceil(round(difficulty, DIFFICULTY_DECIMALS) / 20.0))
 
 
 @dataclass(frozen=True, slots=True)

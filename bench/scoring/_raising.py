@@ -12,9 +12,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
+from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, KeyFactor, Policies
 
-from ._difficulty import DECIMALS, Difficulty, rate, tension
+from ._difficulty import Difficulty, rate, tension
 
 TENSION_POINTS = 20.0
 HIGHEST_TENSION = 5
@@ -150,5 +151,5 @@ def _factors(decomposition: Decomposition, found: Difficulty, under: Iterable[st
 
 def _goal(factors: Iterable[_FactorUnder], rating: float, *, exceeded: bool) -> Goal:
     """Every factor that is short of the rating."""
-    short = [one for one in factors if one.rating < rating or (exceeded and round(one.rating, DECIMALS) <= rating)]
+    short = [one for one in factors if one.rating < rating or (exceeded and round(one.rating, DIFFICULTY_DECIMALS) <= rating)]
     return Goal(rating, exceeded, tuple(one.change(rating, exceeded=exceeded) for one in short))

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Observation
 from decompositions import Decomposition
 
 from ._difficulty import Difficulty
-from ._plan import Bools, Counts, Floats, Plan, plan_of
+from ._plan import Plan, plan_of
 
 EDGE = 1e-12  # slack at the edge of a near miss alone, where tau - near_miss is a rounded number
 

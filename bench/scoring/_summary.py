@@ -11,15 +11,23 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Outcome
+from bench.statistics import (
+    DIFFICULTY_DECIMALS,
+    SHARES,
+    Tally,
+    Trials,
+    bootstrap_means,
+    clopper_pearson,
+    competence,
+    effective_size,
+    mean_bounds,
+    pass_rate_bounds,
+    tally,
+    tally_points,
+)
 from decompositions import Decomposition, Level, Policies
-
-from ._bootstrap import bootstrap_means
-from ._competence import SHARES, Tally, Trials, competence, tally, tally_points
-from ._difficulty import DECIMALS
-from ._intervals import clopper_pearson, effective_size
-from ._plan import Bools, Counts, Floats
-from ._sequential import mean_bounds, pass_rate_bounds
 
 ALL = "all"
 SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
@@ -276,7 +284,7 @@ def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) 
     blocks = {
         "_agent": np.repeat(scenes.agent[starts], len(nodes)),
         "_place": np.repeat(scenes.configuration[starts], len(nodes)),
-        "difficulty": np.where((high - low < 10.0**-DECIMALS) & np.isfinite(low), low, np.nan),
+        "difficulty": np.where((high - low < 10.0**-DIFFICULTY_DECIMALS) & np.isfinite(low), low, np.nan),
         "difficulty_low": np.where(np.isfinite(low), low, np.nan),
         "difficulty_high": np.where(np.isfinite(high), high, np.nan),
         "runs": scenes.total("runs"),

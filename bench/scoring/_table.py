@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from bench.arrays import Floats
 from bench.contracts import Observation, Outcome
 from decompositions import Decomposition
 
 from ._configuration import configuration_of
 from ._difficulty import Difficulty
-from ._plan import Floats, Plan, plan_of
+from ._plan import Plan, plan_of
 from ._scores import Measured, Scores, difficulty_column, measured_column, score_runs
 
 SCORE_COLUMNS: dict[str, type[pl.DataType]] = {

@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import CastMember, Sighting, VehicleState
 from bench.simspec import ASSETS
 
@@ -34,15 +35,13 @@ _ROWS = 128
 _CORNERS = np.array([(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)])
 _SAMPLES = np.array([(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0)]) * SAMPLE_SPREAD
 
-_Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
     """(n, 3) half length, width and height; (n,) radius of the sphere round each; (n,) whether it hides others."""
 
-    half_m: _Array
-    radius_m: _Array
+    half_m: Floats
+    radius_m: Floats
     solid: NDArray[np.bool_]
 
     @classmethod
@@ -59,17 +58,17 @@ class _Posed:
     """Bodies in camera coordinates: (k,) indices, (k, 3) centres, (k, 3, 3) length, width and height axes as rows, halves, radii."""
 
     index: NDArray[np.intp]
-    centre: _Array
-    axes: _Array
-    half: _Array
-    radius: _Array
+    centre: Floats
+    axes: Floats
+    half: Floats
+    radius: Floats
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> _Posed:
         return _Posed(self.index[which], self.centre[which], self.axes[which], self.half[which], self.radius[which])
 
 
 def sightings(
-    camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: _Array, headings_rad: _Array
+    camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: Floats, headings_rad: Floats
 ) -> tuple[Sighting, ...]:
     """Truth about everybody in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of each footprint."""
     axes = camera.axes_enu(state)
@@ -102,7 +101,7 @@ def sightings(
     return tuple(Sighting(who, far, high, seen, tuple(box)) for who, far, high, seen, box in columns if seen >= LEAST_VISIBLE)
 
 
-def _may_be_in_sight(camera: PinholeCamera, centre: _Array, radius_m: _Array) -> NDArray[np.bool_]:
+def _may_be_in_sight(camera: PinholeCamera, centre: Floats, radius_m: Floats) -> NDArray[np.bool_]:
     """Whether the sphere round each body meets the frustum (or nearly so: its corners are rounded)."""
     x, y, z = centre.T
     half_width = camera.width_px / (2.0 * camera.fx)
@@ -113,14 +112,14 @@ def _may_be_in_sight(camera: PinholeCamera, centre: _Array, radius_m: _Array) ->
     return may
 
 
-def _body_axes(camera_axes: _Array, headings_rad: _Array) -> _Array:
+def _body_axes(camera_axes: Floats, headings_rad: Floats) -> Floats:
     """(k, 3, 3) length, width and height axes of upright bodies, as rows in camera coordinates."""
     s, c = np.sin(headings_rad)[:, None], np.cos(headings_rad)[:, None]
     east, north, up = camera_axes.T
     return np.stack((s * east + c * north, c * east - s * north, np.broadcast_to(up, (len(headings_rad), 3))), axis=1)
 
 
-def _boxes(camera: PinholeCamera, posed: _Posed) -> _Array:
+def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
     """(k, 4) left, top, right, bottom round the corners' pixels. What reaches behind the camera is cut just before it."""
     corners = posed.centre[:, None, :] + _CORNERS @ (posed.axes * posed.half[:, :, None])
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
@@ -128,7 +127,7 @@ def _boxes(camera: PinholeCamera, posed: _Posed) -> _Array:
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
 
 
-def _hidden(shown: _Posed, solids: _Posed) -> _Array:
+def _hidden(shown: _Posed, solids: _Posed) -> Floats:
     """(k,) share of nine points on each shown body whose line of sight meets a solid one."""
     hidden = np.zeros(len(shown.index))
     if not len(solids.index):
@@ -140,7 +139,7 @@ def _hidden(shown: _Posed, solids: _Posed) -> _Array:
     return hidden
 
 
-def _hidden_part(shown: _Posed, solids: _Posed) -> _Array:
+def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
     who, by = np.nonzero(_may_hide(shown, solids))
     blocked = np.zeros((len(shown.index), len(_SAMPLES)), dtype=np.bool_)
     if not len(who):
@@ -150,7 +149,7 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> _Array:
     turn = solids.axes[by].transpose(0, 2, 1)
     hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[by][:, None, :])
     np.logical_or.at(blocked, who, hits)
-    hidden: _Array = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
+    hidden: Floats = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
     return hidden
 
 
@@ -165,12 +164,12 @@ def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
     return may
 
 
-def _cone(radius: _Array, distance: _Array) -> _Array:
+def _cone(radius: Floats, distance: Floats) -> Floats:
     """Half angle under which a sphere is seen; everywhere when the eye is inside it."""
     return np.where(distance > radius, np.arcsin(np.minimum(radius / np.maximum(distance, 1e-9), 1.0)), np.pi)
 
 
-def _sample_points(shown: _Posed) -> _Array:
+def _sample_points(shown: _Posed) -> Floats:
     """(k, 9, 3) points of each body, spread over its silhouette: three across the picture times three down it.
 
     They are laid out on the plane through the body's middle, then drawn in to the body.
@@ -180,5 +179,5 @@ def _sample_points(shown: _Posed) -> _Array:
     on_plane = _SAMPLES * extent[:, None, :]
     local = on_plane @ shown.axes[..., :2].transpose(0, 2, 1)
     bound = shown.half[:, None, :]
-    points: _Array = shown.centre[:, None, :] + np.clip(local, -bound, bound) @ shown.axes
+    points: Floats = shown.centre[:, None, :] + np.clip(local, -bound, bound) @ shown.axes
     return points

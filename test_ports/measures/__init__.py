@@ -5,9 +5,6 @@ docs/measures.md says of each what it measures, when it is considered, and what 
 
 from __future__ import annotations
 
-from ._asking import Asked as Asked
-from ._asking import check_options as check_options
-from ._asking import measure_all as measure_all
 from ._bystanders import bystander_count_right as bystander_count_right
 from ._bystanders import bystanders_declared as bystanders_declared
 from ._bystanders import bystanders_known_near_targets as bystanders_known_near_targets

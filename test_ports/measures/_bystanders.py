@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import At, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
@@ -16,8 +16,6 @@ from ._picture import pictures
 from ._reports import belief_in_reports
 from ._truth import Target, Truth
 from ._views import CLEAR_SHARE
-
-Floats = NDArray[np.float64]
 
 MARGIN_M = 15.0
 """Past the no-mark distance: who declares a bystander that is not even this near has seen none, or does not care."""

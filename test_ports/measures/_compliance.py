@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import Point, SimSpec
 
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 from ._shares import kept
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 def _geofence_kept(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:

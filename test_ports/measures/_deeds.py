@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import Order, SimSpec
 
 from ._flight import Flight
 from ._truth import Truth
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 OrderName = Literal[
     "any", "hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"

@@ -6,15 +6,12 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Floats
 from bench.contracts import Tape
 from bench.simspec import SimSpec
 
 from ._truth import Truth
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class Flight:

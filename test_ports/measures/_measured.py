@@ -54,6 +54,10 @@ class Measured(Generic[O]):
         considered = found.x is not None
         return Observation(observable=observable, considered=considered, x=found.x, evidence=thinned(found.evidence))
 
+    def check_options(self, options: Mapping[str, Option]) -> None:
+        """Raise ValueError as `read_options` does."""
+        self.read_options(options)
+
     def read_options(self, options: Mapping[str, Option]) -> O:
         """The options as their dataclass. Raises ValueError that names the measure, the option and what is known."""
         known = {field.name.rstrip("_"): field for field in fields(self.options)}  # type: ignore[arg-type]

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.arrays import Bools, Floats
 from bench.contracts import AgentTrack, Tape
 from bench.simspec import SimSpec
 
 from ._measured import belief
 from ._truth import Truth
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NEAR_M = 15.0
 """A track farther than this from every actor of its class is wrong."""

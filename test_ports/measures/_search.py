@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 from ._truth import SubArea, Truth
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

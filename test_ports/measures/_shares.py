@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Floats
 from bench.contracts import Evidence
 
 from ._flight import Flight
 from ._measured import Finding
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 def kept(flight: Flight, good: Bools, of: Bools, value: Floats, unit: str) -> Finding:

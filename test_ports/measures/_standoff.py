@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
@@ -14,9 +14,6 @@ from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
 from ._shares import kept
 from ._truth import Truth
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SPEED_SLACK_MPS = 0.5
 """What a gust may add to a speed that was flown right."""

@@ -10,14 +10,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.arrays import Bools
 from bench.contracts import At, Evidence, Tape, VehicleDocument
 from bench.simspec import SimSpec
 
 from ._deeds import DUST_S
 from ._flight import Flight
 from ._measured import Finding, Measured, NoOptions, not_considered
-
-Bools = NDArray[np.bool_]
 
 TRANSITION_S = 90.0
 """How long before and after a change of state a phase that announces it is true."""

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import CastMember, Tape, TargetReport
 from bench.simspec import ASSETS, Realized, Role, SimSpec
 
 RoleName = Literal["bystander", "adversary", "clutter", "any"]
-Floats = NDArray[np.float64]
 
 REACH_M = 40.0
 """A report farther than this from every adversary of its class is about none of them."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_adapters import load_manifest, open_agent
+from bench.agents import load_manifest, open_agent
 from bench.contracts import Outcome, Record, TargetReport, parse_document
 from bench.realization import place
 from bench.simspec import (

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_adapters import LocalProcess, load_manifest, open_agent
+from bench.agents import LocalProcess, load_manifest, open_agent
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Point, Polygon, SimSpec, World
@@ -127,7 +127,7 @@ def test_a_program_that_is_not_there_says_so(tmp_path: Path) -> None:
 
 def test_an_agent_that_will_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither a hang nor an ignored SIGTERM outlives the block."""
-    monkeypatch.setattr("agent_adapters._process.GRACE_S", 0.05)
+    monkeypatch.setattr("bench.agents._process.GRACE_S", 0.05)
     code = "import signal; signal.signal(15, signal.SIG_IGN); open('ready', 'w').write('\\n')\nwhile True: signal.pause()"
     with open_agent(python(tmp_path, code)) as agent:
         wait_for_file(tmp_path / "ready")

@@ -15,9 +15,9 @@ from bench.campaign import fly_realization, load_asked, rescore, write_result
 from bench.contracts import Outcome, SessionResult
 from bench.errors import SetupError
 from bench.realization import place
+from bench.recording import read_tape
 from bench.simspec import AgentSpec, Perception, SimSpec, load_simspec
 from bench.testing import BEHAVIOURS
-from test_ports import read_tape
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 ASKED = load_asked("search-and-report")

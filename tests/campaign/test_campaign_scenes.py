@@ -61,7 +61,7 @@ def test_places_that_come_along_are_judged_before_they_are_flown(tmp_path: Path)
 
 def test_judge_and_places_that_disagree_are_a_fault_of_the_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Such a scene is neither handed out nor written, and the error names what is broken."""
-    import bench.realization._placement as placement
+    import bench.realization.placement._placement as placement
 
     monkeypatch.setattr(placement, "check_placement", lambda _: [Fault("realized: people-1", "stands outside its region")])
     plans = realize(base(), validate_document({"factors": [], "seed": 1}, Design), [AgentSpec()])

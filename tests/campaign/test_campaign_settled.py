@@ -31,7 +31,8 @@ from bench.campaign import (
 from bench.cli._app import run as run_command
 from bench.contracts import Outcome
 from bench.errors import SetupError
-from bench.scoring import StoppingRule, score_table
+from bench.scoring import score_table
+from bench.statistics import StoppingRule
 
 
 def no_finish(place: CampaignFolder) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from bench.cli._app import run
 from bench.reporting import compare_campaigns, factors_that_matter, load_report_data, render_report
-from bench.scoring import FACTOR_COLUMNS
+from bench.statistics import FACTOR_COLUMNS
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from made_campaign import AGENTS, STUDY, Made, make_campaign

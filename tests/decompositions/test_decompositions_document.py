@@ -193,8 +193,8 @@ observables:
 
 def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() -> None:
     """Rings, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node and mend of each."""
+    from bench.campaign import check_options
     from bench.simspec import FACTORS
-    from test_ports.measures import check_options
 
     units = {key: factor.unit for key, factor in FACTORS.items()}
     with pytest.raises(SetupError) as caught:
@@ -351,7 +351,7 @@ def test_a_document_is_not_changed_by_reading(good: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", shipped_decompositions())
 def test_what_is_shipped_names_only_what_there_is(name: str) -> None:
     """Every key factor with its unit, and every measure with its options, exists in this bench."""
+    from bench.campaign import check_options
     from bench.simspec import FACTORS
-    from test_ports.measures import check_options
 
     load_decomposition(name, Vocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options))

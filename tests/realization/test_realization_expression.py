@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.realization._expression import MOST_CHARACTERS, Absent, parse_expression
+from bench.realization.design._expression import MOST_CHARACTERS, Absent, parse_expression
 
 LEVELS: dict[str, object] = {"a": 3, "b": 2.0, "fog-level": 4, "fog": 9, "approach": "N", "night": True, "off": None}
 

@@ -297,7 +297,7 @@ def test_footprint_gaps_agree_with_shapely() -> None:
     import numpy as np
     import shapely
 
-    from bench.realization._footprint import footprints, gaps
+    from bench.realization.placement._footprint import footprints, gaps
     from bench.simspec import ASSETS
 
     rng = np.random.default_rng(1)

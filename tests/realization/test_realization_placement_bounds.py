@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization._clash import find_clash
-from bench.realization._packing import most_aligned, most_apart
-from bench.realization._placement import placement_order
+from bench.realization.placement._clash import find_clash
+from bench.realization.placement._packing import most_aligned, most_apart
+from bench.realization.placement._placement import placement_order
 from bench.simspec import SimSpec
 
 

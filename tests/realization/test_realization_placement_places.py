@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization._placement import placement_order, with_places
-from bench.realization._solver import solved
+from bench.realization.placement._placement import placement_order, with_places
+from bench.realization.placement._solver import solved
 from bench.simspec import SimSpec
 
 

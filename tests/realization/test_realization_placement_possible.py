@@ -22,8 +22,8 @@ import shapely
 from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization._clash import check_areas, check_fixed_ways, find_clash
-from bench.realization._placement import fixed_places, placement_order
+from bench.realization.placement._clash import check_areas, check_fixed_ways, find_clash
+from bench.realization.placement._placement import fixed_places, placement_order
 from bench.simspec import ASSETS, PlacedActor, Realized, SimSpec
 
 Spot = tuple[float, float]

@@ -12,8 +12,8 @@ import pytest
 
 from bench.documents import dump_json, validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization._placement import placement_order, with_places
-from bench.realization._solver import solved
+from bench.realization.placement._placement import placement_order, with_places
+from bench.realization.placement._solver import solved
 from bench.simspec import SimSpec
 
 

@@ -11,9 +11,9 @@ import shapely.affinity
 
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization._clash import check_areas, check_fixed_ways, find_clash
-from bench.realization._ground import grown_by, shrunk_by
-from bench.realization._placement import fixed_places, placement_order
+from bench.realization.placement._clash import check_areas, check_fixed_ways, find_clash
+from bench.realization.placement._ground import grown_by, shrunk_by
+from bench.realization.placement._placement import fixed_places, placement_order
 from bench.simspec import PlacedActor, Realized, Seeds, SimSpec
 
 

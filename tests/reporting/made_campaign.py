@@ -36,11 +36,11 @@ from bench.contracts import (
     VehicleTopics,
 )
 from bench.documents import Document
+from bench.recording import open_recording
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import ASSETS, PlacedActor, PlacedReport, Realized, SimSpec
 from bench.streams import Header, Odometry, Point, Pose, PoseWithCovariance, Quaternion, String, Time, encode, encode_pose_array
 from decompositions import load_decomposition
-from test_ports import open_recording
 
 STUDY = ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
 AGENTS = ("reference-naive", "reference-bystander-aware")

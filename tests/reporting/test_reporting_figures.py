@@ -28,7 +28,8 @@ from bench.reporting import (
 from bench.reporting._data import Competent, ReportData, Run
 from bench.reporting._figures import curve_figure, looks
 from bench.reporting._told import Trials, curve_remark, sentences, trials_of
-from bench.scoring import competence_of, summary_frame
+from bench.scoring import summary_frame
+from bench.statistics import competence_of
 
 
 @pytest.fixture(scope="module")

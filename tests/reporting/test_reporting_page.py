@@ -20,11 +20,11 @@ from made_campaign import AGENTS, STUDY, Made, make_campaign
 
 from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
+from bench.recording import read_simspec, read_tape
 from bench.reporting import draw_map, load_report_data, render_report, write_report
 from bench.scoring import ScoredRun, difficulty_given, score_table
 from bench.streams import String, encode
 from decompositions import load_decomposition
-from test_ports import read_simspec, read_tape
 
 VOID = {"meta", "link", "br", "img", "hr", "input", "circle", "path", "rect"}
 

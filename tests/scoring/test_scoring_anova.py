@@ -10,7 +10,7 @@ import pytest
 from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.multitest import multipletests
 
-from bench.scoring import (
+from bench.statistics import (
     FactorColumn,
     anova,
     benjamini_hochberg,
@@ -21,7 +21,7 @@ from bench.scoring import (
     independence,
     logistic,
 )
-from bench.scoring._anova import CLUSTERED, PLAIN, clustered_errors, scaled_residuals
+from bench.statistics._anova import CLUSTERED, PLAIN, clustered_errors, scaled_residuals
 
 
 def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[tuple[FactorColumn, ...], list[str]]:
@@ -203,7 +203,7 @@ def test_adjusted_p_values_are_statsmodels() -> None:
 
 def test_residuals_that_are_all_alike_have_no_spread_to_test() -> None:
     """Runs that all came out the same are no error, and no warning."""
-    from bench.scoring._anova import _equal_spread
+    from bench.statistics._anova import _equal_spread
 
     design = np.column_stack([np.ones(8), np.tile([0.0, 1.0], 4)])
     assert _equal_spread(np.zeros(8), design) is None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.scoring import bootstrap_means
-from bench.scoring._bootstrap import MOST
+from bench.statistics import bootstrap_means
+from bench.statistics._bootstrap import MOST
 
 
 def names(count: int) -> list[str]:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from bench.scoring import claim, more_passes, share_claimed, straight_passes
+from bench.statistics import claim, more_passes, share_claimed, straight_passes
 
 
 def test_what_fourteen_passes_say() -> None:

@@ -8,13 +8,11 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import jensenshannon
 
-from bench.scoring import (
-    SCORE_COLUMNS,
+from bench.scoring import SCORE_COLUMNS, NodeComparison, compare_nodes
+from bench.statistics import (
     Ended,
-    NodeComparison,
     PairedCounts,
     cliffs_delta,
-    compare_nodes,
     divergence,
     js_divergence,
     mcnemar_power,
@@ -22,7 +20,7 @@ from bench.scoring import (
     runs_for_claim,
     runs_for_half_width,
 )
-from bench.scoring._divergence import _class
+from bench.statistics._divergence import _class
 
 
 def test_a_published_paired_table_comes_out() -> None:

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import Difficulty, ScoredRun, Trials, competence, competence_of, difficulty, score_table, summary_frame, tally
+from bench.scoring import Difficulty, ScoredRun, difficulty, score_table, summary_frame
+from bench.statistics import Trials, competence, competence_of, tally
 from decompositions import Decomposition, load_decomposition
 
 HALF, NINE_TENTHS = (1, 2), (9, 10)

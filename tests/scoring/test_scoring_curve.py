@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.scoring import CurveState, competence_of, difficulty_response
+from bench.statistics import CurveState, competence_of, difficulty_response
 
 HARD = np.repeat([10.0, 30.0, 50.0, 70.0, 90.0], 8)
 

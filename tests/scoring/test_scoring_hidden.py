@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.scoring import FactorColumn, hidden_differences
+from bench.statistics import FactorColumn, hidden_differences
 
 
 def runs(replicates: int) -> tuple[list[FactorColumn], list[str]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bench.scoring import clopper_pearson, effective_size, wilson
+from bench.statistics import clopper_pearson, effective_size, wilson
 
 SHARES = np.linspace(0.001, 0.999, 499)
 

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from statsmodels.regression.linear_model import OLS
 
-from bench.scoring import FactorColumn, correlation, logistic
-from bench.scoring._regression import CLUSTERED_LIKELIHOOD, FIRTH, LIKELIHOOD, separated
+from bench.statistics import FactorColumn, correlation, logistic
+from bench.statistics._regression import CLUSTERED_LIKELIHOOD, FIRTH, LIKELIHOOD, separated
 
 
 def table(passed: dict[str, int], failed: dict[str, int]) -> tuple[list[bool], FactorColumn, list[str]]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.scoring import StoppingRule, Verdict, clopper_pearson, confidence_sequence, mean_bounds, pass_rate_bounds
+from bench.statistics import StoppingRule, Verdict, clopper_pearson, confidence_sequence, mean_bounds, pass_rate_bounds
 
 
 @pytest.mark.parametrize("p", [0.02, 0.3, 0.5, 0.95])

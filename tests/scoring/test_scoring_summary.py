@@ -19,15 +19,13 @@ from bench.scoring import (
     Difficulty,
     ScoredRun,
     absent_pairs,
-    clopper_pearson,
     configuration_of,
     difficulty,
-    effective_size,
     score_run,
     score_table,
     summary_frame,
-    wilson,
 )
+from bench.statistics import clopper_pearson, effective_size, wilson
 from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of, load_decomposition
 
 

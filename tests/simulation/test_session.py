@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from agent_adapters import open_agent
+from bench.agents import open_agent
 from bench.contracts import AgentManifest, Outcome, Record, SimTime, Tape
+from bench.recording import TapeBuilder
 from bench.simspec import (
     ActorGroup,
     AgentSpec,
@@ -33,7 +34,6 @@ from bench.simspec import (
 from bench.simulation import SessionEnd, SessionPlan, run_session
 from bench.simulation._briefing import mission_order
 from bench.testing import agent_manifest
-from test_ports import TapeBuilder
 
 SQUARE = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))))
 

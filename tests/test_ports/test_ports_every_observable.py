@@ -10,9 +10,9 @@ import cases
 import pytest
 from cases import CasesOf, Run, recorded
 
+from bench.campaign import measure_all
 from bench.contracts import Observation
 from decompositions import Decomposition, load_decomposition
-from test_ports import measure_all
 
 FULL: Decomposition = load_decomposition("search-and-report-full")
 

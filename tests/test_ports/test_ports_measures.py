@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from made_run import FAR, NEAR, RADAR, TRUCK, detected, frame, report, simspec, tape, tracks
 
+from bench.campaign import check_options, measure_all
 from bench.contracts import Observation, Tape, plugins
 from bench.errors import SetupError
 from bench.simspec import SimSpec
-from test_ports import check_options, measure_all, measures
+from test_ports import measures
 from test_ports.measures import (
     Finding,
     Measured,

@@ -32,8 +32,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import answer, at_s, order, report
 
+from bench.campaign import measure_all
 from bench.contracts import At, EventDocument
-from test_ports import measure_all
 
 KINDS = tuple(OBEYED)
 

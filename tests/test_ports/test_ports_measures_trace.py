@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import at_s, frame, report
 
+from bench.campaign import check_options, measure_all
 from bench.contracts import At
 from bench.simspec import SimSpec
-from test_ports import check_options, measure_all
 
 WRONG_AT = ("mobile_radar", -200.0, -200.0)
 

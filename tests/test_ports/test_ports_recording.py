@@ -20,8 +20,8 @@ from mcap_ros2.decoder import DecoderFactory
 
 from bench.contracts import Record, SimTime
 from bench.errors import SetupError
+from bench.recording import open_recording, read_metadata, read_records, read_simspec, recover
 from bench.streams import String, encode
-from test_ports import open_recording, read_metadata, read_records, read_simspec, recover
 
 VERSIONS = {"rebar": "0.1.0", "jsbsim": "1.3.3"}
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from bench.contracts import TF, DetectionFrame, Record, SimTime, Tape, VehicleTopics
+from bench.recording import TapeBuilder, open_recording, read_tape
 from bench.streams import Detection2D, Detection2DArray, encode
-from test_ports import TapeBuilder, open_recording, read_tape
 
 TOPICS = VehicleTopics("vehicle_1")
 

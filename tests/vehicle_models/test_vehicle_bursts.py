@@ -9,7 +9,7 @@ from typing import Literal
 import pytest
 from vehicle_client import mavlink, simspec
 
-from agent_adapters import open_agent
+from bench.agents import open_agent
 from bench.contracts import AgentManifest, MavlinkNeed, Outcome, Record
 from bench.simspec import Mission, Realized
 from bench.simulation import SessionPlan, run_session

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bench.contracts import LinkSpec
-from vehicle_models import run_standalone
+from bench.simulation import run_standalone
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

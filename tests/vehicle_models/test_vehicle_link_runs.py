@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
-from vehicle_models import open_x500, run_standalone
+from bench.simulation import run_standalone
+from vehicle_models import open_x500
 
 
 def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from bench.contracts import LinkSpec
-from vehicle_models import run_standalone
+from bench.simulation import run_standalone
 
 CLIENT = """
 import json, sys, time

@@ -10,8 +10,8 @@ from vehicle_client import mavlink
 
 from bench.contracts import LinkSpec
 from bench.errors import SetupError
-from vehicle_models import run_standalone
-from vehicle_models._parameter_file import ParameterFile
+from bench.simulation import run_standalone
+from bench.simulation._parameter_file import ParameterFile
 
 
 def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:

@@ -12,7 +12,8 @@ from vehicle_client import simspec
 
 from bench.contracts import LinkSpec, VehiclePlan, load_plugin
 from bench.errors import SetupError
-from vehicle_models import TangentPlane, fly, open_x500, run_standalone, standalone_simspec
+from bench.simulation import fly, run_standalone, standalone_simspec
+from vehicle_models import TangentPlane, open_x500
 from vehicle_models._jsbsim import Place
 from vehicle_models.x500 import X500Plant
 

@@ -14,8 +14,8 @@ from test_vehicle_missions import bare, to, upload
 from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import START, CarriesCamera, LinkSpec, SimTime, VehiclePlan
+from bench.simulation._standalone import Shutter, fly, standalone_simspec
 from vehicle_models import open_x500
-from vehicle_models._standalone import Shutter, fly, standalone_simspec
 
 Make = Callable[..., Client]
 

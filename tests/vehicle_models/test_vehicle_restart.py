@@ -13,8 +13,8 @@ from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, OpenVehicle, Vehicle, VehiclePlan
 from bench.simspec import SimSpec
+from bench.simulation._parameter_file import HasParameters
 from vehicle_models import open_wing, open_x500
-from vehicle_models._parameter_file import HasParameters
 
 Make = Callable[..., Client]
 AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

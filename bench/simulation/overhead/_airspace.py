@@ -16,9 +16,8 @@ import numpy as np
 from scipy.sparse.csgraph import floyd_warshall
 from scipy.spatial import ConvexHull
 
+from bench.arrays import Bools, Counts, Floats
 from bench.simspec import Rules
-
-from ._draws import Bools, Counts, Floats
 
 NO_FLY_MARGIN_M = 25.0
 FENCE_MARGIN_M = 15.0

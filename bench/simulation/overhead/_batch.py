@@ -8,18 +8,16 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Counts, Floats, Objects, Seeds
 from bench.errors import Fault, SetupError
 from bench.simspec import ASSETS, Motion, Role, SimSpec, seed_of, sun_of
 
 from .._detector import light_of
 from ._airspace import Airspaces
-from ._draws import Bools, Counts, Floats, Seeds, uniform
+from ._draws import uniform
 from ._interruptions import Interruptions, deaf_spans, interruptions, later, uninterruptible
 from ._limits import limits
-
-Objects = NDArray[np.object_]
 
 SURROGATES = {"reference-naive": False, "reference-bystander-aware": True}
 """Agents that have a surrogate, and whether it looks out for bystanders."""

@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
 from bench.simspec import Point, SimSpec
 
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats
 from ._looks import Column, Computed, Looks, Options, always, number, some
 from ._outcome import Flown, epoch_of
 from ._views import Stretch

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.arrays import Bools, Floats
+
 from ._batch import FAR_M, Batch
-from ._draws import Bools, Floats
 from ._interruptions import NOTICED_S
 from ._views import Stretch
 

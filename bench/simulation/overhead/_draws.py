@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-Floats = NDArray[np.float64]
-Seeds = NDArray[np.uint64]
-Counts = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from bench.arrays import Floats, Seeds
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
+
 from ._airspace import Airspace
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats
 from ._views import Stretch
 
 LANDING_S = 24.0

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
+
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats, uniform
+from ._draws import uniform
 from ._views import Stretch, Views
 
 MIN_FRAMES = 6

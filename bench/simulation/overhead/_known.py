@@ -7,9 +7,11 @@ from typing import Self
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats, Narrow
+
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats, normal
-from ._views import Narrow, Views, rightly
+from ._draws import normal
+from ._views import Views, rightly
 
 BYSTANDER_MARGIN_M = 6.0
 KNOWN_FRAMES = 2.0

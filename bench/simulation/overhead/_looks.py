@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats, Narrow
 from bench.contracts import Option
 from bench.simspec import ASSETS
 
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats, normal
+from ._draws import normal
 from ._known import counts
 from ._outcome import Flown
-from ._views import Narrow, Views, rightly
+from ._views import Views, rightly
 
 Options = Mapping[str, Option]
 Column = tuple[Floats, Bools]

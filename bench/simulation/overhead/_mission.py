@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
+
 from ._batch import EPOCH_S, EPOCHS, Batch
 from ._delays import delayed, opens_s, slowed, stood_through
-from ._draws import Bools, Counts, Floats
 from ._homeward import Homeward
 from ._hunts import NEVER_S, Hunts
 from ._known import BYSTANDER_MARGIN_M, Known, Memory

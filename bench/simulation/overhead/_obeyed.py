@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from bench.arrays import Bools
 from bench.simspec import Order
 
 from ._batch import Batch
 from ._course import reached_s
-from ._draws import Bools
 from ._looks import Column, Computed, Looks, Options
 from ._mission import DOWN_S
 from ._outcome import Flown, epoch_of

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Observation, Option
 
 from . import _course, _obeyed, _perceived, _told
 from ._batch import Batch
-from ._draws import Bools, Floats
 from ._looks import Computed, Looks
 from ._mission import fly
 

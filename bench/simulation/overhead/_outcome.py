@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
+
 from ._batch import EPOCH_S, EPOCHS, Batch
-from ._draws import Bools, Counts, Floats, normal
+from ._draws import normal
 from ._known import Known
 from ._views import Stretch, Views
 

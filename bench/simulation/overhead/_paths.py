@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ._draws import Counts, Floats
+from bench.arrays import Counts, Floats
+
 from ._views import Stretch
 
 TURN_S = 2.2

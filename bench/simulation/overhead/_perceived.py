@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import betainc
 
+from bench.arrays import Bools, Counts, Floats
 from bench.simspec import ASSETS
 
 from .._detector import FALSE_SCORE
 from ._batch import LABEL, Batch
-from ._draws import Bools, Counts, Floats
 from ._looks import ROLES, USUAL_CONFIDENCE, Column, Computed, Looks, Options, has_role, number, share, some
 from ._outcome import Flown, epoch_of
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.arrays import Counts, Floats
+
 from ._batch import Batch
-from ._draws import Counts, Floats
 from ._known import BYSTANDER_MARGIN_M
 from ._views import Stretch, shown
 

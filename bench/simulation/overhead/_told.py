@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from bench.arrays import Bools, Floats
+
 from ._batch import Batch
 from ._delays import opens_s
-from ._draws import Bools, Floats
 from ._homeward import Homeward
 from ._looks import Column, Computed, Looks, Options, always, exposed, number, share, some, targets
 from ._outcome import Flown, epoch_of

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
+
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats
 from ._homeward import TURN_S as TURN_S
 from ._homeward import Homeward
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from bench.arrays import Bools, Counts, Floats, Narrow
 
 from .._detector import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
 from ._batch import Batch
-from ._draws import Bools, Counts, Floats
-
-Narrow = NDArray[np.float32]
 
 BLOCK = 24
 """Missions looked at together, so that the pairs stay in the processor's cache."""

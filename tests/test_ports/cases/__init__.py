@@ -30,6 +30,7 @@ from bench.contracts import (
     VehicleTopics,
     ViewDocument,
 )
+from bench.recording import open_recording, read_tape
 from bench.simspec import SimSpec
 from bench.streams import (
     BoundingBox2D,
@@ -52,7 +53,6 @@ from bench.streams import (
     encode,
     encode_pose_array,
 )
-from test_ports import open_recording, read_tape
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 from made_run import conditions, tape
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import Option
 from bench.simspec import SimSpec
 from cases import Cases, CasesOf, Run, scene
 
-Floats = NDArray[np.float64]
 END_S = 200.0
 TIMES_S: Floats = np.arange(0.0, END_S + 0.25, 0.5)
 EMPTY, CROWDED = (-200.0, -100.0), (120.0, 100.0)

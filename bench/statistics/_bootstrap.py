@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from ._plan import Counts, Floats
+from bench.arrays import Counts, Floats
 
 LEVEL = 0.95
 RESAMPLES = 1000

@@ -8,11 +8,12 @@ from math import hypot
 import numpy as np
 import shapely
 
+from bench.arrays import Bools, Floats
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
-from ._footprint import Array, Footprints, lie_within
+from ._footprint import Footprints, lie_within
 from ._ground import ARC, EVERYWHERE, Geometry, octagon, wide
-from ._relations import Mask, Tie, Whom, field
+from ._relations import Tie, Whom, field
 from ._sight import Solids, anywhere, sights
 from ._whom import Target, inner_radius_m, shrunk
 
@@ -54,7 +55,7 @@ def _inside_of(group: ActorGroup, host: ActorGroup) -> Tie:
     asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
     reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
 
-    def pairs(some: Footprints, others: Footprints) -> Mask:
+    def pairs(some: Footprints, others: Footprints) -> Bools:
         kept = distances_m(some, others) <= reach_m + 1e-6
         one, other = np.nonzero(kept)
         kept[one, other] = lie_within(some[one], others[other])
@@ -71,7 +72,7 @@ def _inside_of(group: ActorGroup, host: ActorGroup) -> Tie:
     )
 
 
-def distances_m(some: Footprints, others: Footprints) -> Array:
+def distances_m(some: Footprints, others: Footprints) -> Floats:
     """(k, m) distances from centre to centre."""
     offset = some.centre_m[:, None, :] - others.centre_m[None, :, :]
     return np.hypot(offset[..., 0], offset[..., 1])
@@ -80,9 +81,9 @@ def distances_m(some: Footprints, others: Footprints) -> Array:
 def _distance(path: str, text: str, target: Target, whom: Whom, min_m: float, max_m: float | None) -> Tie:
     most_m = np.inf if max_m is None else max_m
 
-    def pairs(some: Footprints, others: Footprints) -> Mask:
+    def pairs(some: Footprints, others: Footprints) -> Bools:
         distance = distances_m(some, others)
-        kept: Mask = (distance >= min_m) & (distance <= most_m)
+        kept: Bools = (distance >= min_m) & (distance <= most_m)
         return kept
 
     def room(others: Geometry) -> Geometry | None:
@@ -103,7 +104,7 @@ def band_room(others: Geometry, min_m: float, max_m: float | None) -> Geometry |
     return reach
 
 
-def bearings_deg(some: Footprints, others: Footprints) -> Array:
+def bearings_deg(some: Footprints, others: Footprints) -> Floats:
     """(k, m) bearings of the places, clockwise from north, seen from the others."""
     offset = some.centre_m[:, None, :] - others.centre_m[None, :, :]
     return np.asarray(np.degrees(np.arctan2(offset[..., 0], offset[..., 1])) % 360.0, dtype=np.float64)
@@ -112,8 +113,8 @@ def bearings_deg(some: Footprints, others: Footprints) -> Array:
 def _bearing(path: str, text: str, target: Target, from_deg: float, to_deg: float) -> Tie:
     span = (to_deg - from_deg) % 360.0
 
-    def pairs(some: Footprints, others: Footprints) -> Mask:
-        kept: Mask = (bearings_deg(some, others) - from_deg) % 360.0 <= span
+    def pairs(some: Footprints, others: Footprints) -> Bools:
+        kept: Bools = (bearings_deg(some, others) - from_deg) % 360.0 <= span
         return kept
 
     there, back = _Fan(from_deg, span), _Fan((from_deg + 180.0) % 360.0, span)
@@ -132,7 +133,7 @@ class _Fan:
         corners = shapely.get_coordinates(shapely.convex_hull(others))
         return shapely.union_all([self._piece(corners, number, pieces) for number in range(pieces)])
 
-    def _piece(self, corners: Array, number: int, pieces: int) -> Geometry:
+    def _piece(self, corners: Floats, number: int, pieces: int) -> Geometry:
         share = self.span_deg / pieces
         # A hair wider than the sector, for the rounding of sines.
         arc = np.radians(np.linspace(self.from_deg + number * share - 1e-7, self.from_deg + (number + 1) * share + 1e-7, 3))
@@ -142,10 +143,10 @@ class _Fan:
 
 
 def _facing(path: str, text: str, target: Target, within_deg: float) -> Tie:
-    def pairs(some: Footprints, others: Footprints) -> Mask:
+    def pairs(some: Footprints, others: Footprints) -> Bools:
         towards = (bearings_deg(some, others) + 180.0) % 360.0
         off = np.abs((np.degrees(some.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
-        kept: Mask = off <= within_deg + 1e-9
+        kept: Bools = off <= within_deg + 1e-9
         return kept
 
     return Tie(path, text, target.of, "first", pairs, anywhere, anywhere, target.points)

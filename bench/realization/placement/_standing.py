@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import shapely
 
+from bench.arrays import Bools
 from bench.simspec import ActorGroup, Along, Road, SimSpec
 
 from ._footprint import Footprints, crowded, crowding, joined, lie_within
 from ._ground import Geometry, ground, grown_by, road_heading_deg, strip, wide
-from ._relations import HOME_CLEARANCE_M, Mask, Relation, field
+from ._relations import HOME_CLEARANCE_M, Relation, field
 from ._whom import home_of, hosts_of, inner_radius_m, outer_radius_m, region_of, shrunk
 
 
@@ -43,9 +44,9 @@ def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
 
 
 def _heading(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
-    def keeps(some: Footprints) -> Mask:
+    def keeps(some: Footprints) -> Bools:
         off = np.abs((np.degrees(some.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
-        kept: Mask = off <= within_deg + 1e-9
+        kept: Bools = off <= within_deg + 1e-9
         return kept
 
     return Relation(field(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps)
@@ -54,9 +55,9 @@ def _heading(group: ActorGroup, heading_deg: float, within_deg: float) -> Relati
 def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
     convex = region.equals(region.convex_hull)
 
-    def keeps(some: Footprints) -> Mask:
+    def keeps(some: Footprints) -> Bools:
         corners = some.corners()
-        kept: Mask = shapely.contains_xy(region, corners[..., 0], corners[..., 1]).all(axis=1)
+        kept: Bools = shapely.contains_xy(region, corners[..., 0], corners[..., 1]).all(axis=1)
         if not convex:  # corners alone may reach across a bay
             kept[kept] = shapely.contains(region, shapely.polygons(corners[kept]))
         return kept
@@ -74,7 +75,7 @@ def clear(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints])
         f"and {HOME_CLEARANCE_M:g} m of the vehicle's home"
     )
 
-    def keeps(some: Footprints) -> Mask:
+    def keeps(some: Footprints) -> Bools:
         hit = crowded(some, obstacles)
         if len(hosts):
             one, other = crowding(some, hosts)
@@ -88,13 +89,13 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
     ground_m2 = strip(road)
     shapely.prepare(ground_m2)
 
-    def on(some: Footprints) -> Mask:
-        kept: Mask = shapely.covers(ground_m2, shapely.polygons(some.corners()))
+    def on(some: Footprints) -> Bools:
+        kept: Bools = shapely.covers(ground_m2, shapely.polygons(some.corners()))
         return kept
 
-    def beside(some: Footprints) -> Mask:
+    def beside(some: Footprints) -> Bools:
         gap = shapely.distance(ground_m2, shapely.polygons(some.corners()))
-        kept: Mask = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
+        kept: Bools = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
         return kept
 
     if along.where == "on":
@@ -110,9 +111,9 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
     if along.parallel_deg is not None:
         limit = along.parallel_deg
 
-        def parallel(some: Footprints) -> Mask:
+        def parallel(some: Footprints) -> Bools:
             off = np.abs((np.degrees(some.heading_rad) - road_heading_deg(road, some.centre_m) + 90.0) % 180.0 - 90.0)
-            kept: Mask = off <= limit + 1e-9
+            kept: Bools = off <= limit + 1e-9
             return kept
 
         text = f"head along road {road.id!r} within {limit:g} degrees"

@@ -13,15 +13,14 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from bench.arrays import Bools
 from bench.simspec import ActorGroup
 
 from ._footprint import Footprints
 from ._ground import EVERYWHERE, Geometry
 
 HOME_CLEARANCE_M = 3.0
-Mask = NDArray[np.bool_]
 Whom = Literal["some", "every", "first"]
 
 
@@ -31,7 +30,7 @@ class Relation:
 
     path: str
     text: str
-    keeps: Callable[[Footprints], Mask]
+    keeps: Callable[[Footprints], Bools]
     room: Callable[[], Geometry | None] = lambda: None
 
 
@@ -48,17 +47,17 @@ class Tie:
     text: str
     of: tuple[str, ...]
     whom: Whom
-    pairs: Callable[[Footprints, Footprints], Mask]
+    pairs: Callable[[Footprints, Footprints], Bools]
     room: Callable[[Geometry], Geometry | None]
     back: Callable[[Geometry], Geometry | None]
     points: Footprints | None = None
     among: Callable[[Footprints], Geometry | None] | None = None
 
-    def keeps(self, some: Footprints, others: Footprints) -> Mask:
+    def keeps(self, some: Footprints, others: Footprints) -> Bools:
         """(k,) whether places keep it towards all of the others who count."""
         counted = others[np.arange(1)] if self.whom == "first" else others
         matrix = self.pairs(some, counted)
-        kept: Mask = np.any(matrix, axis=1) if self.whom == "some" else np.all(matrix, axis=1)
+        kept: Bools = np.any(matrix, axis=1) if self.whom == "some" else np.all(matrix, axis=1)
         return kept
 
     def bound(self, others: Footprints) -> Relation:

@@ -12,14 +12,13 @@ from functools import lru_cache
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from bench.arrays import Counts
 from bench.documents import Document
 
 from ._factors import Levels, Space
 
-Whole = NDArray[np.int64]
 MOST_ORTHOGONAL = 1025
 MOST_NEARLY = 500
 STARTS = 4
@@ -68,8 +67,8 @@ def least_points(factors: int) -> int:
     return (2 << _exponent(factors)) + 1
 
 
-def orthogonal_latin_hypercube(points: int, factors: int) -> Whole:
-    """Whole-numbered columns, as many as the construction gives for so many points; any `factors` of them do.
+def orthogonal_latin_hypercube(points: int, factors: int) -> Counts:
+    """Counts-numbered columns, as many as the construction gives for so many points; any `factors` of them do.
 
     With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises ValueError where the
     construction has none.
@@ -91,7 +90,7 @@ def _exponents(points: int, factors: int) -> list[int]:
     return [c for c in range(_exponent(factors), 12) if size and size % (2 << c) == 0]
 
 
-def _constructed(points: int, exponent: int) -> Whole:
+def _constructed(points: int, exponent: int) -> Counts:
     signs, places = _halves(exponent)
     blocks = [places + (step << exponent) * signs for step in range((points - points % 2) // (2 << exponent))]
     if points % 2:
@@ -102,7 +101,7 @@ def _constructed(points: int, exponent: int) -> Whole:
 
 
 @lru_cache(maxsize=16)
-def _spread_out(points: int, factors: int, seed: int) -> Whole:
+def _spread_out(points: int, factors: int, seed: int) -> Counts:
     """Of some drawn choices of columns the one whose closest points are farthest apart.
 
     Which column a factor gets, and which way round it runs, is free: no correlation changes.
@@ -119,12 +118,12 @@ def _spread_out(points: int, factors: int, seed: int) -> Whole:
     return best
 
 
-def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Whole:
+def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Counts:
     """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches from drawn hypercubes."""
     return _nearly(points, factors, seed).copy()
 
 
-def largest_correlation(square: Whole) -> float:
+def largest_correlation(square: Counts) -> float:
     """The largest absolute correlation between two columns of a Latin hypercube; 0.0 is exact."""
     products = square.T @ square
     apart = np.abs(products - np.diag(np.diag(products)))
@@ -132,14 +131,14 @@ def largest_correlation(square: Whole) -> float:
 
 
 @lru_cache(maxsize=16)
-def _nearly(points: int, factors: int, seed: int) -> Whole:
+def _nearly(points: int, factors: int, seed: int) -> Counts:
     draws = np.random.default_rng(seed)
     marks = 2 * np.arange(points, dtype=np.int64) - (points - 1)
     found = [_evened(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(STARTS)]
     return min(found, key=lambda one: (round(largest_correlation(one), 2), -_closest(one)))
 
 
-def _evened(square: Whole) -> Whole:
+def _evened(square: Counts) -> Counts:
     """Swaps within columns, the best one at a time, until all correlations are small or none lowers the sum of their squares.
 
     Swapping rows a and b of column j, whose values are d apart, changes its product with another column m by d times that
@@ -162,11 +161,11 @@ def _evened(square: Whole) -> Whole:
     return square
 
 
-def _small(mine: Whole, others: Whole) -> bool:
+def _small(mine: Counts, others: Counts) -> bool:
     return not others.size or ENOUGH * int(np.abs(others.T @ mine).max()) <= int(mine @ mine)
 
 
-def _best_swap(mine: Whole, others: Whole, distances: Whole) -> tuple[int, int] | None:
+def _best_swap(mine: Counts, others: Counts, distances: Counts) -> tuple[int, int] | None:
     if _small(mine, others):
         return None
     weighted = others @ (others.T @ mine)
@@ -179,13 +178,13 @@ def _best_swap(mine: Whole, others: Whole, distances: Whole) -> tuple[int, int] 
     return first, second
 
 
-def _squared_distances(square: Whole) -> Whole:
+def _squared_distances(square: Counts) -> Counts:
     inner = square @ square.T
     norms = np.diag(inner)
     return np.asarray(norms[:, None] + norms[None, :] - 2 * inner)
 
 
-def _closest(square: Whole) -> int:
+def _closest(square: Counts) -> int:
     """The squared distance of the two closest points."""
     apart = _squared_distances(square)
     return int(apart[~np.eye(len(apart), dtype=np.bool_)].min())
@@ -195,7 +194,7 @@ def _exponent(factors: int) -> int:
     return max(1, (factors - 1).bit_length())
 
 
-def _halves(exponent: int) -> tuple[Whole, Whole]:
+def _halves(exponent: int) -> tuple[Counts, Counts]:
     """The matrices S and T of Sun, Liu and Lin (2009): signs, and places 1 ... 2**c with signs, both with orthogonal columns."""
     signs, places = np.array([[1, 1], [1, -1]], dtype=np.int64), np.array([[1, 2], [2, -1]], dtype=np.int64)
     for step in range(1, exponent):
@@ -208,13 +207,13 @@ def _halves(exponent: int) -> tuple[Whole, Whole]:
     return signs, places
 
 
-def _starred(square: Whole) -> Whole:
+def _starred(square: Counts) -> Counts:
     """The upper half with its signs turned."""
     half = len(square) // 2
     return np.vstack([-square[:half], square[half:]])
 
 
-def _ranks(square: Whole) -> list[list[int]]:
+def _ranks(square: Counts) -> list[list[int]]:
     """Columns that hold every step once, as ranks from 0."""
     top = int(square.max())
     step = 1 if len(square) == 2 * top + 1 else 2

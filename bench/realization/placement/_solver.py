@@ -18,11 +18,12 @@ import shapely
 from numpy.typing import NDArray
 from ortools.sat.python import cp_model
 
+from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
 
 from ._aim import aimed_deg, facing_target
 from ._clash import narrowed_ground
-from ._footprint import Array, Footprints, footprints, gaps, joined, no_footprints
+from ._footprint import Footprints, footprints, gaps, joined, no_footprints
 from ._ground import Geometry, drawn_from, flat, ground
 from ._midway import midways
 from ._relations import Tie, common_room
@@ -223,7 +224,7 @@ class _Phase:
         centre_m = np.round(drawn_from(room, count, self.rng), 3)
         return footprints(ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m)
 
-    def _headings_deg(self, group: ActorGroup, centre_m: Array) -> Array:
+    def _headings_deg(self, group: ActorGroup, centre_m: Floats) -> Floats:
         target = facing_target(self.simspec, group, self.standing)
         return aimed_deg(self.simspec, group, centre_m, target, self.rng)
 
@@ -369,9 +370,9 @@ def _turned_deg(group: ActorGroup, heading_deg: float) -> float:
 class _Frame:
     """The smallest rectangle round a region: its corner, unit vectors (2, 2) along its sides, and their lengths."""
 
-    corner_m: Array
-    axes: Array
-    size_m: Array
+    corner_m: Floats
+    axes: Floats
+    size_m: Floats
 
     @classmethod
     def of(cls, region: Geometry) -> _Frame:
@@ -385,17 +386,17 @@ class _Frame:
         """Of the first side, to a microdegree as documents keep it."""
         return round(float(np.degrees(np.arctan2(self.axes[0, 0], self.axes[0, 1]))) % 360.0, 6) % 360.0
 
-    def rows(self, member_m: Array, pitch_m: Array, corner: NDArray[np.int_]) -> Array:
+    def rows(self, member_m: Floats, pitch_m: Floats, corner: NDArray[np.int_]) -> Floats:
         """(n, 2) centres of as many rectangles as fit in rows and columns, pushed into one of the corners."""
         times = np.maximum(np.floor((self.size_m - member_m - 2 * SLACK_M) / pitch_m).astype(int) + 1, 0)
         ticks = [SLACK_M + member_m[side] / 2.0 + pitch_m[side] * np.arange(times[side]) for side in (0, 1)]
         ticks = [self.size_m[side] - tick if corner[side] else tick for side, tick in enumerate(ticks)]
         grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-        places: Array = np.round(self.corner_m + grid @ self.axes, 3)
+        places: Floats = np.round(self.corner_m + grid @ self.axes, 3)
         return places
 
 
-def _conflicts(some: Footprints, whose: NDArray[np.int_], spread_m: Array) -> Iterator[list[int]]:
+def _conflicts(some: Footprints, whose: NDArray[np.int_], spread_m: Floats) -> Iterator[list[int]]:
     """For each place the later ones that cannot be taken with it."""
     reach = some.radius_m
     for start in range(0, len(some), 256):

@@ -14,10 +14,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from ._difficulty import DECIMALS
-from ._plan import Bools, Counts, Floats
+from bench.arrays import Bools, Counts, Floats
 
 LEVEL = 0.95
+
+# Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding errors.
+DIFFICULTY_DECIMALS = 6
+
 SHARES = {"50": (1, 2), "90": (9, 10)}
 """Pass rates that competence is asked at, as fractions, so that a pass rate of exactly nine tenths is one."""
 
@@ -112,7 +115,7 @@ def competence(counted: Tally, share: tuple[int, int]) -> Competence:
     """
     cells = counted.cells
     group, tried, passed = (cells[name].to_numpy() for name in ("group", "tried", "passed"))
-    difficulty = cells["difficulty"].to_numpy() / 10.0**DECIMALS
+    difficulty = cells["difficulty"].to_numpy() / 10.0**DIFFICULTY_DECIMALS
     total = np.bincount(group, weights=tried, minlength=counted.groups).astype(np.int64)
     value, at_least = _last_maximum(group, difficulty, share[1] * passed - share[0] * tried, counted.groups)
     low = _bound(counted, group, difficulty, share[0] / share[1])
@@ -133,7 +136,7 @@ def competence_of(
 
 
 def _millionths(difficulty: Floats) -> Counts:
-    return np.rint(difficulty * 10.0**DECIMALS).astype(np.int64)
+    return np.rint(difficulty * 10.0**DIFFICULTY_DECIMALS).astype(np.int64)
 
 
 def _last_maximum(group: Counts, difficulty: Floats, gain: Counts, groups: int) -> tuple[Floats, Bools]:

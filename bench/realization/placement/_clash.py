@@ -26,11 +26,12 @@ from math import ceil, floor, hypot, pi
 import numpy as np
 import shapely
 
+from bench.arrays import Floats
 from bench.errors import RebarError
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, Near, Polygon, Sight, SimSpec
 
 from ._bands import Band, bands_of
-from ._footprint import Array, Footprints, footprints, joined, no_footprints
+from ._footprint import Footprints, footprints, joined, no_footprints
 from ._ground import EVERYWHERE, Geometry, coarse, flat, ground, solid, wide
 from ._headings import Heading, facing_of, headings_clash, parallel_of
 from ._midway import Midway, midways
@@ -235,7 +236,7 @@ class _Term:
     spread_m: float | None = None
     band: Band | None = None
     heading: Heading | None = None
-    route_m: Array | None = None
+    route_m: Floats | None = None
 
 
 def _terms(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[_Term]:
@@ -583,12 +584,12 @@ def _apart_m(group: ActorGroup) -> float:
     return 2.0 * inner_radius_m(group) + group.placement.separation_m
 
 
-def _crowd_m(group: ActorGroup, count: int) -> Array:
+def _crowd_m(group: ActorGroup, count: int) -> Floats:
     """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints that reach no
     further than the k-th centre and their own outer radius must fit into that circle."""
     gap = group.placement.separation_m
     area = _grown_area_m2(group, gap)
-    least: Array = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0
+    least: Floats = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0
     return np.maximum(least, 0.0)
 
 

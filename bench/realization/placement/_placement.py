@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 import shapely
 
+from bench.arrays import Floats
 from bench.errors import Fault, RebarError, SetupError
 from bench.simspec import (
     ASSETS,
@@ -28,7 +29,7 @@ from bench.simspec import (
 
 from ._check import check_placement
 from ._clash import PlacementInfeasible, check_areas, check_fixed_ways, find_clash, narrowed_ground
-from ._footprint import Array, Footprints
+from ._footprint import Footprints
 from ._ground import Geometry, ground
 from ._sampling import Budget, Placed, Stuck, fixed_places, sampled
 from ._ways import route_faults
@@ -199,7 +200,7 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
     )
 
 
-def _report(report: Intelligence, truth_m: Array, area: Geometry, rng: np.random.Generator) -> PlacedReport:
+def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
     """Uniform over the disc of error round the truth; over the part of it inside the area where there is one."""
     radius = REPORT_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)

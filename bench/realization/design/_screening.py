@@ -15,15 +15,14 @@ from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from bench.arrays import Counts
 from bench.documents import Document
 from bench.simspec import Identifier
 
 from ._factors import Factor, Level, Levels, Space
 
-Signs = NDArray[np.int64]
 MOST_RUNS = 4096
 MOST_TRIED = 20_000
 """Columns that the search for a fraction looks at before it takes more runs instead."""
@@ -116,7 +115,7 @@ def fraction(factors: int, resolution: int) -> tuple[int, ...]:
     return tuple(1 << place for place in range(factors))
 
 
-def plackett_burman(factors: int) -> Signs:
+def plackett_burman(factors: int) -> Counts:
     """The smallest design of this kind for so many factors, as -1 and +1; the last run is all -1."""
     if factors >= LARGEST:
         raise ValueError(f"a plackett_burman takes at most {LARGEST - 1} factors here, not {factors}")
@@ -126,7 +125,7 @@ def plackett_burman(factors: int) -> Signs:
     raise AssertionError("a Hadamard matrix of a power of two is always there")
 
 
-def definitive_screening(factors: int) -> Signs:
+def definitive_screening(factors: int) -> Counts:
     """The design as -1, 0 and +1: a conference matrix, its mirror image, and the centre."""
     if not 3 <= factors <= LARGEST:
         raise ValueError(f"a definitive_screening takes 3 to {LARGEST} factors, not {factors}")
@@ -137,7 +136,7 @@ def definitive_screening(factors: int) -> Signs:
     return np.vstack([kept, -kept, np.zeros((1, factors), dtype=np.int64)])
 
 
-def conference_matrix(order: int) -> Signs | None:
+def conference_matrix(order: int) -> Counts | None:
     """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has none."""
     field = _field(order - 1)
     if field is not None:
@@ -152,7 +151,7 @@ def conference_matrix(order: int) -> Signs | None:
     return np.block([[half, half + unit], [half - unit, -half]])
 
 
-def _hadamard(order: int) -> Signs | None:
+def _hadamard(order: int) -> Counts | None:
     """A Hadamard matrix, first row and column +1 up to sign; None where neither Paley nor doubling gives one.
 
     From Paley's first kind the rest of it is cyclic, with the rows that Plackett and Burman printed for 8, 12, 20 and 24 runs.
@@ -177,7 +176,7 @@ def _hadamard(order: int) -> Signs | None:
     return np.block([[core + unit, core - unit], [core - unit, -core - unit]])
 
 
-def _field(size: int) -> Signs | None:
+def _field(size: int) -> Counts | None:
     """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a difference is a square."""
     if size % 2 == 1 and _is_prime(size):
         signs = _quadratic(size)
@@ -188,7 +187,7 @@ def _field(size: int) -> Signs | None:
     return _square_field(root)
 
 
-def _square_field(prime: int) -> Signs:
+def _square_field(prime: int) -> Counts:
     """As `_field`, for pairs a + b x over a prime's field with x x = n, n no square there."""
     residues = _quadratic(prime)
     odd = next(n for n in range(2, prime) if residues[n] < 0)
@@ -201,7 +200,7 @@ def _square_field(prime: int) -> Signs:
     return np.array([[sign((a - c) % prime, (b - d) % prime) for a, b in pairs] for c, d in pairs], dtype=np.int64)
 
 
-def _quadratic(prime: int) -> Signs:
+def _quadratic(prime: int) -> Counts:
     """For each remainder 0, or +1 where it is a square, else -1."""
     signs = np.full(prime, -1, dtype=np.int64)
     signs[[n * n % prime for n in range(1, prime)]] = 1
@@ -273,7 +272,7 @@ def _generated(names: Sequence[str], generators: Mapping[str, Sequence[str]]) ->
     return columns
 
 
-def _signs_of(columns: Sequence[int]) -> Signs:
+def _signs_of(columns: Sequence[int]) -> Counts:
     """The runs of a fraction: base factors in standard order, the last one changing fastest."""
     bases = max(columns).bit_length()
     base = [one for one in columns if one.bit_count() == 1]
@@ -283,7 +282,7 @@ def _signs_of(columns: Sequence[int]) -> Signs:
     return np.stack([_product(raised, one) for one in columns], axis=1)
 
 
-def _product(raised: Mapping[int, Signs], column: int) -> Signs:
+def _product(raised: Mapping[int, Counts], column: int) -> Counts:
     return np.asarray(np.prod([raised[one] for one in _bits(column)], axis=0), dtype=np.int64)
 
 
@@ -291,7 +290,7 @@ def _bits(column: int) -> Iterator[int]:
     return (1 << place for place in range(column.bit_length()) if column >> place & 1)
 
 
-def _two_level(factors: Sequence[Factor], signs: Signs) -> list[Levels]:
+def _two_level(factors: Sequence[Factor], signs: Counts) -> list[Levels]:
     ends = [factor.ends() for factor in factors]
     names = [factor.name for factor in factors]
     return [{name: end[sign > 0] for name, end, sign in zip(names, ends, row, strict=True)} for row in signs.tolist()]

@@ -10,9 +10,8 @@ import numpy as np
 import shapely
 import shapely.affinity
 
+from bench.arrays import Floats
 from bench.simspec import Polygon, Road
-
-from ._footprint import Array
 
 Geometry = Any
 """A shapely geometry; shapely ships no types."""
@@ -84,12 +83,12 @@ def strip(road: Road) -> Geometry:
     return shapely.buffer(line, road.width_m / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)
 
 
-def road_heading_deg(road: Road, places_m: Array) -> Array:
+def road_heading_deg(road: Road, places_m: Floats) -> Floats:
     """(n,) heading of the stretch of the road nearest to each of (n, 2) places."""
     points = np.array([(point.east_m, point.north_m) for point in road.points])
     lines = np.array([shapely.LineString(pair) for pair in pairwise(points)])
     step = np.diff(points, axis=0)
-    heading: Array = np.degrees(np.arctan2(step[:, 0], step[:, 1]))
+    heading: Floats = np.degrees(np.arctan2(step[:, 0], step[:, 1]))
     nearest = shapely.distance(shapely.points(places_m)[:, None], lines[None, :]).argmin(axis=1)
     return np.asarray(heading[nearest], dtype=np.float64)
 
@@ -113,12 +112,12 @@ def coarse(geometry: Geometry) -> Geometry:
     return shapely.buffer(shapely.simplify(geometry, COARSE_M), COARSE_M * 1.1, quad_segs=2)
 
 
-def drawn_from(room: Geometry, count: int, rng: np.random.Generator) -> Array:
+def drawn_from(room: Geometry, count: int, rng: np.random.Generator) -> Floats:
     """(count, 2) places, uniform over a polygon or several."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room))
     area = shapely.area(triangles)
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     chosen = corners[rng.choice(len(area), size=count, p=area / area.sum())]
     one, other = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
-    places: Array = (1 - one) * chosen[:, 0] + one * (1 - other) * chosen[:, 1] + one * other * chosen[:, 2]
+    places: Floats = (1 - one) * chosen[:, 0] + one * (1 - other) * chosen[:, 1] + one * other * chosen[:, 2]
     return places

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import Bools, Floats
 from bench.simspec import ASSETS, ActorGroup, Sight, SimSpec
 
-from ._footprint import Array, Footprints
+from ._footprint import Footprints
 from ._ground import Geometry
-from ._relations import Mask, Tie, Whom, field
+from ._relations import Tie, Whom, field
 from ._whom import Target
 
 
@@ -24,7 +25,7 @@ class Solids:
     """What stands in the way of sight: footprints, heights (n,) and the group of each."""
 
     footprints: Footprints
-    height_m: Array
+    height_m: Floats
     group: tuple[str, ...]
 
     def without(self, group: str) -> Solids:
@@ -32,7 +33,7 @@ class Solids:
         kept = np.array([name != group for name in self.group], dtype=np.bool_)
         return Solids(self.footprints[kept], self.height_m[kept], tuple(name for name in self.group if name != group))
 
-    def between(self, eyes_m: Array, eye_height_m: float, places_m: Array, height_m: float) -> Mask:
+    def between(self, eyes_m: Floats, eye_height_m: float, places_m: Floats, height_m: float) -> Bools:
         """(k, m) whether a solid cuts the line from eye m to the point `height_m` above place k. An eye inside sees out."""
         blocked = np.zeros((len(places_m), len(eyes_m)), dtype=np.bool_)
         axes = self.footprints.axes()
@@ -46,7 +47,7 @@ class Solids:
         return blocked
 
 
-def _crossing(eye: Array, end: Array, half: Array) -> tuple[Array, Array]:
+def _crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
     """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the origin."""
     way = end[:, None, :] - eye[None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -70,7 +71,7 @@ def sights(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[Tie]
 def _sight(group: ActorGroup, name: str, sight: Sight, target: Target, whom: Whom, solids: Solids) -> Tie:
     top_m = ASSETS[group.asset].height_m
 
-    def pairs(some: Footprints, others: Footprints) -> Mask:
+    def pairs(some: Footprints, others: Footprints) -> Bools:
         hidden = solids.between(others.centre_m, sight.height_m, some.centre_m, top_m)
         return hidden if name == "hidden_from" else ~hidden
 

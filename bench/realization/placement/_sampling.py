@@ -12,11 +12,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 
 from ._aim import aimed_deg, facing_target
 from ._clash import PlacementInfeasible
-from ._footprint import Array, Footprints, crowded, footprints, joined, no_footprints
+from ._footprint import Footprints, crowded, footprints, joined, no_footprints
 from ._ground import EVERYWHERE, Geometry, drawn_from, flat, ground
 from ._midway import midways
 from ._relations import Relation, common_room
@@ -137,7 +138,7 @@ class Sampler:
     relations: tuple[Relation, ...]
     ring: _Ring | None
     room: Geometry | None
-    target_m: Array | None
+    target_m: Floats | None
     facing: Footprints | None
     rng: np.random.Generator
     budget: Budget
@@ -186,7 +187,7 @@ class Sampler:
                 raise Stuck(lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count)
         raise Stuck(lambda: self._explain(crowd.count))
 
-    def _at_mean_distance(self, target_m: Array) -> Footprints:
+    def _at_mean_distance(self, target_m: Floats) -> Footprints:
         mean = self.group.placement.mean_distance
         assert mean is not None
         found = no_footprints()
@@ -271,19 +272,19 @@ def _box_area_m2(region: shapely.Polygon) -> float:
 class _Ring:
     """The rings around the members of another group: where to look when a relation leaves little of the region."""
 
-    def __init__(self, relation: Near, centres_m: Array) -> None:
+    def __init__(self, relation: Near, centres_m: Floats) -> None:
         self._inner, self._outer, self._centres = relation.min_m, relation.max_m, centres_m
 
     @property
     def area_m2(self) -> float:
         return pi * (self._outer**2 - self._inner**2) * len(self._centres)
 
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
+    def draw(self, rng: np.random.Generator, count: int) -> Floats:
         """(count, 2) places, uniform over the ring of a member drawn for each."""
         centre = self._centres[rng.integers(len(self._centres), size=count)]
         radius = np.sqrt(rng.uniform(self._inner**2, self._outer**2, count))
         angle = rng.uniform(0.0, 2 * pi, count)
-        places: Array = centre + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+        places: Floats = centre + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
         return places
 
 
@@ -317,7 +318,7 @@ class _Crowd:
             return False
         return len(close) == 0 or not bool(crowded(one, room[close])[0])
 
-    def _overlaps(self, one: Footprints, close: NDArray[np.intp], square_m2: Array) -> bool:
+    def _overlaps(self, one: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
         """Whether circles inside footprints are too near already: most of those that do not fit are known by that."""
         inner = self._room.half_m[close].min(axis=1) + one.half_m[0].min() + np.maximum(self._room.gap_m[close], one.gap_m[0])
         return bool(np.any(square_m2 < (inner - 1e-9) ** 2))
@@ -341,7 +342,7 @@ class _Crowd:
         return admitted if self.count == until else []
 
 
-def _reachable(distance_m: Array, count: int) -> tuple[float, float]:
+def _reachable(distance_m: Floats, count: int) -> tuple[float, float]:
     """Least and greatest mean distance of `count` places out of those."""
     ordered = np.sort(distance_m)
     return float(ordered[:count].mean()), float(ordered[-count:].mean())
@@ -357,7 +358,7 @@ class _MeanChoice:
     def __init__(
         self,
         pool: Footprints,
-        distance_m: Array,
+        distance_m: Floats,
         crowd: _Crowd,
         count: int,
         mean_m: float,
@@ -404,7 +405,7 @@ class _MeanChoice:
         return False
 
 
-def _tilted(distance_m: Array, mean_m: float) -> Array:
+def _tilted(distance_m: Floats, mean_m: float) -> Floats:
     """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean is out of reach."""
     centred = distance_m - distance_m.mean()
     low, high = -0.5, 0.5
@@ -418,6 +419,6 @@ def _tilted(distance_m: Array, mean_m: float) -> Array:
     return _exponential(low * centred)
 
 
-def _exponential(power: Array) -> Array:
-    weight: Array = np.exp(power - power.max())
+def _exponential(power: Floats) -> Floats:
+    weight: Floats = np.exp(power - power.max())
     return weight

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from bench.arrays import Bools, Floats
 from bench.errors import Fault
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
-from ._footprint import Array, Footprints, joined, no_footprints
+from ._footprint import Footprints, joined, no_footprints
 from ._ground import EVERYWHERE, Geometry, ground
 from ._relations import Relation
 from ._whom import members_of, region_of
@@ -30,8 +30,6 @@ HAIR_M = 1e-6
 """By how much more than the simulation asks ways are kept open, so that nobody's rounding closes one."""
 
 _FAR_M = 1e6
-
-Mask = NDArray[np.bool_]
 
 
 def walks(simspec: SimSpec, group: ActorGroup) -> bool:
@@ -49,7 +47,7 @@ def room_m(walker: ActorGroup) -> float:
     return ASSETS[walker.asset].width_m / 2.0
 
 
-def loops(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Array]:
+def loops(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
     """(k, 2) points of the route as members walk them, by whether they start inside the area; one for each way that may be."""
     area = ground(simspec.world.area)
     at = walker.placement.at
@@ -64,7 +62,7 @@ def loops(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Array]:
     return {inside: _drawn_inside(area, points) if inside else points for inside in starts}
 
 
-def _drawn_inside(area: Geometry, points: Array) -> Array:
+def _drawn_inside(area: Geometry, points: Floats) -> Floats:
     drawn = points.copy()
     for index in np.flatnonzero(~shapely.contains_xy(area, points[:, 0], points[:, 1])):
         way = shapely.get_coordinates(shapely.shortest_line(shapely.Point(points[index]), area.exterior))
@@ -73,7 +71,7 @@ def _drawn_inside(area: Geometry, points: Array) -> Array:
     return drawn
 
 
-def _legs(points: Array) -> Array:
+def _legs(points: Floats) -> Floats:
     """(k, 2, 2) the legs of a loop, the one back to its first point the last."""
     return np.stack([points, np.roll(points, -1, axis=0)], axis=1)
 
@@ -95,9 +93,9 @@ def route_faults(simspec: SimSpec) -> Iterator[Fault]:
                 )
 
 
-def grown(walls: Footprints, by_m: float) -> Array:
+def grown(walls: Footprints, by_m: float) -> Floats:
     """(n,) polygons: footprints grown along and across."""
-    polygons: Array = shapely.polygons(replace(walls, half_m=walls.half_m + by_m).corners())
+    polygons: Floats = shapely.polygons(replace(walls, half_m=walls.half_m + by_m).corners())
     return polygons
 
 
@@ -109,14 +107,14 @@ def open_routes(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
 
 
 def _off_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
-    def keeps(some: Footprints) -> Mask:
-        kept: Mask = ~np.any(list(shut_loops(simspec, walker, some).values()), axis=0)
+    def keeps(some: Footprints) -> Bools:
+        kept: Bools = ~np.any(list(shut_loops(simspec, walker, some).values()), axis=0)
         return kept
 
     return Relation(_path(walker), f"leave the patrol route of {walker.id!r} open", keeps)
 
 
-def shut_loops(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Mask]:
+def shut_loops(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
     """(n,) which of the walls close the route, by whether its walkers start inside the area; for each way that may be."""
     outlines = grown(walls, room_m(walker) + HAIR_M)
     routes = {
@@ -149,8 +147,8 @@ def _to_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relati
     shut = {inside for inside, which in shut_loops(simspec, walker, walls).items() if which.any()}
     area = ground(simspec.world.area)
 
-    def keeps(some: Footprints) -> Mask:
-        kept: Mask = np.any(open_legs(simspec, walker, some, walls)[1], axis=1)
+    def keeps(some: Footprints) -> Bools:
+        kept: Bools = np.any(open_legs(simspec, walker, some, walls)[1], axis=1)
         inside = shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1])
         for start in shut:
             kept = kept & (inside != start)
@@ -159,10 +157,10 @@ def _to_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relati
     return Relation(_path(walker), "walk straight from its place to some point of its patrol route", keeps)
 
 
-def open_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> tuple[Array, Mask]:
+def open_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> tuple[Floats, Bools]:
     """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to straight."""
     area = ground(simspec.world.area)
-    inside: Mask = np.asarray(shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1]))
+    inside: Bools = np.asarray(shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1]))
     routes = loops(simspec, walker)
     any_route = next(iter(routes.values()))
     ends = np.where(inside[:, None, None], routes.get(True, any_route)[None], routes.get(False, any_route)[None])
@@ -174,7 +172,7 @@ def open_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Foo
     return ends, free
 
 
-def _walled(starts_m: Array, ends_m: Array, walls: Footprints, need_m: float) -> Mask:
+def _walled(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float) -> Bools:
     """(n, k) whether something solid closes the way from n places to k points of each."""
     closed = np.zeros(ends_m.shape[:2], dtype=np.bool_)
     axes = walls.axes()
@@ -188,18 +186,18 @@ def _walled(starts_m: Array, ends_m: Array, walls: Footprints, need_m: float) ->
     return closed
 
 
-def _crosses(begin: Array, end: Array, half: Array) -> Mask:
+def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
     """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside the other too."""
     way = end - begin
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
     first, second = (-half - begin) / way, (half - begin) / way
     enters = np.maximum(np.minimum(first, second).max(axis=-1), 0.0)
     leaves = np.minimum(np.maximum(first, second).min(axis=-1), 1.0)
-    touches: Mask = enters <= leaves
+    touches: Bools = enters <= leaves
     return touches
 
 
-def first_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> Array:
+def first_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> Floats:
     """(n,) lines from places to the nearest point of the route that is open to them; None where none is."""
     ends, free = open_legs(simspec, walker, some, walls)
     distance_m = np.linalg.norm(ends - some.centre_m[:, None, :], axis=-1)
@@ -214,8 +212,8 @@ def _off_ways(simspec: SimSpec, walker: ActorGroup, placed: Mapping[str, Footpri
     ways = shapely.multilinestrings([leg for leg in legs if leg is not None])
     shapely.prepare(ways)
 
-    def keeps(some: Footprints) -> Mask:
-        kept: Mask = ~shapely.intersects(ways, grown(some, room_m(walker) + HAIR_M))
+    def keeps(some: Footprints) -> Bools:
+        kept: Bools = ~shapely.intersects(ways, grown(some, room_m(walker) + HAIR_M))
         return kept
 
     return Relation(_path(walker), f"leave {walker.id!r} a straight way to its patrol route", keeps)
@@ -230,12 +228,12 @@ def closing_pairs(
     yield from ((one, other) for one, other in tree.query(legs, predicate="intersects").T.tolist())
 
 
-def seen_room(points_m: Array, walls: Sequence[Geometry]) -> Geometry:
+def seen_room(points_m: Floats, walls: Sequence[Geometry]) -> Geometry:
     """Everything from which a straight line to one of the points passes those solids; rather too much than too little."""
     return shapely.union_all([_seen_from(point, walls) for point in points_m])
 
 
-def _seen_from(point: Array, walls: Sequence[Geometry]) -> Geometry:
+def _seen_from(point: Floats, walls: Sequence[Geometry]) -> Geometry:
     room = EVERYWHERE
     for wall in walls:
         if shapely.intersects_xy(wall, *point):

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
+from bench.arrays import Floats
+
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._terms import FactorColumn, LeftOut, Term, design_matrix, terms_of
 
@@ -26,8 +28,6 @@ MOST_ODDS = 1000.0
 """Odds ratios above this, or below its inverse, are not told: no campaign has the runs to know them."""
 LEAST_FOR_EACH = 5
 """Fewer of the rarer outcome for each parameter than this is said to be few."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

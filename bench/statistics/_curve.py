@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from ._plan import Floats
+from bench.arrays import Floats
 
 LEVEL = 0.95
 FEWEST = 10

@@ -9,12 +9,12 @@ Methodology 24(2), 193-201.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
-LEVEL = 0.95
+from bench.arrays import Floats
 
-Floats = NDArray[np.float64]
+LEVEL = 0.95
 
 
 def clopper_pearson(passed: ArrayLike, tried: ArrayLike, level: float = LEVEL) -> tuple[Floats, Floats]:

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from bench.arrays import Bools
 from bench.simspec import HOME, ActorGroup, Between, SimSpec
 
 from ._footprint import Footprints
 from ._ground import Geometry, wide
-from ._relations import Mask, Relation, field
+from ._relations import Relation, field
 from ._whom import is_home, point_of
 
 
@@ -42,7 +43,7 @@ class Midway:
         start_m = self._at(self.first, placed).centre_m[0]
         end_m = self._at(self.second, placed).centre_m[1 if self.first == self.second else 0]
 
-        def keeps(some: Footprints) -> Mask:
+        def keeps(some: Footprints) -> Bools:
             way = end_m - start_m
             length_m = np.hypot(*way)
             if length_m == 0.0:
@@ -50,7 +51,7 @@ class Midway:
             forward, offset = way / length_m, some.centre_m - start_m
             along = offset @ forward
             aside = offset[:, 0] * forward[1] - offset[:, 1] * forward[0]
-            kept: Mask = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
+            kept: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
             return kept
 
         return Relation(self.path, self.text, keeps, lambda: self.room(shapely.Point(start_m), shapely.Point(end_m)))

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.simspec import Asset
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,10 +17,10 @@ class Footprints:
     """n rectangles: centres (n, 2) east/north, headings (n,) clockwise from north, half sizes (n, 2) along and across the
     heading, and the free gap (n,) that each wants around itself."""
 
-    centre_m: Array
-    heading_rad: Array
-    half_m: Array
-    gap_m: Array
+    centre_m: Floats
+    heading_rad: Floats
+    half_m: Floats
+    gap_m: Floats
 
     def __len__(self) -> int:
         return len(self.centre_m)
@@ -30,19 +29,19 @@ class Footprints:
         return Footprints(self.centre_m[which], self.heading_rad[which], self.half_m[which], self.gap_m[which])
 
     @property
-    def radius_m(self) -> Array:
+    def radius_m(self) -> Floats:
         """(n,) radii of the circles around the rectangles."""
         return np.hypot(self.half_m[:, 0], self.half_m[:, 1])
 
-    def axes(self) -> Array:
+    def axes(self) -> Floats:
         """(n, 2, 2) unit vectors along and across the heading, east/north."""
         sine, cosine = np.sin(self.heading_rad), np.cos(self.heading_rad)
         return np.stack([np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)], axis=-2)
 
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """(n, 4, 2) corners in order around each rectangle."""
         signs = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
-        offsets: Array = (signs[None] * self.half_m[:, None, :]) @ self.axes()
+        offsets: Floats = (signs[None] * self.half_m[:, None, :]) @ self.axes()
         return self.centre_m[:, None, :] + offsets
 
 
@@ -51,7 +50,7 @@ def no_footprints() -> Footprints:
     return Footprints(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
 
 
-def footprints(asset: Asset, centre_m: Array, heading_deg: Array, gap_m: float) -> Footprints:
+def footprints(asset: Asset, centre_m: Floats, heading_deg: Floats, gap_m: float) -> Footprints:
     """Footprints of one asset at (n, 2) places with (n,) headings."""
     half = np.array([asset.length_m / 2.0, asset.width_m / 2.0])
     count = len(centre_m)
@@ -70,7 +69,7 @@ def joined(parts: Sequence[Footprints]) -> Footprints:
     )
 
 
-def gaps(some: Footprints, others: Footprints) -> Array:
+def gaps(some: Footprints, others: Footprints) -> Floats:
     """(m,) free distance between the i-th of one and the i-th of the other, 0 where they touch or overlap.
 
     Separating axes tell whether two rectangles are apart; if so the nearest points include a corner of one of them.
@@ -86,18 +85,18 @@ def gaps(some: Footprints, others: Footprints) -> Array:
     return np.where(apart, nearest, 0.0)
 
 
-def _reach(axes: Array, own: Array, half_m: Array) -> Array:
+def _reach(axes: Floats, own: Floats, half_m: Floats) -> Floats:
     """(n, 2) half extents of rectangles with axes `own` along other `axes`."""
-    projected: Array = np.abs(np.einsum("nsk,nak->nsa", axes, own))
-    reach: Array = np.einsum("nsa,na->ns", projected, half_m)
+    projected: Floats = np.abs(np.einsum("nsk,nak->nsa", axes, own))
+    reach: Floats = np.einsum("nsa,na->ns", projected, half_m)
     return reach
 
 
-def _corner_distance(frame: Footprints, other: Footprints) -> Array:
+def _corner_distance(frame: Footprints, other: Footprints) -> Floats:
     """(n,) least distance of the corners of `other` to the rectangle `frame`."""
     local = np.einsum("nsk,nck->ncs", frame.axes(), other.corners() - frame.centre_m[:, None, :])
     outside = np.maximum(np.abs(local) - frame.half_m[:, None, :], 0.0)
-    distance: Array = np.hypot(outside[..., 0], outside[..., 1]).min(axis=1)
+    distance: Floats = np.hypot(outside[..., 0], outside[..., 1]).min(axis=1)
     return distance
 
 

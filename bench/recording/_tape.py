@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.contracts import (
     SESSION_EVENTS,
     TF,
@@ -43,8 +43,6 @@ from bench.contracts import (
 from bench.documents import Document
 from bench.simspec import SimSpec
 from bench.streams import Detection2D, Detection2DArray, Odometry, String, TFMessage, decode, decode_pose_array
-
-Floats = NDArray[np.float64]
 
 
 class TapeBuilder:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from ._plan import Bools, Floats
+from bench.arrays import Bools, Floats
 
 LEVEL = 0.95
 _HALVINGS = 40

@@ -1,0 +1,7 @@
+"""How an agent under test is started, connected, bounded and ended. Only the air network crosses from here to an agent."""
+
+from __future__ import annotations
+
+from ._manifest import load_manifest as load_manifest
+from ._process import LocalProcess as LocalProcess
+from ._process import open_agent as open_agent

@@ -1,0 +1,8 @@
+"""Places for every actor: seeded sampling, a CP-SAT solver, proofs of impossibility, and an independent judge."""
+
+from __future__ import annotations
+
+from ._check import check_placement as check_placement
+from ._clash import PlacementInfeasible as PlacementInfeasible
+from ._placement import PlacementUnsound as PlacementUnsound
+from ._placement import place as place

@@ -1,0 +1,17 @@
+"""Recordings: MCAP files written as a session runs, read back, and decoded to the tape that measures read.
+
+from bench.recording import read_simspec, read_tape
+tape, simspec = read_tape("run/recording.mcap"), read_simspec("run/recording.mcap")
+"""
+
+from __future__ import annotations
+
+from ._reader import Recovered as Recovered
+from ._reader import read_metadata as read_metadata
+from ._reader import read_records as read_records
+from ._reader import read_simspec as read_simspec
+from ._reader import read_tape as read_tape
+from ._reader import recover as recover
+from ._recorder import Recorder as Recorder
+from ._recorder import open_recording as open_recording
+from ._tape import TapeBuilder as TapeBuilder
