@@ -13,10 +13,10 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._design import realizations
 from ._document import Campaign
-from ._folder import CampaignFolder, write_result
-from ._journal import Journal
+from .planning._realizations import realizations
+from .storage._folder import CampaignFolder, write_result
+from .storage._journal import Journal
 
 if TYPE_CHECKING:
     from decompositions import Decomposition
@@ -53,7 +53,7 @@ def fly_overhead(simspecs: Sequence[SimSpec], names: Sequence[str], decompositio
     """The results of realized SimSpecs by surrogate. Raises SetupError for what no surrogate can fly."""
     from bench.simulation.overhead import observe, pack
 
-    from ._measuring import measures_of
+    from .results._measures import measures_of
 
     if not simspecs:
         return []

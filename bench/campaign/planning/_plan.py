@@ -13,10 +13,10 @@ from bench.realization import PlacementInfeasible, RealizationPlan, place
 from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition
 
-from ._design import realizations
-from ._document import Campaign
-from ._folder import CampaignFolder, digest_of, write_result, write_whole
-from ._journal import Journal, Planned
+from .._document import Campaign
+from ..storage._folder import CampaignFolder, digest_of, write_result, write_whole
+from ..storage._journal import Journal, Planned
+from ._realizations import realizations
 
 
 def plan_campaign(

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 
-from ._document import Stopping
-from ._journal import Entry
+from .._document import Stopping
+from ..storage._journal import Entry
 
 if TYPE_CHECKING:
     from bench.statistics import StoppingRule

@@ -16,10 +16,10 @@ from bench.scoring import ScoredRun, difficulty_of, score_table, studied
 from bench.simspec import SimSpec
 from bench.statistics import mcnemar_power, pairs_for_difference, runs_for_half_width
 
-from ._design import realizations
-from ._document import Campaign
-from ._measuring import load_asked
-from ._overhead import check_surrogates, fly_overhead
+from .._document import Campaign
+from .._overhead import check_surrogates, fly_overhead
+from ..results._measures import load_asked
+from ._realizations import realizations
 
 MOST_SCENES = 200
 """With more scenes, so many spread evenly over the design stand for all."""

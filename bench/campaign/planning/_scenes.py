@@ -11,7 +11,7 @@ from pathlib import Path
 from bench.documents import dump_json
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 
-from ._folder import CampaignFolder, write_whole
+from ..storage._folder import CampaignFolder, write_whole
 
 FEW_SCENES = 200
 """Scenes that are placed sooner than a second process has begun."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
 
-from ._document import Campaign
+from .._document import Campaign
 
 
 def realizations(campaign: Campaign) -> list[RealizationPlan]:
@@ -16,7 +16,7 @@ def campaign_quality(campaign: Campaign) -> DesignQuality:
     """How good a campaign's design is, before anything is flown. Raises SetupError where it does not fit the base SimSpec."""
     from bench.reporting import measure_design
 
-    from ._measuring import load_asked
+    from ..results._measures import load_asked
 
     return measure_design(campaign.situation, campaign.design, load_asked(campaign.decomposition), campaign.study)
 
@@ -26,6 +26,6 @@ def _rating(campaign: Campaign) -> Rating | None:
         return None
     from bench.reporting import rating
 
-    from ._measuring import load_asked
+    from ..results._measures import load_asked
 
     return rating(load_asked(campaign.decomposition), campaign.study)

@@ -11,7 +11,7 @@ from bench.contracts import SessionResult
 from bench.errors import RebarError
 from bench.simspec import SimSpec
 
-FLY = "bench.campaign._fly:fly_realization"
+FLY = "bench.campaign.execution._flight:fly_realization"
 
 
 class Job(Protocol):

@@ -10,8 +10,8 @@ from bench.errors import Fault, SetupError
 from bench.recording import read_simspec, read_tape
 from decompositions import Decomposition
 
-from ._folder import RECORDING, RESULT, digest_of
-from ._measuring import measure_all, measures_of
+from ..storage._folder import RECORDING, RESULT, digest_of
+from ._measures import measure_all, measures_of
 
 CUT_OFF = "the recording ends without an end: its session was cut off"
 

@@ -19,9 +19,9 @@ from bench.simspec import SimSpec
 from bench.simulation import SessionEnd, SessionPlan, run_session
 from decompositions import Decomposition
 
-from ._folder import RECORDING
-from ._measuring import measure_all, measures_of
-from ._versions import versions
+from .._versions import versions
+from ..results._measures import measure_all, measures_of
+from ..storage._folder import RECORDING
 
 SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome, SessionResult
 
-from ._document import Stopping
-from ._folder import RESULT, CampaignFolder, write_result
-from ._journal import Journal
-from ._settled import Key, Question
+from .._document import Stopping
+from ..storage._folder import RESULT, CampaignFolder, write_result
+from ..storage._journal import Journal
+from ._decisions import Key, Question
 
 if TYPE_CHECKING:
     from decompositions import Decomposition

@@ -16,8 +16,8 @@ from bench.errors import SetupError
 from bench.realization import PlacementInfeasible
 from bench.simspec import SimSpec
 
-from ._folder import RECORDING, digest_of
-from ._reap import end_tree
+from ..storage._folder import RECORDING, digest_of
+from ._processes import end_tree
 from ._task import Broken, Ended, Job, Ready, Task, WorkerPlan, load_job
 
 

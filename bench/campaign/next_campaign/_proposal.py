@@ -27,8 +27,8 @@ from bench.realization import INACTIVE, Design, Factor, FullFactorial, Level, Me
 from bench.reporting import ReportData, factors_that_matter, load_report_data, points_of, quality_of
 from bench.statistics import difficulty_response, factor_columns, hidden_differences
 
-from ._document import Campaign
-from ._finish import read_campaign_folder
+from .._document import Campaign
+from ..results._finish import read_campaign_folder
 
 NO_EFFECT_P = 0.2
 """A factor goes only where no adjusted p lies below this ..."""

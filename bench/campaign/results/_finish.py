@@ -19,8 +19,10 @@ from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, stu
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
-from ._document import Campaign
-from ._folder import (
+from .._document import Campaign
+from .._versions import versions
+from ..early_stopping._decisions import Key, is_past, outcome_name
+from ..storage._folder import (
     RECORDING,
     RESULT,
     CampaignFolder,
@@ -31,11 +33,9 @@ from ._folder import (
     write_result,
     write_whole,
 )
-from ._journal import Entry, open_journal
-from ._measuring import load_asked
+from ..storage._journal import Entry, open_journal
+from ._measures import load_asked
 from ._rescore import changed_since, rescore
-from ._settled import Key, is_past, outcome_name
-from ._versions import versions
 
 
 @dataclass(frozen=True, slots=True)

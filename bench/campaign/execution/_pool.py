@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from bench.contracts import Outcome, SessionResult
 
-from ._reap import await_exit, end_tree, marked
+from ._processes import await_exit, end_tree, marked
 from ._task import Broken, Ended, Ready, Task, WorkerPlan, WorkersUnusable
 
 START_S = 120.0
@@ -36,7 +36,7 @@ SCRATCH = ".scratch"
 """Where sessions keep temporary files, so that those of sessions ended by force go too."""
 
 MARK = "REBAR_CAMPAIGN_FOLDER"
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from bench.campaign._worker import main; main({}, {}, {!r})"
+_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from bench.campaign.execution._worker import main; main({}, {}, {!r})"
 
 
 class Executor(Protocol):
