@@ -12,7 +12,7 @@ from cases import Cases, CasesOf, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.flown import END_S
 from cases.mission import OVER_BOTH, Stop, went
-from test_ports.measures._faults import WORDS
+from test_ports.ground_truth._faults import WORDS
 
 ONSET_S, MENDED_S = 40.0, 70.0
 _MORE: dict[str, dict[str, Any]] = {

@@ -11,14 +11,14 @@ import numpy as np
 from bench.contracts import At, Evidence, Tape, TargetReport, VehicleTopics
 from bench.simspec import SimSpec
 
-from ._compliance import beyond
-from ._faults import WORDS, Fault, FaultKind, ended_by_its_agent, met
-from ._flight import Flight
-from ._measured import Finding, Measured, NoOptions, not_considered
-from ._picture import pictures
-from ._search import reached_s
-from ._shares import fresh_share
-from ._truth import Truth
+from .._measure import Finding, Measured, NoOptions, not_considered
+from .._time_shares import fresh_share
+from ..ground_truth._faults import WORDS, Fault, FaultKind, ended_by_its_agent, met
+from ..ground_truth._flown_track import Flight
+from ..ground_truth._truth import Truth
+from ..mission.search import reached_s
+from ..perception.track_messages import pictures
+from ..safety.limits import beyond
 
 SAME_PLACE_M = 20.0
 """Two reports of one class this near to each other are of one thing."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from bench.contracts import Detection, Evidence, Frame, Sighting, Tape
 from bench.simspec import ASSETS, SimSpec
 
-from ._measured import Finding, Measured, not_considered
-from ._truth import RoleName, Truth
-from ._views import View, Wanted, answered, iou, share, views
+from .._measure import Finding, Measured, not_considered
+from ..ground_truth._truth import RoleName, Truth
+from .clear_views import View, Wanted, answered, iou, share, views
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ import numpy as np
 from bench.contracts import At, Decision, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
-from ._deeds import DUST_S, Deeds
-from ._flight import Flight
-from ._measured import Finding, Measured, NoOptions, not_considered
-from ._reports import NO_TARGETS, belief_in_reports
-from ._shares import fresh_share
-from ._truth import Truth
+from .._measure import Finding, Measured, NoOptions, not_considered
+from .._time_shares import fresh_share
+from ..ground_truth._flown_track import Flight
+from ..ground_truth._truth import Truth
+from ..operator.order_outcomes import DUST_S, Deeds
+from ..reports.targets import NO_TARGETS, belief_in_reports
 
 REPORTING = frozenset({"report", "mark", "withhold_mark"})
 """Actions of decisions that are about a report."""

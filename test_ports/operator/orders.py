@@ -12,8 +12,8 @@ import numpy as np
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._deeds import DUST_S, GRACE_S, Deed, Deeds, Given, OrderName
-from ._measured import Finding, Measured, NoOptions, not_considered
+from .._measure import Finding, Measured, NoOptions, not_considered
+from .order_outcomes import DUST_S, GRACE_S, Deed, Deeds, Given, OrderName
 
 DOWN_S = 10.0
 """Between touching the ground and being disarmed."""

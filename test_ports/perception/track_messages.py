@@ -14,8 +14,8 @@ from bench.arrays import Bools, Floats
 from bench.contracts import AgentTrack, Tape
 from bench.simspec import SimSpec
 
-from ._measured import belief
-from ._truth import Truth
+from .._measure import belief
+from ..ground_truth._truth import Truth
 
 NEAR_M = 15.0
 """A track farther than this from every actor of its class is wrong."""

@@ -12,9 +12,9 @@ from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import Point, SimSpec
 
-from ._flight import Flight
-from ._measured import Finding, Measured, NoOptions, not_considered
-from ._shares import kept
+from .._measure import Finding, Measured, NoOptions, not_considered
+from .._time_shares import kept
+from ..ground_truth._flown_track import Flight
 
 
 def _geofence_kept(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:

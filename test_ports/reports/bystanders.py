@@ -11,11 +11,11 @@ from bench.arrays import Floats
 from bench.contracts import At, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
-from ._measured import Finding, Measured, not_considered
-from ._picture import pictures
-from ._reports import belief_in_reports
-from ._truth import Target, Truth
-from ._views import CLEAR_SHARE
+from .._measure import Finding, Measured, not_considered
+from ..ground_truth._truth import Target, Truth
+from ..perception.clear_views import CLEAR_SHARE
+from ..perception.track_messages import pictures
+from .targets import belief_in_reports
 
 MARGIN_M = 15.0
 """Past the no-mark distance: who declares a bystander that is not even this near has seen none, or does not care."""

@@ -9,12 +9,12 @@ import numpy as np
 from bench.contracts import AgentTrack, Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._flight import Flight
-from ._measured import Finding, Measured, not_considered
-from ._perception import known_asset
-from ._picture import NEAR_M, Picture, pictures
-from ._shares import fresh_share
-from ._truth import RoleName, Truth
+from .._measure import Finding, Measured, not_considered
+from .._time_shares import fresh_share
+from ..ground_truth._flown_track import Flight
+from ..ground_truth._truth import RoleName, Truth
+from .detections import known_asset
+from .track_messages import NEAR_M, Picture, pictures
 
 MIN_FINAL_FRAMES = 3
 """A track of fewer frames is a guess that the agent has not yet made up its mind about."""

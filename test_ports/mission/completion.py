@@ -9,8 +9,8 @@ import numpy as np
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._measured import Finding, Measured, NoOptions, not_considered
-from ._truth import Truth
+from .._measure import Finding, Measured, NoOptions, not_considered
+from ..ground_truth._truth import Truth
 
 LOST, OUT, HOME = 0.0, 0.5, 1.0
 

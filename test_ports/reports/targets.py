@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from bench.contracts import At, Evidence, Tape, TargetReport
 from bench.simspec import SimSpec
 
-from ._measured import Finding, Measured, NoOptions, belief, not_considered
-from ._truth import Target, Truth
-from ._views import CLEAR_SHARE
+from .._measure import Finding, Measured, NoOptions, belief, not_considered
+from ..ground_truth._truth import Target, Truth
+from ..perception.clear_views import CLEAR_SHARE
 
 NO_TARGETS = "intelligence names no adversary"
 

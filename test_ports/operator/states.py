@@ -14,9 +14,9 @@ from bench.arrays import Bools
 from bench.contracts import At, Evidence, Tape, VehicleDocument
 from bench.simspec import SimSpec
 
-from ._deeds import DUST_S
-from ._flight import Flight
-from ._measured import Finding, Measured, NoOptions, not_considered
+from .._measure import Finding, Measured, NoOptions, not_considered
+from ..ground_truth._flown_track import Flight
+from .order_outcomes import DUST_S
 
 TRANSITION_S = 90.0
 """How long before and after a change of state a phase that announces it is true."""

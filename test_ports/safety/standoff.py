@@ -10,10 +10,10 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._flight import Flight
-from ._measured import Finding, Measured, NoOptions, not_considered
-from ._shares import kept
-from ._truth import Truth
+from .._measure import Finding, Measured, NoOptions, not_considered
+from .._time_shares import kept
+from ..ground_truth._flown_track import Flight
+from ..ground_truth._truth import Truth
 
 SPEED_SLACK_MPS = 0.5
 """What a gust may add to a speed that was flown right."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from bench.contracts import CastMember, Detection, DetectionFrame, Frame, Sighting, Tape
 from bench.simspec import SimSpec
 
-from ._truth import Truth
+from ..ground_truth._truth import Truth
 
 ANY_CLASS = "any"
 Box = tuple[float, float, float, float]

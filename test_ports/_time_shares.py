@@ -7,8 +7,8 @@ import numpy as np
 from bench.arrays import Bools, Floats
 from bench.contracts import Evidence
 
-from ._flight import Flight
-from ._measured import Finding
+from ._measure import Finding
+from .ground_truth._flown_track import Flight
 
 
 def kept(flight: Flight, good: Bools, of: Bools, value: Floats, unit: str) -> Finding:

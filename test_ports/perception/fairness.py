@@ -9,10 +9,10 @@ from typing import Literal
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._measured import Finding, Measured, not_considered
-from ._tracks import held_credit
-from ._truth import Truth
-from ._views import Wanted, kinds_of, share, views
+from .._measure import Finding, Measured, not_considered
+from ..ground_truth._truth import Truth
+from .clear_views import Wanted, kinds_of, share, views
+from .tracks import held_credit
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import Order, SimSpec
 
-from ._flight import Flight
-from ._truth import Truth
+from ..ground_truth._flown_track import Flight
+from ..ground_truth._truth import Truth
 
 OrderName = Literal[
     "any", "hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"

@@ -12,9 +12,9 @@ from bench.arrays import Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from ._flight import Flight
-from ._measured import Finding, Measured, NoOptions, not_considered
-from ._truth import SubArea, Truth
+from .._measure import Finding, Measured, NoOptions, not_considered
+from ..ground_truth._flown_track import Flight
+from ..ground_truth._truth import SubArea, Truth
 
 
 @dataclass(frozen=True, slots=True)
