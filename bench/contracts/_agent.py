@@ -10,7 +10,8 @@ from typing import Annotated, Literal, Protocol
 
 from pydantic import Field
 
-from bench.simspec import Document, Identifier, SimSpec
+from bench.documents import Document
+from bench.simspec import Identifier, SimSpec
 
 
 class MavlinkNeed(Document):

@@ -8,7 +8,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics
-from bench.simspec import Document, SimSpec
+from bench.documents import Document
+from bench.simspec import SimSpec
 from bench.streams import (
     CLOCK_QOS,
     RELIABLE_10,

@@ -133,7 +133,7 @@ class DegradedDetector:
         self._luck = _Luck(len(cast), self._model.correlation_s)
         self._tracks = _Tracks(len(cast))
         self._outbox = _Outbox(self._model.latency_s)
-        self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.invented})
+        self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm})
 
     def see(self, frame: Frame) -> None:
         fresh = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))

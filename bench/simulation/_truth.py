@@ -26,7 +26,7 @@ from bench.contracts import (
     ViewDocument,
     mavlink_topic,
 )
-from bench.simspec import Document
+from bench.documents import Document
 from bench.streams import (
     Header,
     MultiArrayLayout,

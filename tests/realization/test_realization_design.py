@@ -45,7 +45,7 @@ def test_paper_experiment() -> None:
     west = next(plan for plan in plans if plan.levels["approach"] == "W")
     assert (west.simspec.vehicle.home.east_m, west.simspec.vehicle.home.heading_deg) == (-320.0, 90.0)
     assert west.simspec.group("civilians").density_per_km2 == west.levels["density"]
-    members = {plan.simspec.group("civilians").members(BASE.world.area.area_m2) for plan in plans}
+    members = {plan.simspec.group("civilians").member_count(BASE.world.area.area_m2) for plan in plans}
     assert members == {47, 59, 68}
 
 

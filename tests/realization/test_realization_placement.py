@@ -59,7 +59,7 @@ def test_paper_scenes() -> None:
     assert len(placed) == 18
     assert [fault for simspec in placed for fault in check_placement(simspec)] == []
     assert len({dump_json(realized(simspec)) for simspec in placed}) == 18
-    assert {simspec.group("civilians").members(150_000.0) for simspec in placed} == {47, 59, 68}
+    assert {simspec.group("civilians").member_count(150_000.0) for simspec in placed} == {47, 59, 68}
 
 
 def test_a_typical_scene_is_quick() -> None:

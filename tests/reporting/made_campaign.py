@@ -140,7 +140,7 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
     radar, truck = (-120.0, 40.0), (180.0, -40.0)
     placed: list[PlacedActor] = []
     for group in base.actors:
-        for index in range(group.members(base.world.area.area_m2)):
+        for index in range(group.member_count(base.world.area.area_m2)):
             east, north = {"radar": radar, "truck": truck}.get(group.id, (random.uniform(-290, 290), random.uniform(-115, 115)))
             if group.id == "close":
                 east, north = radar[0] + random.uniform(12, 30), radar[1] + random.uniform(-20, 20)

@@ -16,7 +16,6 @@ import shapely
 from bench.arrays import Floats
 from bench.errors import Fault, RebarError, SetupError
 from bench.simspec import (
-    ASSETS,
     ActorGroup,
     Intelligence,
     PlacedActor,
@@ -24,6 +23,7 @@ from bench.simspec import (
     Polygon,
     Realized,
     SimSpec,
+    asset_fault,
     generator,
 )
 
@@ -128,20 +128,20 @@ def _misfits(simspec: SimSpec) -> Iterator[Fault]:
         yield from _crossings(f"world.areas[{index}] ({area.id})", area)
     for index, group in enumerate(simspec.actors):
         where = f"actors[{index}] ({group.id})"
-        if group.asset not in ASSETS:
-            yield Fault(f"{where}.asset", f"there is no asset {group.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
+        if fault := asset_fault(f"{where}.asset", group.asset):
+            yield fault
         if len(group.id) > 56:
             yield Fault(f"{where}.id", "is too long for its members' ids", "use at most 56 characters")
         yield from _lone_pairs(simspec, where, group)
         if group.placement.region:
             yield from _crossings(f"{where}.placement.region", group.placement.region)
-        least = {one.id: one.members(simspec.world.area.area_m2) for one in simspec.actors}
+        least = {one.id: one.member_count(simspec.world.area.area_m2) for one in simspec.actors}
         if members_of(simspec, group) and (empty := [one for one in sorted(_named(group)) if least.get(one) == 0]):
             yield Fault(
                 f"{where}.placement", f"relates to {empty[0]!r}, which has no members", "give it members or drop the relation"
             )
     for index, report in enumerate(simspec.intelligence):
-        if not simspec.group(report.about).members(simspec.world.area.area_m2):
+        if not simspec.group(report.about).member_count(simspec.world.area.area_m2):
             yield Fault(f"intelligence[{index}].about", f"group {report.about!r} has no members", "give it at least one")
 
 
@@ -151,7 +151,7 @@ def _lone_pairs(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fau
     if between is None or between.first != between.second or not members_of(simspec, group):
         return
     for other in simspec.actors:
-        if other.id == between.first and other.members(simspec.world.area.area_m2) < 2:
+        if other.id == between.first and other.member_count(simspec.world.area.area_m2) < 2:
             yield Fault(
                 f"{where}.placement.between",
                 f"is between two members of {other.id!r}, which may have fewer than two",
@@ -166,7 +166,7 @@ def _named(group: ActorGroup) -> set[str]:
         relation.of for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside) if relation
     }
     found |= {place.between.first, place.between.second} if place.between else set()
-    return {name for name in (*found, *(seen.of for seen in place.seen.values())) if name}
+    return {name for name in (*found, *(seen.of for seen in place.place_references.values())) if name}
 
 
 def _crossings(where: str, polygon: Polygon) -> Iterator[Fault]:

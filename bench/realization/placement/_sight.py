@@ -62,7 +62,7 @@ def _crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
 
 def sights(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[Tie]:
     for name, whom in (("hidden_from", "every"), ("visible_from", "some")):
-        sight = group.placement.seen.get(name)
+        sight = group.placement.place_references.get(name)
         if isinstance(sight, Sight):
             target = Target.seen(simspec, sight)
             yield _sight(group, name, sight, target, "every" if whom == "every" else "some", solids.without(group.id))

@@ -107,7 +107,7 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
             covered = grown_by(ground_m2, along.at_least_m + inner_radius_m(group))
             return wide(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
 
-        yield Relation(field(group, "along"), f"stand beside road {road.id!r}, {along.gap} off it", beside, verge)
+        yield Relation(field(group, "along"), f"stand beside road {road.id!r}, {along.gap_text} off it", beside, verge)
     if along.parallel_deg is not None:
         limit = along.parallel_deg
 

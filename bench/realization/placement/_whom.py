@@ -9,7 +9,7 @@ from math import hypot
 
 import numpy as np
 
-from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, Distance, Point, Polygon, Seen, SimSpec, generator
+from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, Distance, PlaceReference, Point, Polygon, SimSpec, generator
 
 from ._footprint import Footprints
 from ._ground import Geometry, shrunk_by
@@ -24,7 +24,7 @@ def is_home(simspec: SimSpec, name: str | None) -> bool:
 def members_of(simspec: SimSpec, group: ActorGroup) -> int:
     """How many members the group has in this scene: drawn from the placement seed where a range is given."""
     if not isinstance(group.count, CountRange):
-        return group.members(simspec.world.area.area_m2)
+        return group.member_count(simspec.world.area.area_m2)
     # A stream of its own, so that a range leaves the places of the same number of members as they were.
     rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), zlib.crc32(b"count"))
     return int(rng.integers(group.count.low, group.count.high + 1))
@@ -39,7 +39,7 @@ def related(simspec: SimSpec, group: ActorGroup) -> set[str]:
     """The groups that must stand before this one: those that it relates to and, for sight, whatever is solid."""
     place = group.placement
     found = {relation.of for relation in (place.near, place.away, place.mean_distance) if relation}
-    found |= {seen.of for seen in place.seen.values() if seen.of}
+    found |= {seen.of for seen in place.place_references.values() if seen.of}
     found |= {place.between.first, place.between.second} if place.between else set()
     found |= {place.inside.of} if place.inside and place.inside.of else set()
     found -= {name for name in found if is_home(simspec, name)}
@@ -108,7 +108,7 @@ class Target:
         return cls(repr(name), (name,))
 
     @classmethod
-    def seen(cls, simspec: SimSpec, seen: Seen) -> Target:
+    def seen(cls, simspec: SimSpec, seen: PlaceReference) -> Target:
         """What a relation to a point or a first member is about."""
         return cls.named(simspec, seen.of) if seen.of is not None else cls._point(seen.point)
 

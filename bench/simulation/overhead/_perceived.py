@@ -27,7 +27,7 @@ for _index, _asset in enumerate(ASSETS.values()):
     for _label in _asset.confused_with:
         _CHOICES[_index, LABEL[_label]] += 1.0 / len(_asset.confused_with)
 
-_INVENTED = sorted({LABEL[_asset.class_label] for _asset in ASSETS.values() if _asset.invented})
+_INVENTED = sorted({LABEL[_asset.class_label] for _asset in ASSETS.values() if _asset.possible_false_alarm})
 
 
 def _detection_share(batch: Batch, flown: Flown, looks: Looks, options: Options) -> Column:

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from ._document import SimSpec
     from ._rules import Rules
 
-Disagreement = tuple[tuple[str | int, ...], str]
+Inconsistency = tuple[tuple[str | int, ...], str]
 """Path inside the document, and what is wrong there."""
 
 
-def refuse(title: str, wrong: Iterable[Disagreement]) -> None:
+def raise_inconsistencies(title: str, wrong: Iterable[Inconsistency]) -> None:
     """Raise pydantic's ValidationError with one error for each disagreement; nothing when there is none."""
     if faults := list(wrong):
         raise ValidationError.from_exception_data(title, [_error(where, what) for where, what in faults])
@@ -31,7 +31,7 @@ def _error(where: tuple[str | int, ...], what: str) -> InitErrorDetails:
     return InitErrorDetails(type=PydanticCustomError("value_error", "{what}", {"what": what}), loc=where, input=None)
 
 
-def rules_disagreements(rules: Rules) -> Iterator[Disagreement]:
+def rule_inconsistencies(rules: Rules) -> Iterator[Inconsistency]:
     """What the rules contradict in themselves."""
     if (rules.bystander_slow_within_m is None) != (rules.bystander_slow_mps is None):
         given = "bystander_slow_mps" if rules.bystander_slow_within_m is None else "bystander_slow_within_m"
@@ -45,7 +45,7 @@ def rules_disagreements(rules: Rules) -> Iterator[Disagreement]:
             yield ("report_windows", index), what
 
 
-def situation_disagreements(simspec: SimSpec) -> Iterator[Disagreement]:
+def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     """What the parts of a SimSpec contradict in one another."""
     for part, name in (("roads", "road"), ("areas", "area")):
         for where, what in _twice(part, name, [one.id for one in getattr(simspec.world, part)]):
@@ -58,13 +58,13 @@ def situation_disagreements(simspec: SimSpec) -> Iterator[Disagreement]:
     yield from _home(simspec)
 
 
-def _twice(part: str, name: str, ids: list[str]) -> Iterator[Disagreement]:
+def _twice(part: str, name: str, ids: list[str]) -> Iterator[Inconsistency]:
     for index, one in enumerate(ids):
         if one in ids[:index]:
             yield (part, index, "id"), f"{name} id {one!r} is used twice"
 
 
-def _actors(simspec: SimSpec) -> Iterator[Disagreement]:
+def _actors(simspec: SimSpec) -> Iterator[Inconsistency]:
     groups = [group.id for group in simspec.actors]
     yield from _twice("actors", "group", groups)
     for index, group in enumerate(simspec.actors):
@@ -78,7 +78,7 @@ def _actors(simspec: SimSpec) -> Iterator[Disagreement]:
         yield from _inside(simspec, index)
 
 
-def _stranger(where: tuple[str | int, ...], own: str, of: str, groups: list[str]) -> Iterator[Disagreement]:
+def _stranger(where: tuple[str | int, ...], own: str, of: str, groups: list[str]) -> Iterator[Inconsistency]:
     """A relation to a group that is not there; `home` is, whatever the groups are called."""
     if of == own:
         yield where, f"group {own!r} relates to itself"
@@ -86,7 +86,7 @@ def _stranger(where: tuple[str | int, ...], own: str, of: str, groups: list[str]
         yield where, f"group {own!r} relates to group {of!r}, which is not among {groups}, nor is it {HOME!r}"
 
 
-def _more_relations(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
+def _more_relations(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
     group, groups = simspec.actors[index], [one.id for one in simspec.actors]
     where = ("actors", index, "placement")
     for number, distance in enumerate(group.placement.distances):
@@ -98,7 +98,7 @@ def _more_relations(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
                 f"nor is it {HOME!r}"
             )
             yield (*where, "distances", number, "of"), what
-    for name, seen in group.placement.seen.items():
+    for name, seen in group.placement.place_references.items():
         if seen.of is not None:
             yield from _stranger((*where, name, "of"), group.id, seen.of, groups)
     roads = [road.id for road in simspec.world.roads]
@@ -107,7 +107,7 @@ def _more_relations(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
         yield (*where, "along", "road"), what
 
 
-def _between(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
+def _between(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
     group, groups = simspec.actors[index], [one.id for one in simspec.actors]
     between = group.placement.between
     if between is None:
@@ -119,7 +119,7 @@ def _between(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
         yield (*where, "second"), f"nothing lies between {HOME!r} and itself; name a group"
 
 
-def _inside(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
+def _inside(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
     group, groups = simspec.actors[index], {one.id: one for one in simspec.actors}
     inside, areas = group.placement.inside, [one.id for one in simspec.world.areas]
     where = ("actors", index, "placement", "inside")
@@ -138,7 +138,7 @@ def _inside(simspec: SimSpec, index: int) -> Iterator[Disagreement]:
         yield from _guest(where, index, group, groups[inside.of])
 
 
-def _guest(where: tuple[str | int, ...], index: int, guest: ActorGroup, host: ActorGroup) -> Iterator[Disagreement]:
+def _guest(where: tuple[str | int, ...], index: int, guest: ActorGroup, host: ActorGroup) -> Iterator[Inconsistency]:
     """Whether the host's asset can have the guest in it."""
     own, around = ASSETS[guest.asset], ASSETS[host.asset]
     if not around.has_room_for(own):
@@ -159,7 +159,7 @@ def _guest(where: tuple[str | int, ...], index: int, guest: ActorGroup, host: Ac
         )
 
 
-def _intelligence(simspec: SimSpec) -> Iterator[Disagreement]:
+def _intelligence(simspec: SimSpec) -> Iterator[Inconsistency]:
     groups = [group.id for group in simspec.actors]
     yield from _twice("intelligence", "intelligence", [report.id for report in simspec.intelligence])
     for index, report in enumerate(simspec.intelligence):
@@ -168,7 +168,7 @@ def _intelligence(simspec: SimSpec) -> Iterator[Disagreement]:
             yield ("intelligence", index, "about"), what
 
 
-def _orders(simspec: SimSpec) -> Iterator[Disagreement]:
+def _orders(simspec: SimSpec) -> Iterator[Inconsistency]:
     limit_s = simspec.mission.time_limit_s
     delivered_s = {report.id: report.delivered_s for report in simspec.intelligence}
     yield from _twice("orders", "order", [order.id for order in simspec.orders])
@@ -186,7 +186,7 @@ def _orders(simspec: SimSpec) -> Iterator[Disagreement]:
             yield where, f"{named}, which is delivered at {due_s:g} s only"
 
 
-def _outages(simspec: SimSpec) -> Iterator[Disagreement]:
+def _outages(simspec: SimSpec) -> Iterator[Inconsistency]:
     limit_s = simspec.mission.time_limit_s
     for index, outage in enumerate(simspec.outages):
         if outage.until_s > limit_s:
@@ -194,7 +194,7 @@ def _outages(simspec: SimSpec) -> Iterator[Disagreement]:
             yield ("outages", index), f"{lasting}: mission.time_limit_s is {limit_s:g}"
 
 
-def _heights(simspec: SimSpec) -> Iterator[Disagreement]:
+def _heights(simspec: SimSpec) -> Iterator[Inconsistency]:
     height_m, rules = simspec.mission.altitude_m, simspec.rules
     where = ("mission", "altitude_m")
     if height_m > rules.max_altitude_m:
@@ -203,7 +203,7 @@ def _heights(simspec: SimSpec) -> Iterator[Disagreement]:
         yield where, f"mission.altitude_m {height_m} is under rules.min_altitude_m {rules.min_altitude_m}"
 
 
-def _home(simspec: SimSpec) -> Iterator[Disagreement]:
+def _home(simspec: SimSpec) -> Iterator[Inconsistency]:
     home, rules = simspec.vehicle.home, simspec.rules
     if rules.geofence is not None and not rules.geofence.contains(home):
         yield ("rules", "geofence"), "the geofence does not contain vehicle.home: the vehicle would start outside"

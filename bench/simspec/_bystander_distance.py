@@ -17,15 +17,15 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
     two allows. A run so certifies an agent to what any placement of the situation holds (reading.md 2 and 5), and no more.
     """
     area_m2 = simspec.world.area.area_m2
-    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.members(area_m2)]
-    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.members(area_m2)]
+    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.member_count(area_m2)]
+    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.member_count(area_m2)]
     if not groups or not targets:
         return None
     named = {one.id for one in targets}
     means = [mean.mean_m for one in groups if (mean := one.placement.mean_distance) and mean.of in named]
     if means:
         return min(means)
-    members = [one.members(area_m2) for one in groups]
+    members = [one.member_count(area_m2) for one in groups]
     bounds = [min(_most_m(simspec, one, target) for target in targets) for one in groups]
     return math.fsum(many * most_m for many, most_m in zip(members, bounds, strict=True)) / sum(members)
 
@@ -38,8 +38,8 @@ def nearest_bystander_m(simspec: SimSpec) -> float | None:
     the vehicle's home, grant none.
     """
     area_m2 = simspec.world.area.area_m2
-    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.members(area_m2)]
-    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.members(area_m2)]
+    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.member_count(area_m2)]
+    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.member_count(area_m2)]
     granted = ([*_granted_m(simspec, group, target)] for group in groups for target in targets)
     return min((max(lower) for lower in granted if lower), default=None)
 
@@ -47,7 +47,7 @@ def nearest_bystander_m(simspec: SimSpec) -> float | None:
 def _granted_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
     """The lower end of each relation to the target, 0 where it leaves some member of it out."""
     place = group.placement
-    alone = not isinstance(target.count, CountRange) and target.members(simspec.world.area.area_m2) == 1
+    alone = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
     names = _names(simspec, target)
     if place.near and place.near.of == target.id:
         yield place.near.min_m if alone else 0.0
