@@ -1,6 +1,6 @@
 """What a plug-in promises, and the values that cross the walls of the bench.
 
-A vehicle, a scene, an agent or a measure is a protocol of this package and a line in pyproject.toml, nothing else.
+A vehicle, a scene, an agent, a measure or a surrogate is a protocol of this package and a line in pyproject.toml, nothing else.
 """
 
 from __future__ import annotations
@@ -11,6 +11,11 @@ from ._agent import AgentPlan as AgentPlan
 from ._agent import AgentProcess as AgentProcess
 from ._agent import MavlinkNeed as MavlinkNeed
 from ._agent import OpenAgent as OpenAgent
+from ._detection import FALSE_SCORE as FALSE_SCORE
+from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
+from ._detection import LEAST_DOUBT as LEAST_DOUBT
+from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
+from ._detection import light_of as light_of
 from ._documents import AgentStatus as AgentStatus
 from ._documents import AgentTrack as AgentTrack
 from ._documents import AgentTracks as AgentTracks
@@ -50,6 +55,9 @@ from ._scene import Frame as Frame
 from ._scene import OpenScene as OpenScene
 from ._scene import Scene as Scene
 from ._scene import Sighting as Sighting
+from ._surrogate import MeasureRequest as MeasureRequest
+from ._surrogate import Prediction as Prediction
+from ._surrogate import Surrogate as Surrogate
 from ._tick import MAX_LINE_BYTES as MAX_LINE_BYTES
 from ._tick import Ack as Ack
 from ._tick import End as End

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from bench.errors import Fault, SetupError
 
-Group = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes"]
+Group = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes", "rebar.surrogates"]
 
 
 @cache  # what is installed does not change under a running process, and looking costs tens of milliseconds

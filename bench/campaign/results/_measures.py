@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.contracts import ChecksOptions, Measure, Observation, Option, Tape, load_plugin
+from bench.contracts import ChecksOptions, Measure, MeasureRequest, Observation, Option, Tape, load_plugin
 from bench.simspec import FACTORS, SimSpec
 from decompositions import Decomposition, Vocabulary, load_decomposition
-
-MeasureRequest = tuple[str, Mapping[str, Option]]
-"""Name of a measure in the entry-point group `rebar.measures`, and its options."""
 
 
 def check_options(measure: str, options: Mapping[str, Option]) -> None:
@@ -42,6 +39,6 @@ def load_asked(name_or_path: str | Path) -> Decomposition:
     return load_decomposition(name_or_path, Vocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options))
 
 
-def measures_of(decomposition: Decomposition) -> dict[str, tuple[str, Mapping[str, Option]]]:
+def measures_of(decomposition: Decomposition) -> dict[str, MeasureRequest]:
     """Measure and options of every distinct observable, by its id."""
     return {observable.id: (observable.measure, observable.options) for observable in decomposition.observables.values()}

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.special import betainc
 
 from bench.arrays import Bools, Counts, Floats
+from bench.contracts import FALSE_SCORE
 from bench.simspec import ASSETS
 
-from .._detector import FALSE_SCORE
-from ._batch import LABEL, Batch
-from ._looks import ROLES, USUAL_CONFIDENCE, Column, Computed, Looks, Options, has_role, number, share, some
-from ._outcome import Flown, epoch_of
+from ..._tracks import TENTATIVE_FRAMES
+from ..batch._batch import LABEL, Batch
+from ..flight._outcome import Flown, epoch_of
+from ._columns import ROLES, USUAL_CONFIDENCE, Column, Computed, Looks, Options, has_role, number, share, some
 
-RIPE_FRAMES = 3.0
 KINDS_MOST = 64
 _FAIR = 64
 _STEADY = 96
@@ -146,7 +146,7 @@ def _classified_share(batch: Batch, flown: Flown, looks: Looks, options: Options
 def _no_false_tracks(batch: Batch, flown: Flown, looks: Looks, options: Options) -> Column:
     """A track stays where its actor was last seen. It is false when the actor has gone, and none of its class has come."""
     within_m2 = number(options, "within_m", 15.0) ** 2
-    held = looks.counts() >= RIPE_FRAMES
+    held = looks.counts() >= TENTATIVE_FRAMES
     row, actor = np.nonzero(held)
     last_s = np.zeros(batch.role.shape)
     np.maximum.at(

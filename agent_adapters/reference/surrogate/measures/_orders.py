@@ -12,11 +12,11 @@ import numpy as np
 from bench.arrays import Bools
 from bench.simspec import Order
 
-from ._batch import Batch
-from ._course import reached_s
-from ._looks import Column, Computed, Looks, Options
-from ._mission import DOWN_S
-from ._outcome import Flown, epoch_of
+from ..batch._batch import Batch
+from ..flight._mission import DOWN_S
+from ..flight._outcome import Flown, epoch_of
+from ._columns import Column, Computed, Looks, Options
+from ._flight_path import reached_s
 
 HOME_M = 15.0
 REFUSED_S = 30.0

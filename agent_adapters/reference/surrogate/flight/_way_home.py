@@ -6,17 +6,12 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ._airspace import Airspace
-from ._batch import Batch
+from ..._pilot import BATTERY_MARGIN
+from ..._planner import DESCENT_MPS, LANDING_S, TURN_S
+from ..._settings import DEFAULTS
+from ..batch._airspace import Airspace
+from ..batch._batch import Batch
 from ._views import Stretch
-
-LANDING_S = 24.0
-SAFE_HEIGHT_M = 15.0
-PLANNED_DESCENT_MPS = 1.2
-TURN_S = 3.0
-RESERVE_S = 8.0
-MIN_CHARGE = 0.25
-CHARGE_MARGIN = 0.03
 
 
 class Homeward:
@@ -48,7 +43,7 @@ class Homeward:
 
     def latest_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """(r,) when it has to leave a place, to be home in time."""
-        latest_s: Floats = self._batch.limit_s[rows] - RESERVE_S - self._home_s(rows, place_m, now_s)
+        latest_s: Floats = self._batch.limit_s[rows] - DEFAULTS.reserve_s - self._home_s(rows, place_m, now_s)
         return latest_s
 
     def turns_back_s(self, stretch: Stretch, begin_s: Floats, end_s: Floats, away_s: Floats) -> Floats:
@@ -58,7 +53,7 @@ class Homeward:
         farthest_m = np.hypot(*np.moveaxis(stretch.place_m - batch.home_m[rows][:, None], -1, 0)).max(axis=1)
         # Where there is time enough even from the farthest place by a way twice as long, nothing has to be looked at closely.
         longest_s = self._spent_s(rows, 2.0 * farthest_m)
-        tight = np.flatnonzero((end_s + longest_s + RESERVE_S >= batch.limit_s[rows]) | (not self._spare))
+        tight = np.flatnonzero((end_s + longest_s + DEFAULTS.reserve_s >= batch.limit_s[rows]) | (not self._spare))
         if not len(tight):
             return turns_s
         some = rows[tight]
@@ -68,7 +63,7 @@ class Homeward:
         now_s = np.where(np.isfinite(time_s), time_s, 0.0).ravel()
         home_s = self._home_s(np.repeat(some, moments), place_m, now_s).reshape(count, moments)
         before_s = np.concatenate((begin_s[tight][:, None], time_s[:, :-1]), axis=1)
-        latest_s = batch.limit_s[some][:, None] - RESERVE_S - home_s
+        latest_s = batch.limit_s[some][:, None] - DEFAULTS.reserve_s - home_s
         by_time_s = np.where(time_s >= latest_s, np.maximum(latest_s, before_s), np.inf)
         short, short_s = self._short(some, time_s, before_s, home_s, away_s[tight])
         by_charge_s = np.where(short, short_s, np.inf)
@@ -89,10 +84,10 @@ class Homeward:
     def _short(self, rows: Counts, time_s: Floats, before_s: Floats, home_s: Floats, away_s: Floats) -> tuple[Bools, Floats]:
         batch = self._batch
         charge = self.charge_at(rows, np.where(np.isfinite(time_s), time_s, batch.limit_s[rows][:, None]), away_s)
-        needed = batch.reserve[rows][:, None] + batch.use_per_s[rows][:, None] * home_s + CHARGE_MARGIN
+        needed = batch.reserve[rows][:, None] + batch.use_per_s[rows][:, None] * home_s + BATTERY_MARGIN
         fell_s = batch.charge_s[rows][:, None]
         when_s = np.where((before_s < fell_s) & (fell_s <= time_s), fell_s, np.where(np.isfinite(time_s), time_s, before_s))
-        return charge <= np.maximum(needed, MIN_CHARGE), when_s
+        return charge <= np.maximum(needed, DEFAULTS.min_battery), when_s
 
     def _home_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """Time from a place at mission height to disarmed on the ground, as the agent reckons it."""
@@ -101,7 +96,7 @@ class Homeward:
     def _spent_s(self, rows: Counts, away_m: Floats) -> Floats:
         batch = self._batch
         back_s = (away_m / batch.pace_mps[rows] + TURN_S) * batch.returns[rows]
-        down_s = np.maximum(batch.height_m[rows] - SAFE_HEIGHT_M, 0.0) / PLANNED_DESCENT_MPS
+        down_s = np.maximum(batch.height_m[rows] - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
         spent_s: Floats = np.where(batch.floor_m[rows] > 0.0, back_s + down_s, np.maximum(back_s, down_s)) + LANDING_S
         return spent_s
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_overhead import AWARE, NAIVE, scene
+from test_surrogate import AWARE, NAIVE, scene
 
+from agent_adapters.reference.surrogate import Observed, observe, pack
 from bench.contracts import Option
 from bench.simspec import SimSpec
-from bench.simulation.overhead import Observed, observe, pack
 
 ASKED: dict[str, tuple[str, dict[str, Option]]] = {
     "reported": ("targets_reported", {}),

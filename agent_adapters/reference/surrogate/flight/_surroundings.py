@@ -8,33 +8,27 @@ import numpy as np
 
 from bench.arrays import Counts, Floats
 
-from ._batch import Batch
-from ._known import BYSTANDER_MARGIN_M
+from ..._settings import DEFAULTS
+from ..batch._batch import Batch
 from ._views import Stretch, shown
-
-MEMORY_S = 45.0
-"""How long a look at a place stays good."""
-
-UNSEEN_SHARE = 0.08
-"""Of the surroundings that may stay unseen."""
 
 
 def unseen_share(batch: Batch, course: Sequence[Stretch], rows: Counts, target_m: Floats, until_s: Floats) -> Floats:
     """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before `until_s`."""
     if not len(rows):
         return np.zeros(0)
-    radius_m = batch.no_mark_m[rows] + BYSTANDER_MARGIN_M
+    radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
     places_m = target_m[:, None] + radius_m[:, None, None] * _DISC[None]
     index = np.full(len(batch), -1)
     index[rows] = np.arange(len(rows))
     seen = np.zeros(places_m.shape[:2], dtype=np.bool_)
     for stretch in course:
         own = index[stretch.rows]
-        late = (own >= 0) & (stretch.time_s[:, -1] >= until_s[own] - MEMORY_S) & (stretch.time_s[:, 0] <= until_s[own])
+        late = (own >= 0) & (stretch.time_s[:, -1] >= until_s[own] - DEFAULTS.memory_s) & (stretch.time_s[:, 0] <= until_s[own])
         part = np.flatnonzero(late)
         if len(part):
             at = own[part]
-            seen[at] |= shown(batch, stretch.part(part), places_m[at], until_s[at] - MEMORY_S, until_s[at])
+            seen[at] |= shown(batch, stretch.part(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at])
     unseen: Floats = 1.0 - seen.mean(axis=1)
     return unseen
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from test_overhead import AWARE, NAIVE, scene
+from test_surrogate import AWARE, NAIVE, scene
 
+from agent_adapters.reference.surrogate import computed, observe, pack
 from bench.campaign import load_asked, measures_of
 from bench.contracts import Option
 from bench.simspec import Environment, SimSpec
-from bench.simulation.overhead import computed, observe, pack
 
 
 def measured(simspec: SimSpec, measure: str, **options: Option) -> float | None:

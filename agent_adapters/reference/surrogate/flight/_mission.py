@@ -13,16 +13,21 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ._batch import EPOCH_S, EPOCHS, Batch
+from ..._mission import LAST_WORD_S, SEARCH_S
+from ..._pilot import FIRST_HEIGHT_M
+from ..._planner import TURN_S
+from ..._search import BRAKING_MPS2, CORNER_MPS
+from ..._settings import DEFAULTS
+from ..batch._batch import EPOCH_S, EPOCHS, Batch
+from ._bystanders import Known, Memory
 from ._delays import delayed, opens_s, slowed, stood_through
-from ._homeward import Homeward
-from ._hunts import NEVER_S, Hunts
-from ._known import BYSTANDER_MARGIN_M, Known, Memory
+from ._identification import NEVER_S, Hunts
 from ._outcome import Flown, outcome
 from ._paths import along, around, cut_off, legs
-from ._surroundings import UNSEEN_SHARE, unseen_share
-from ._urgency import SEARCH_S, TURN_S, called_s, ordered_by
+from ._preemption import called_s, ordered_by
+from ._surroundings import unseen_share
 from ._views import Stretch, Views, look
+from ._way_home import Homeward
 
 READY_S = 5.7
 """From the start to arming, of the simulated PX4."""
@@ -31,19 +36,10 @@ CLIMB_S = 8.5
 """From arming to being on the way."""
 
 CLIMB_MPS = 3.0
-FIRST_HEIGHT_M = 6.0
-"""Climbing goes on along the way, from where the takeoff ends."""
-
 DOWN_S = 19.0
 """From over home, low, to disarmed; the reference agent plans with LANDING_S."""
 
 DESCENT_MPS = 1.5
-LAST_WORD_S = 3.0
-INSPECT_MPS = 8.0
-SAFE_HEIGHT_M = 15.0
-
-CORNER_MPS = 4.0
-BRAKING_MPS2 = 2.5
 
 SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
 
@@ -209,7 +205,7 @@ class _Flight:
         near = known.near > 0
         self._say(rows[near], task[near], at_s[near], marks=False)
         rows, task, at_s = rows[~near], task[~near], at_s[~near]
-        clear = self._unseen(rows, task, at_s) <= UNSEEN_SHARE
+        clear = self._unseen(rows, task, at_s) <= DEFAULTS.unseen_share
         self._say(rows[clear], task[clear], at_s[clear], marks=True)
 
     def _say(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
@@ -230,7 +226,7 @@ class _Flight:
             return
         rows, task = rows[left], task[left]
         toward = batch.task_m[rows, task] - self._place_m[rows]
-        around_m = batch.no_mark_m[rows] + BYSTANDER_MARGIN_M
+        around_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
         path_m = self._lawnmower(rows, self._targets_m(rows, task), around_m, np.arctan2(toward[:, 0], toward[:, 1]))
         self._fly_along(rows, path_m, RING_MOMENTS)
         at_s = self._now_s[rows]
@@ -253,7 +249,7 @@ class _Flight:
         row = np.arange(len(batch))
         withheld = (self._reported_s[row, order] <= self._now_s) & np.isinf(self._marked_s[row, order]) & ~self._over
         withheld &= opens_s(batch.closed_s, self._now_s) <= self._now_s
-        round_s = 2.0 * np.pi * self._ring_m / INSPECT_MPS
+        round_s = 2.0 * np.pi * self._ring_m / DEFAULTS.inspect_speed_mps
         rows = np.flatnonzero(withheld & self._fits(row, order, self._now_s, round_s))
         if not len(rows):
             return
@@ -262,7 +258,7 @@ class _Flight:
         rows, chosen = rows[stays], chosen[stays]
         at_s = self._now_s[rows]
         clear = self._memory.near(rows, chosen, at_s, self._everybody_at(rows, at_s), lately=True).near == 0
-        clear[clear] = self._unseen(rows[clear], chosen[clear], at_s[clear]) <= UNSEEN_SHARE
+        clear[clear] = self._unseen(rows[clear], chosen[clear], at_s[clear]) <= DEFAULTS.unseen_share
         said_s = opens_s(batch.closed_s[rows], at_s)
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
 
@@ -280,7 +276,7 @@ class _Flight:
             chosen, when_s = task[rows], at_s[rows]
             careful = batch.aware[rows]
             refuses = careful & (self._knows(rows, chosen, when_s).near > 0)
-            refuses[careful] |= self._unseen(rows[careful], chosen[careful], when_s[careful]) > UNSEEN_SHARE
+            refuses[careful] |= self._unseen(rows[careful], chosen[careful], when_s[careful]) > DEFAULTS.unseen_share
             rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
             self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
             self._reported_s[rows, chosen] = np.minimum(self._reported_s[rows, chosen], when_s)
@@ -289,14 +285,14 @@ class _Flight:
         batch = self._batch
         rows = np.arange(len(batch))
         away_m = np.hypot(*(self._place_m - batch.home_m).T)
-        lower_s = np.maximum(batch.height_m - SAFE_HEIGHT_M, 0.0) / DESCENT_MPS
+        lower_s = np.maximum(batch.height_m - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
         goal_m = np.where(batch.returns[:, None], batch.home_m, self._place_m)
         begin_s = self._now_s.copy()
         path_m = self._homeward.paths(rows, np.stack((self._place_m, goal_m), axis=1), begin_s)
         stretch, there_s = along(rows, path_m, begin_s, batch.speed_mps, batch.height_m, HOME_MOMENTS)
         since_s = np.where(batch.keeps_up, there_s, begin_s)
         high_m = np.maximum(
-            batch.height_m[:, None] - DESCENT_MPS * np.maximum(stretch.time_s - since_s[:, None], 0.0), SAFE_HEIGHT_M
+            batch.height_m[:, None] - DESCENT_MPS * np.maximum(stretch.time_s - since_s[:, None], 0.0), DEFAULTS.safe_height_m
         )
         stretch = replace(stretch, height_m=np.minimum(high_m, stretch.height_m))
         flies = np.where(batch.returns & (away_m > 1e-6), there_s - begin_s, 0.0)
@@ -339,7 +335,7 @@ class _Flight:
         braking_s = np.maximum(speed_mps - CORNER_MPS, 0.0) ** 2 / (2.0 * BRAKING_MPS2 * speed_mps)
         there_s = self._now_s[rows] + np.abs(apart_m - radius_m) / speed_mps + braking_s
         stretch, end_s = around(
-            rows, center_m, self._place_m[rows], radius_m, there_s, INSPECT_MPS, batch.height_m[rows], RING_MOMENTS
+            rows, center_m, self._place_m[rows], radius_m, there_s, DEFAULTS.inspect_speed_mps, batch.height_m[rows], RING_MOMENTS
         )
         return self._taken(stretch, end_s, stretch.place_m[:, -1], task, round_it=True)
 

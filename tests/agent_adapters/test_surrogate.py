@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agent_adapters.reference.surrogate import Observed, computed, observe, pack
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Environment, Perception, SimSpec
-from bench.simulation.overhead import Observed, computed, observe, pack
 
 NAIVE, AWARE = "reference-naive", "reference-bystander-aware"
 

@@ -11,11 +11,11 @@ from bench.arrays import Bools, Counts, Floats, Narrow
 from bench.contracts import Option
 from bench.simspec import ASSETS
 
-from ._batch import Batch
-from ._draws import normal
-from ._known import counts
-from ._outcome import Flown
-from ._views import Views, rightly
+from ..batch._batch import Batch
+from ..batch._draws import normal
+from ..flight._bystanders import counts
+from ..flight._outcome import Flown
+from ..flight._views import Views, rightly
 
 Options = Mapping[str, Option]
 Column = tuple[Floats, Bools]

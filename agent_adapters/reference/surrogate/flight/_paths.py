@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.arrays import Counts, Floats
 
+from ..._settings import DEFAULTS
 from ._views import Stretch
 
 TURN_S = 2.2
@@ -16,7 +17,7 @@ TURN_S = 2.2
 
 def legs(center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats) -> Floats:
     """(r, w, 2) the reference agent's lawnmower over discs; where a row has fewer legs its last corner is repeated."""
-    count = np.maximum(1, np.ceil(2.0 * radius_m / np.maximum(0.7 * swath_m, 5.0))).astype(np.int64)
+    count = np.maximum(1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))).astype(np.int64)
     between_m = 2.0 * radius_m / count
     corners = []
     for leg in range(int(count.max())):

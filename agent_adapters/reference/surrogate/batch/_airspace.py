@@ -19,11 +19,7 @@ from scipy.spatial import ConvexHull
 from bench.arrays import Bools, Counts, Floats
 from bench.simspec import Rules
 
-NO_FLY_MARGIN_M = 25.0
-FENCE_MARGIN_M = 15.0
-LEAD_S = 45.0
-SIDES = 8
-TOUCH_M = 1e-6
+from ..._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
 
 Place = tuple[float, float]
 

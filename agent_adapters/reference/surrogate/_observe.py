@@ -10,10 +10,10 @@ import numpy as np
 from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Observation, Option
 
-from . import _course, _obeyed, _perceived, _told
-from ._batch import Batch
-from ._looks import Computed, Looks
-from ._mission import fly
+from .batch._batch import Batch
+from .flight._mission import fly
+from .measures import _flight_path, _orders, _perception, _reports
+from .measures._columns import Computed, Looks
 
 Asked = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
@@ -76,4 +76,9 @@ def _fits(measure: str, options: Mapping[str, Option]) -> bool:
     return measure in _MEASURES and set(options) <= set(_MEASURES[measure].options)
 
 
-_MEASURES: Mapping[str, Computed] = {**_perceived.MEASURES, **_told.MEASURES, **_course.MEASURES, **_obeyed.MEASURES}
+_MEASURES: Mapping[str, Computed] = {
+    **_perception.MEASURES,
+    **_reports.MEASURES,
+    **_flight_path.MEASURES,
+    **_orders.MEASURES,
+}

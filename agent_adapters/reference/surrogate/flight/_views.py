@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Narrow
+from bench.contracts import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
 
-from .._detector import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
-from ._batch import Batch
+from ..batch._batch import Batch
 
 BLOCK = 24
 """Missions looked at together, so that the pairs stay in the processor's cache."""

@@ -6,15 +6,10 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ._batch import Batch
-from ._homeward import TURN_S as TURN_S
-from ._homeward import Homeward
-
-SEARCH_S = 15.0
-"""The least time for which a sub-area is worth flying to."""
-
-HURRY_S = 30.0
-"""So long before what waits cannot be served any more, a place whose target is found is left."""
+from ..._mission import HURRY_S, SEARCH_S
+from ..._planner import TURN_S
+from ..batch._batch import Batch
+from ._way_home import Homeward
 
 
 def ordered_by(batch: Batch, now_s: Floats) -> Bools:

@@ -6,18 +6,14 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ._batch import Batch
-from ._draws import uniform
+from ..._mission import DEADLINE_FRAMES, DEADLINE_S
+from ..._settings import DEFAULTS
+from ..._tracks import FRAMES_A_LOOK, MOST_LOOKS
+from ..batch._batch import Batch
+from ..batch._draws import uniform
 from ._views import Stretch, Views
 
-MIN_FRAMES = 6
-DEADLINE_FRAMES = 3
-DEADLINE_S = 15.0
-"""So long before a report is due what is known will have to do."""
-
-MIN_VIEWPOINT_RAD = np.radians(25.0)
-FRAMES_A_LOOK = 4.0
-MOST_LOOKS = 4.0
+MIN_VIEWPOINT_RAD = np.radians(DEFAULTS.min_viewpoint_deg)
 MEAN_SCORE = 0.9
 """Mean score of a right label, for the confidence that a track reaches."""
 
@@ -67,7 +63,7 @@ class Hunts:
         sure = share * (1.0 - (1.0 - MEAN_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
         sure &= share > 0.5
         wide = state.high - state.low >= MIN_VIEWPOINT_RAD
-        enough = look.seen & look.right & sure & wide & (state.had >= MIN_FRAMES)
+        enough = look.seen & look.right & sure & wide & (state.had >= DEFAULTS.min_frames)
         if self._due:
             due_s = (self._batch.task_delivered_s[rows, task] + self._batch.deadline_s[rows])[:, None]
             late = (look.time_s >= due_s - DEADLINE_S) & (look.time_s < due_s)

@@ -9,12 +9,12 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Narrow
 
-from ._batch import Batch
-from ._draws import normal
+from ..._policy import BYSTANDER_FRAMES
+from ..._settings import DEFAULTS
+from ..batch._batch import Batch
+from ..batch._draws import normal
 from ._views import Views, rightly
 
-BYSTANDER_MARGIN_M = 6.0
-KNOWN_FRAMES = 2.0
 _LUCK_COUNT = 3000
 
 
@@ -66,7 +66,7 @@ class Memory:
         target_m = places_m[np.arange(len(rows)), np.maximum(batch.task_actor[rows, task], 0)]
         east_m, north_m = places_m[:, :, 0] - target_m[:, :1], places_m[:, :, 1] - target_m[:, 1:]
         apart_m = np.where(had, np.sqrt(east_m * east_m + north_m * north_m), np.inf)
-        near = (apart_m <= (batch.no_mark_m[rows] + BYSTANDER_MARGIN_M)[:, None]).sum(axis=1)
+        near = (apart_m <= (batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m)[:, None]).sum(axis=1)
         return Known(near, apart_m.min(axis=1, initial=np.inf))
 
     def _had(self, rows: Counts, until_s: Floats, *, since: int) -> Bools:
@@ -82,7 +82,7 @@ class Memory:
                 mean += np.bincount(flat, one[early], len(mean))
                 spread += np.bincount(flat, two[early], len(spread))
         mean, spread = mean.reshape(-1, actors)[rows], spread.reshape(-1, actors)[rows]
-        had: Bools = mean + np.sqrt(spread) * self._luck[rows] >= KNOWN_FRAMES
+        had: Bools = mean + np.sqrt(spread) * self._luck[rows] >= BYSTANDER_FRAMES
         return had
 
 

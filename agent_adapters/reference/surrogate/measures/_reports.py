@@ -8,11 +8,11 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 
-from ._batch import Batch
-from ._delays import opens_s
-from ._homeward import Homeward
-from ._looks import Column, Computed, Looks, Options, always, exposed, number, share, some, targets
-from ._outcome import Flown, epoch_of
+from ..batch._batch import Batch
+from ..flight._delays import opens_s
+from ..flight._outcome import Flown, epoch_of
+from ..flight._way_home import Homeward
+from ._columns import Column, Computed, Looks, Options, always, exposed, number, share, some, targets
 
 MARGIN_M = 15.0
 

@@ -13,10 +13,10 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 from bench.simspec import Point, SimSpec
 
-from ._batch import Batch
-from ._looks import Column, Computed, Looks, Options, always, number, some
-from ._outcome import Flown, epoch_of
-from ._views import Stretch
+from ..batch._batch import Batch
+from ..flight._outcome import Flown, epoch_of
+from ..flight._views import Stretch
+from ._columns import Column, Computed, Looks, Options, always, number, some
 
 UP_S, DOWN_S, LOW_M = 4.0, 13.0, 15.0
 SPEED_SLACK_MPS = 0.5

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Objects, Seeds
+from bench.contracts import light_of
 from bench.errors import Fault, SetupError
 from bench.simspec import ASSETS, Motion, Role, SimSpec, seed_of, sun_of
 
-from .._detector import light_of
 from ._airspace import Airspaces
 from ._draws import uniform
 from ._interruptions import Interruptions, deaf_spans, interruptions, later, uninterruptible

@@ -8,15 +8,11 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 
-from ._batch import FAR_M, Batch
-from ._interruptions import NOTICED_S
+from ..._caution import BRAKING_MPS2, MARGIN_M
+from ..._pilot import BLIND_WAIT_S
+from ..._watch import BLIND_S
+from ..batch._batch import FAR_M, Batch
 from ._views import Stretch
-
-BLIND_WAIT_S = 45.0
-"""A search waits so long for a silent detector."""
-
-PEOPLE_MARGIN_M = 6.0
-BRAKING_MPS2 = 2.0
 
 
 def stood_through(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
@@ -58,7 +54,7 @@ def delayed(batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | N
             back_s = np.where(np.isinf(until_s), since_s, until_s + np.minimum(home_s, np.maximum(span_s, 0.0)))
             time_s, end_s = _stood(time_s, end_s, np.where(since_s < until_s, since_s, np.inf), back_s)
         for since_s, until_s in _spans(batch.blind_s[rows]):
-            since_s = np.maximum(since_s + NOTICED_S, began_s)
+            since_s = np.maximum(since_s + BLIND_S, began_s)
             time_s, end_s = _stood(time_s, end_s, since_s, np.minimum(until_s, since_s + BLIND_WAIT_S))
     return replace(stretch, time_s=time_s), end_s, gone_s
 
@@ -69,7 +65,7 @@ def slowed(batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats) -> t
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
     away_m = people_m[:, None] - stretch.place_m[:, :, None]
     nearest_m = np.sqrt((away_m[..., 0] ** 2 + away_m[..., 1] ** 2).min(axis=2))
-    room_m = np.maximum(nearest_m - batch.slow_within_m[rows][:, None] - PEOPLE_MARGIN_M, 0.0)
+    room_m = np.maximum(nearest_m - batch.slow_within_m[rows][:, None] - MARGIN_M, 0.0)
     limit_mps = np.sqrt(np.minimum(batch.slow_mps[rows], 1e6)[:, None] ** 2 + 2.0 * BRAKING_MPS2 * room_m)
     flown_m = np.hypot(*np.moveaxis(np.diff(stretch.place_m, axis=1, prepend=stretch.place_m[:, :1]), -1, 0))
     span_s = np.maximum(stretch.span_s, flown_m / limit_mps)

@@ -7,12 +7,8 @@ from dataclasses import dataclass
 
 from bench.simspec import SimSpec
 
-RULE_M = 1.5
-RULE_MPS = 0.7
-"""What is kept from the heights and the speed that rules state."""
-
-SLOW_SHARE = 0.8
-STANDOFF_MARGIN_M = 3.0
+from ..._caution import HEIGHT_MARGIN_M, SLOW_SHARE
+from ..._pilot import RULE_M, RULE_MPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +31,7 @@ def limits(simspec: SimSpec, *, careful: bool) -> Limits:
     height_m = max(min(mission.altitude_m, rules.max_altitude_m), floor_m)
     if careful and rules.bystander_standoff_m > 0.0:
         ceiling_m = max(rules.max_altitude_m - RULE_M, height_m)
-        height_m = min(max(height_m, rules.bystander_standoff_m + STANDOFF_MARGIN_M), ceiling_m)
+        height_m = min(max(height_m, rules.bystander_standoff_m + HEIGHT_MARGIN_M), ceiling_m)
     speed_mps = mission.speed_mps
     if rules.max_speed_mps is not None:
         speed_mps = min(speed_mps, max(rules.max_speed_mps - RULE_MPS, 0.5 * rules.max_speed_mps))

@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from agent_adapters.reference._airspace import NO_FLY_MARGIN_M
+from agent_adapters.reference.surrogate.batch._airspace import Airspaces
 from bench.simspec import NoFlyArea, Point, Polygon, Rules
-from bench.simulation.overhead._airspace import NO_FLY_MARGIN_M, Airspaces
 
 
 def square(east_m: float, north_m: float, half_m: float) -> Polygon:

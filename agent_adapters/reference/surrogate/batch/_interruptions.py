@@ -16,9 +16,6 @@ from bench.simspec import Failure, Order, Outage, SimSpec
 Span = tuple[float, float]
 
 ALWAYS: Span = (-math.inf, math.inf)
-NOTICED_S = 1.6
-"""Without detections for so long the reference agent knows that it is blind."""
-
 OFFBOARD_LOST_S = 1.0
 """Without setpoints for so long PX4 flies home by itself."""
 

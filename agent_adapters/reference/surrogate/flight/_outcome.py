@@ -9,12 +9,12 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ._batch import EPOCH_S, EPOCHS, Batch
-from ._draws import normal
-from ._known import Known
+from ..._tracks import MOST_LOOKS
+from ..batch._batch import EPOCH_S, EPOCHS, Batch
+from ..batch._draws import normal
+from ._bystanders import Known
 from ._views import Stretch, Views
 
-MOST_LOOKS = 4.0
 _LUCK_PLACE = 4000
 
 
