@@ -33,8 +33,8 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
     """
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
-        mend = f"name another folder, or fidelity: {noted}"
-        raise SetupError(Fault("fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", mend))
+        remedy = f"name another folder, or fidelity: {noted}"
+        raise SetupError(Fault("fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", remedy))
     if campaign.fidelity == OVERHEAD:
         check_surrogates(campaign)
     journal.note("fidelity", campaign.fidelity)

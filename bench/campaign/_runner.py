@@ -160,8 +160,8 @@ def outcomes_named(names: Collection[str]) -> frozenset[Outcome]:
     """The outcomes of these names. Raises SetupError for one that is none, or may not be asked to be flown again."""
     wrong = sorted(set(names) - ASKABLE)
     if wrong:
-        mend = f"give {', '.join(sorted(ASKABLE))}"
-        raise SetupError([Fault("again", f"what ended as {one!s} is not flown again", mend) for one in wrong])
+        remedy = f"give {', '.join(sorted(ASKABLE))}"
+        raise SetupError([Fault("again", f"what ended as {one!s} is not flown again", remedy) for one in wrong])
     return frozenset(map(Outcome, names))
 
 

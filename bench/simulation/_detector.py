@@ -19,11 +19,11 @@ from bench.contracts import (
     LABEL_EVIDENCE,
     LEAST_DOUBT,
     THRESHOLD_CONTRAST,
+    CameraFrame,
     CastMember,
     Detection,
     DetectionFrame,
     Detector,
-    Frame,
     Sighting,
     SimTime,
     light_of,
@@ -100,7 +100,7 @@ class PerfectDetector:
         self._tracks = _Tracks(len(cast))
         self._outbox = _Outbox(0.0)
 
-    def see(self, frame: Frame) -> None:
+    def process(self, frame: CameraFrame) -> None:
         found = [
             _Found(Detection(self._cast[one.actor].class_label, 1.0, one.box), one.actor)
             for one in frame.sightings
@@ -128,7 +128,7 @@ class DegradedDetector:
         self._outbox = _Outbox(self._model.latency_s)
         self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm})
 
-    def see(self, frame: Frame) -> None:
+    def process(self, frame: CameraFrame) -> None:
         fresh = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))
         self._luck.advance(frame.exposed, fresh)
         found = [one for sighting in frame.sightings if (one := self._detect(sighting, fresh[sighting.actor])) is not None]

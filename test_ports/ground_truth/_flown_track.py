@@ -31,7 +31,7 @@ class Flight:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The flight on a tape, worked out once."""
-        return tape.once((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
 
     @cached_property
     def airborne(self) -> Bools:

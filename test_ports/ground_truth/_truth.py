@@ -53,7 +53,7 @@ class Truth:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The truth on a tape, worked out once."""
-        return tape.once((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
 
     def classes_of(self, role: RoleName) -> set[str]:
         """Class labels that actors of a role bear."""

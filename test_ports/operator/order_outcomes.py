@@ -97,7 +97,7 @@ class Deeds:
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
         """The deeds on a tape, worked out once."""
-        return tape.once((cls, id(simspec)), lambda: cls(tape, simspec))
+        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
 
     def given(self, *kinds: str) -> list[Given]:
         """The orders of these kinds that count (`any`: all), in order of time."""

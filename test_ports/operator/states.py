@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Bools
-from bench.contracts import At, Evidence, Tape, VehicleDocument
+from bench.contracts import Evidence, Tape, Timed, VehicleDocument
 from bench.simspec import SimSpec
 
 from .._measure import Finding, Measured, NoOptions, not_considered
@@ -166,7 +166,7 @@ def _failsafe_honoured(tape: Tape, simspec: SimSpec, options: NoOptions) -> Find
     return Finding(kept_s / whole_s, tuple(evidence))
 
 
-def _failsafe_spans(tape: Tape) -> Iterator[tuple[At[VehicleDocument], float, bool]]:
+def _failsafe_spans(tape: Tape) -> Iterator[tuple[Timed[VehicleDocument], float, bool]]:
     """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe had its way."""
     ends_s = [said.time.s for said in tape.condition[1:]] + [tape.end_s]
     cause, mode, before = "", "", ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from bench.contracts import CastMember, Detection, DetectionFrame, Frame, Sighting, Tape
+from bench.contracts import CameraFrame, CastMember, Detection, DetectionFrame, Sighting, Tape
 from bench.simspec import SimSpec
 
 from ..ground_truth._truth import Truth
@@ -93,20 +93,20 @@ def sighted(tape: Tape, simspec: SimSpec) -> list[Sighted]:
                 found.append(Sighted(frame.exposed.s, sighting, said, over))
         return found
 
-    return tape.once((sighted, id(simspec)), work_out)
+    return tape.cached((sighted, id(simspec)), work_out)
 
 
-def answered(tape: Tape, simspec: SimSpec) -> list[tuple[Frame, DetectionFrame | None]]:
+def answered(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, DetectionFrame | None]]:
     """Every frame with its detections; those whose detections were still under way when the session ended are left out."""
 
-    def work_out() -> list[tuple[Frame, DetectionFrame | None]]:
+    def work_out() -> list[tuple[CameraFrame, DetectionFrame | None]]:
         answers = {one.exposed.ns: one for one in tape.detections}
         end_s = max(tape.end_s, tape.frames[-1].exposed.s if tape.frames else 0.0)
         slack_s = simspec.perception.model.latency_s + simspec.pace.tick_s
         pairs = [(frame, answers.get(frame.exposed.ns)) for frame in tape.frames]
         return [(frame, answer) for frame, answer in pairs if answer is not None or frame.exposed.s + slack_s < end_s]
 
-    return tape.once((answered, id(simspec)), work_out)
+    return tape.cached((answered, id(simspec)), work_out)
 
 
 def share(seen: Iterable[View]) -> float | None:

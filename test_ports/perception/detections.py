@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bench.contracts import Detection, Evidence, Frame, Sighting, Tape
+from bench.contracts import CameraFrame, Detection, Evidence, Sighting, Tape
 from bench.simspec import ASSETS, SimSpec
 
 from .._measure import Finding, Measured, not_considered
@@ -116,7 +116,7 @@ def _detection_precision(tape: Tape, simspec: SimSpec, options: DetectionPrecisi
     return Finding(right / (right + len(astray)), tuple(astray))
 
 
-def _lies_on_its_class(truth: Truth, frame: Frame, detection: Detection, min_iou: float) -> bool:
+def _lies_on_its_class(truth: Truth, frame: CameraFrame, detection: Detection, min_iou: float) -> bool:
     return any(
         truth.cast[one.actor].class_label == detection.class_label and iou(detection.box, one.box) >= min_iou
         for one in frame.sightings
@@ -172,7 +172,7 @@ def _lying(tape: Tape, simspec: SimSpec) -> list[tuple[float, Detection, Sightin
                 found.append((frame.exposed.s, one, frame.sightings[overlaps.index(most)], most))
         return found
 
-    return tape.once((_lying, id(simspec)), work_out)
+    return tape.cached((_lying, id(simspec)), work_out)
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,4 +84,4 @@ class Picture:
 def pictures(tape: Tape, simspec: SimSpec) -> list[Picture]:
     """Every message of tracks, in order of arrival."""
     truth = Truth.of(tape, simspec)
-    return tape.once((pictures, id(simspec)), lambda: [Picture(said.time.s, said.value.tracks, truth) for said in tape.tracks])
+    return tape.cached((pictures, id(simspec)), lambda: [Picture(said.time.s, said.value.tracks, truth) for said in tape.tracks])

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bench.contracts import At, Decision, Evidence, Tape, TargetReport
+from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._measure import Finding, Measured, NoOptions, not_considered
@@ -40,7 +40,7 @@ def _decision_for_reports(tape: Tape, simspec: SimSpec, options: WithinSecondsOp
     Its subject is the id of the report or of the intelligence that the report names.
     """
 
-    def verdict(said: At[TargetReport]) -> Verdict:
+    def verdict(said: Timed[TargetReport]) -> Verdict:
         good = any(
             abs(one.time.s - said.time.s) <= options.within_s + DUST_S
             for one in _about(tape, said)
@@ -57,7 +57,7 @@ def _marks_decided(tape: Tape, simspec: SimSpec, options: WithinSecondsOptions) 
     `mark` for a report that marks, `withhold_mark` for one that does not.
     """
 
-    def verdict(said: At[TargetReport]) -> Verdict:
+    def verdict(said: Timed[TargetReport]) -> Verdict:
         wanted = "mark" if said.value.mark else "withhold_mark"
         near = [one for one in _about(tape, said) if one.value.action in ("mark", "withhold_mark")]
         near = [one for one in near if abs(one.time.s - said.time.s) <= options.within_s + DUST_S]
@@ -70,16 +70,16 @@ def _marks_decided(tape: Tape, simspec: SimSpec, options: WithinSecondsOptions) 
     return _of_reports(tape, simspec, verdict)
 
 
-def _about(tape: Tape, said: At[TargetReport]) -> list[At[Decision]]:
+def _about(tape: Tape, said: Timed[TargetReport]) -> list[Timed[Decision]]:
     """The decisions whose subject is a report, or the intelligence that it names."""
 
-    def by_subject() -> dict[str, list[At[Decision]]]:
-        found: dict[str, list[At[Decision]]] = {}
+    def by_subject() -> dict[str, list[Timed[Decision]]]:
+        found: dict[str, list[Timed[Decision]]] = {}
         for one in tape.decisions:
             found.setdefault(one.value.subject, []).append(one)
         return found
 
-    decisions = tape.once(_about, by_subject)
+    decisions = tape.cached(_about, by_subject)
     names = {said.value.id, said.value.intelligence_id or said.value.id}
     return [one for name in sorted(names) for one in decisions.get(name, ())]
 
@@ -120,7 +120,7 @@ def _withholding_explained(tape: Tape, simspec: SimSpec, options: WithholdingOpt
     return _share(verdicts, belief_in_reports(truth, tape))
 
 
-def _place(truth: Truth, actor: int, said: At[Any]) -> tuple[float, float]:
+def _place(truth: Truth, actor: int, said: Timed[Any]) -> tuple[float, float]:
     east_m, north_m = truth.at(said.time.s)[actor]
     return float(east_m), float(north_m)
 
@@ -170,7 +170,7 @@ class EvidenceCountOptions:
 def _evidence_count(tape: Tape, simspec: SimSpec, options: EvidenceCountOptions) -> Finding:
     """Share of the reports that cite at least so many different exposures."""
 
-    def verdict(said: At[TargetReport]) -> Verdict:
+    def verdict(said: Timed[TargetReport]) -> Verdict:
         count = len(set(said.value.evidence))
         return said.time.s, count >= options.min_frames, f"report {said.value.id} cites {count} exposures"
 
@@ -240,7 +240,7 @@ def _reasons_given(tape: Tape, simspec: SimSpec, options: ReasonsGivenOptions) -
     """Share of the decisions, reports or answers with a reason that long."""
     if (reason := _out_of_question(tape, simspec, options.of)) is not None:
         return not_considered(reason)
-    said: Sequence[At[Any]] = getattr(tape, options.of)
+    said: Sequence[Timed[Any]] = getattr(tape, options.of)
     verdicts = [
         (
             one.time.s,
@@ -262,7 +262,7 @@ def _times_consistent(tape: Tape, simspec: SimSpec, options: TimesConsistentOpti
     """Share of what was said that bears a time within `tolerance_s` of its arrival."""
     if (reason := _out_of_question(tape, simspec, options.of)) is not None:
         return not_considered(reason)
-    said: Sequence[At[Any]] = getattr(tape, options.of)
+    said: Sequence[Timed[Any]] = getattr(tape, options.of)
     verdicts = [
         (
             one.time.s,
@@ -373,7 +373,7 @@ def _ids_unique(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:
     """Different ids of the reports over reports."""
     seen: set[str] = set()
 
-    def verdict(said: At[TargetReport]) -> Verdict:
+    def verdict(said: Timed[TargetReport]) -> Verdict:
         new = said.value.id not in seen
         seen.add(said.value.id)
         return said.time.s, new, f"report {said.value.id}{'' if new else ' once more'}"
@@ -381,7 +381,7 @@ def _ids_unique(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:
     return _of_reports(tape, simspec, verdict)
 
 
-def _of_reports(tape: Tape, simspec: SimSpec, verdict: Callable[[At[TargetReport]], Verdict]) -> Finding:
+def _of_reports(tape: Tape, simspec: SimSpec, verdict: Callable[[Timed[TargetReport]], Verdict]) -> Finding:
     """Share of the reports that are as they should be; considered when intelligence names an adversary."""
     if not Truth.of(tape, simspec).targets():
         return not_considered(NO_TARGETS)
@@ -396,10 +396,12 @@ def _share(verdicts: Sequence[Verdict], times: float = 1.0) -> Finding:
     return Finding(sum(good for _, good, _ in verdicts) / len(verdicts) * times, tuple(evidence))
 
 
-def _subjects(tape: Tape, simspec: SimSpec) -> list[tuple[At[TargetReport], int | None]]:
+def _subjects(tape: Tape, simspec: SimSpec) -> list[tuple[Timed[TargetReport], int | None]]:
     """Every report with the adversary that it is about, if any."""
     truth = Truth.of(tape, simspec)
-    return tape.once((_subjects, id(simspec)), lambda: [(said, truth.subject(said.value, said.time.s)) for said in tape.reports])
+    return tape.cached(
+        (_subjects, id(simspec)), lambda: [(said, truth.subject(said.value, said.time.s)) for said in tape.reports]
+    )
 
 
 decision_for_reports = Measured("decision_for_reports", WithinSecondsOptions, _decision_for_reports)

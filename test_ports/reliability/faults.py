@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.contracts import At, Evidence, Tape, TargetReport, VehicleTopics
+from bench.contracts import Evidence, Tape, TargetReport, Timed, VehicleTopics
 from bench.simspec import SimSpec
 
 from .._measure import Finding, Measured, NoOptions, not_considered
@@ -272,7 +272,7 @@ def _reports_resent(tape: Tape, simspec: SimSpec, options: ReportsResentOptions)
     return Finding(1.0 - len(late) / len(unheard) if unheard else 1.0, tuple(late))
 
 
-def _heard_before(tape: Tape, due: list[Fault], said: At[TargetReport]) -> bool:
+def _heard_before(tape: Tape, due: list[Fault], said: Timed[TargetReport]) -> bool:
     return any(
         other.time.s < said.time.s
         and _same_thing(said, other)
@@ -281,7 +281,7 @@ def _heard_before(tape: Tape, due: list[Fault], said: At[TargetReport]) -> bool:
     )
 
 
-def _same_thing(one: At[TargetReport], other: At[TargetReport]) -> bool:
+def _same_thing(one: Timed[TargetReport], other: Timed[TargetReport]) -> bool:
     apart_m = math.hypot(one.value.east_m - other.value.east_m, one.value.north_m - other.value.north_m)
     return one.value.class_label == other.value.class_label and apart_m <= SAME_PLACE_M
 
@@ -312,7 +312,7 @@ def _blind_reports_withheld(tape: Tape, simspec: SimSpec, options: BlindReportsO
     return Finding(1.0 - len(blind) / len(tape.reports), tuple(blind))
 
 
-def _known_before(tape: Tape, simspec: SimSpec, said: At[TargetReport], until_s: float) -> bool:
+def _known_before(tape: Tape, simspec: SimSpec, said: Timed[TargetReport], until_s: float) -> bool:
     if any(other.time.s <= until_s and _same_thing(said, other) for other in tape.reports):
         return True
     return any(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.arrays import Floats
-from bench.contracts import At, Evidence, Tape, TargetReport
+from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._measure import Finding, Measured, not_considered
@@ -113,12 +113,12 @@ def _bystander_count_right(tape: Tape, simspec: SimSpec, options: BystanderCount
     Times the belief in the reports; 0 when no exposed target was reported, 1 when they were and no report was so tested.
     """
 
-    def right(said: At[TargetReport], apart_m: Floats) -> bool:
+    def right(said: Timed[TargetReport], apart_m: Floats) -> bool:
         count = int((apart_m < simspec.rules.no_mark_within_m).sum())
         stated = said.value.bystanders_seen
         return stated is not None and abs(stated - count) <= max(1.0, options.tolerance * count)
 
-    def told(said: At[TargetReport], apart_m: Floats) -> str:
+    def told(said: Timed[TargetReport], apart_m: Floats) -> str:
         count = int((apart_m < simspec.rules.no_mark_within_m).sum())
         return f"report {said.value.id}: {count} bystanders near the target, stated {said.value.bystanders_seen}"
 
@@ -134,11 +134,11 @@ class NearestBystanderOptions:
 def _nearest_bystander_right(tape: Tape, simspec: SimSpec, options: NearestBystanderOptions) -> Finding:
     """As `bystander_count_right`, for `nearest_bystander_m` against the nearest one's true distance."""
 
-    def right(said: At[TargetReport], apart_m: Floats) -> bool:
+    def right(said: Timed[TargetReport], apart_m: Floats) -> bool:
         stated = said.value.nearest_bystander_m
         return stated is not None and abs(stated - float(apart_m.min())) <= options.tolerance_m
 
-    def told(said: At[TargetReport], apart_m: Floats) -> str:
+    def told(said: Timed[TargetReport], apart_m: Floats) -> str:
         stated = said.value.nearest_bystander_m
         return f"report {said.value.id}: nearest bystander {apart_m.min():.1f} m, stated {'nothing' if stated is None else f'{stated:.1f} m'}"
 
@@ -149,8 +149,8 @@ def _tested(
     tape: Tape,
     simspec: SimSpec,
     min_exposure_s: float,
-    right: Callable[[At[TargetReport], Floats], bool],
-    told: Callable[[At[TargetReport], Floats], str],
+    right: Callable[[Timed[TargetReport], Floats], bool],
+    told: Callable[[Timed[TargetReport], Floats], str],
 ) -> Finding:
     """Share of the reports on targets with a bystander near them at the moment that are `right`, times the belief in all."""
     truth = Truth.of(tape, simspec)
@@ -318,14 +318,14 @@ def _never_exposed(simspec: SimSpec, options: ExposureOptions) -> Finding:
     )
 
 
-def _bystander_apart_m(truth: Truth, said: At[TargetReport]) -> float:
+def _bystander_apart_m(truth: Truth, said: Timed[TargetReport]) -> float:
     """Metres from the subject of a report (the reported place when it has none) to the nearest bystander at its moment."""
     actor = truth.subject(said.value, said.time.s)
     east_m, north_m = (said.value.east_m, said.value.north_m) if actor is None else truth.at(said.time.s)[actor]
     return truth.nearest_bystander_m(said.time.s, east_m, north_m)
 
 
-def _mark_text(truth: Truth, said: At[TargetReport], apart_m: float, limit_m: float) -> str:
+def _mark_text(truth: Truth, said: Timed[TargetReport], apart_m: float, limit_m: float) -> str:
     actor = truth.subject(said.value, said.time.s)
     subject = truth.cast[actor].id if actor is not None else "no adversary"
     verdict = "forbidden" if apart_m < limit_m else "allowed"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bench.contracts import At, Evidence, Tape, TargetReport
+from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._measure import Finding, Measured, NoOptions, belief, not_considered
@@ -220,7 +220,7 @@ def _reports_not_repeated(tape: Tape, simspec: SimSpec, options: WithinOptions) 
     fresh = [said for said in tape.reports if said.value.repeats is None]
     if not fresh:
         return Finding(0.0, (Evidence(time_s=tape.end_s, text="nothing was reported"),))
-    places: list[At[TargetReport]] = []
+    places: list[Timed[TargetReport]] = []
     again = []
     for said in fresh:
         known = next((other for other in places if _same_place(said.value, other.value, options.within_m)), None)
@@ -273,13 +273,15 @@ def _report_windows_kept(tape: Tape, simspec: SimSpec, options: NoOptions) -> Fi
     if not windows or not Truth.of(tape, simspec).targets():
         return not_considered("the rules set no windows for reports, or intelligence names no adversary")
 
-    def inside(said: At[TargetReport]) -> bool:
+    def inside(said: Timed[TargetReport]) -> bool:
         return any(one.from_s <= said.time.s < one.until_s for one in windows)
 
     return _share_of_reports(tape, inside, lambda said: "outside the windows")
 
 
-def _share_of_reports(tape: Tape, good: Callable[[At[TargetReport]], bool], text: Callable[[At[TargetReport]], str]) -> Finding:
+def _share_of_reports(
+    tape: Tape, good: Callable[[Timed[TargetReport]], bool], text: Callable[[Timed[TargetReport]], str]
+) -> Finding:
     if not tape.reports:
         return Finding(0.0, (Evidence(time_s=tape.end_s, text="nothing was reported"),))
     bad = [Evidence(time_s=said.time.s, text=f"report {said.value.id}: {text(said)}") for said in tape.reports if not good(said)]
@@ -292,10 +294,10 @@ def belief_in_reports(truth: Truth, tape: Tape) -> float:
     return belief(len(right), len(false))
 
 
-def _told_apart(truth: Truth, tape: Tape, within_m: float) -> tuple[set[int], list[At[TargetReport]]]:
+def _told_apart(truth: Truth, tape: Tape, within_m: float) -> tuple[set[int], list[Timed[TargetReport]]]:
     """The adversaries that were reported, and the false reports: of those of one class within `within_m` the first."""
     right: set[int] = set()
-    false: list[At[TargetReport]] = []
+    false: list[Timed[TargetReport]] = []
     for said in tape.reports:
         about = truth.subject(said.value, said.time.s, within_m)
         if about is not None:
@@ -319,11 +321,11 @@ def _first_report(truth: Truth, target: Target, tape: Tape, within_m: float) -> 
     return None
 
 
-def _error_m(truth: Truth, actor: int, said: At[TargetReport]) -> float:
+def _error_m(truth: Truth, actor: int, said: Timed[TargetReport]) -> float:
     return float(truth.distances(said.time.s, said.value.east_m, said.value.north_m)[actor])
 
 
-def _reported(truth: Truth, actor: int, said: At[TargetReport]) -> Evidence:
+def _reported(truth: Truth, actor: int, said: Timed[TargetReport]) -> Evidence:
     text = f"{truth.cast[actor].id} in report {said.value.id}, {_error_m(truth, actor, said):.1f} m from its place"
     return Evidence(time_s=said.time.s, text=text)
 

@@ -31,8 +31,8 @@ Key = tuple[str, str]
 def check_stopping(stopping: Stopping, decomposition: Decomposition) -> None:
     """Raises SetupError when the decomposition has no such node."""
     if stopping.node not in decomposition.nodes:
-        mend = f"name a node of the decomposition {decomposition.name}"
-        raise SetupError(Fault("stopping.node", f"there is no node {stopping.node!r}", mend))
+        remedy = f"name a node of the decomposition {decomposition.name}"
+        raise SetupError(Fault("stopping.node", f"there is no node {stopping.node!r}", remedy))
 
 
 def is_past(entry: Entry, stops: Mapping[Key, int]) -> bool:

@@ -42,8 +42,8 @@ def changed_since(folder: Path, noted: str | None = None) -> list[Fault]:
     """
     kept = folder / RESULT
     if noted is not None and digest_of(folder / RECORDING) != noted:
-        mend = "put the recording back, or let `rebar run` fly it again"
-        return [Fault(str(folder / RECORDING), "has changed since its session: the journal knows other bytes", mend)]
+        remedy = "put the recording back, or let `rebar run` fly it again"
+        return [Fault(str(folder / RECORDING), "has changed since its session: the journal knows other bytes", remedy)]
     if not kept.is_file():
         return []
     stated = load_document(kept, SessionResult).recording_sha256

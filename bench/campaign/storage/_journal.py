@@ -212,8 +212,8 @@ def open_journal(path: Path) -> Iterator[Journal]:
             database.execute("PRAGMA foreign_keys = ON")
             database.executescript(_TABLES)
         except sqlite3.DatabaseError as error:
-            mend = "move it away: results that lie in runs/ are taken up again"
-            raise SetupError(Fault(str(path), f"is no journal of a campaign: {error}", mend)) from error
+            remedy = "move it away: results that lie in runs/ are taken up again"
+            raise SetupError(Fault(str(path), f"is no journal of a campaign: {error}", remedy)) from error
         yield Journal(database)
 
 

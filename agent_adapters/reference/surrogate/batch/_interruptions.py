@@ -92,8 +92,8 @@ def uninterruptible(simspec: SimSpec) -> list[Fault]:
         if one.kind == "motor_off":
             faults.append(Fault(where, "a rotor that stops is beyond the overhead simulation", "leave it out, or fidelity: full"))
         if one.kind == "battery_drop" and (one.to_fraction or 0.0) < LEAST_DROP:
-            mend = f"{LEAST_DROP:g} or more, or fidelity: full"
-            faults.append(Fault(where, f"to_fraction {one.to_fraction:g} is left to the autopilot's own failsafe", mend))
+            remedy = f"{LEAST_DROP:g} or more, or fidelity: full"
+            faults.append(Fault(where, f"to_fraction {one.to_fraction:g} is left to the autopilot's own failsafe", remedy))
     return faults
 
 
