@@ -139,7 +139,7 @@ class AirNetwork:
         """Take in what the agent has said, record it, and return its documents by topic.
 
         With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what is here.
-        Raises SessionEnds for an agent that states what does not come, or that floods.
+        Raises StopSession for an agent that states what does not come, or that floods.
         """
         said: dict[str, list[str | bytes]] = {}
         for ear in self._ears:

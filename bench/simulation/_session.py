@@ -159,7 +159,7 @@ class Session:
             ticks.watch(self._check_agent)
 
     def run(self) -> None:
-        """Beat until something ends the session; ends by raising SessionEnds."""
+        """Beat until something ends the session; ends by raising StopSession."""
         self._truth.event(self._progress.now, "started", self._spec.name)
         self._truth.cast(self._progress.now, self._scene)
         self._truth.sample(self._progress.now, self._vehicle, self._scene)

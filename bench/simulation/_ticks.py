@@ -31,7 +31,7 @@ class TickServer:
         return f"{host}:{port}"
 
     def watch(self, alive: Callable[[], None]) -> None:
-        """Set what is called while waiting; it raises SessionEnds when there is nobody to wait for."""
+        """Set what is called while waiting; it raises StopSession when there is nobody to wait for."""
         self._alive = alive
 
     def hello(self, budget_s: float) -> Hello:

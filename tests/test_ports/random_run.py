@@ -11,19 +11,19 @@ from bench.contracts import (
     AgentStatus,
     AgentTrack,
     AgentTracks,
-    At,
+    CameraFrame,
     CastMember,
     Decision,
     Detection,
     DetectionFrame,
     EventDocument,
-    Frame,
     IntelligenceDocument,
     OrderAnswer,
     OrderDocument,
     Sighting,
     Tape,
     TargetReport,
+    Timed,
     VehicleDocument,
 )
 from bench.simspec import ASSETS, SimSpec
@@ -181,7 +181,7 @@ def random_tape(spec: SimSpec, seed: int) -> Tape:
         events=_events(random, end_s),
         malformed={f"/{spec.vehicle.name}/agent/reports": int(random.integers(0, 5))},
         orders=tuple(
-            At(
+            Timed(
                 at_s(order.at_s + 0.5),
                 OrderDocument(
                     id=order.id,
@@ -238,9 +238,9 @@ def _box(random: Random) -> tuple[float, float, float, float]:
     return left, top, left + float(random.integers(10, 40)), top + float(random.integers(10, 40))
 
 
-def _frames(random: Random, times: np.ndarray, actors: int) -> tuple[Frame, ...]:
+def _frames(random: Random, times: np.ndarray, actors: int) -> tuple[CameraFrame, ...]:
     return tuple(
-        Frame(
+        CameraFrame(
             number,
             "front",
             at_s(float(time_s)),
@@ -259,7 +259,7 @@ def _frames(random: Random, times: np.ndarray, actors: int) -> tuple[Frame, ...]
     )
 
 
-def _detections(random: Random, frames: tuple[Frame, ...]) -> tuple[DetectionFrame, ...]:
+def _detections(random: Random, frames: tuple[CameraFrame, ...]) -> tuple[DetectionFrame, ...]:
     answers = []
     for frame in frames:
         if random.random() < 0.1:
@@ -274,7 +274,7 @@ def _detections(random: Random, frames: tuple[Frame, ...]) -> tuple[DetectionFra
     return tuple(answers)
 
 
-def _conditions(random: Random, end_s: float) -> tuple[At[VehicleDocument], ...]:
+def _conditions(random: Random, end_s: float) -> tuple[Timed[VehicleDocument], ...]:
     """On the ground, in the air, and perhaps down and up a second time; modes and failsafes come and go."""
     changes = [0.0, *sorted(float(random.uniform(1.0, end_s)) for _ in range(12))]
     landed, crashed, battery, states = True, False, 1.0, []
@@ -292,14 +292,14 @@ def _conditions(random: Random, end_s: float) -> tuple[At[VehicleDocument], ...]
             battery_fraction=battery,
             failsafe=failsafe,
         )
-        states.append(At(at_s(time_s), state))
+        states.append(Timed(at_s(time_s), state))
     return tuple(states)
 
 
-def _intelligence(spec: SimSpec, end_s: float) -> tuple[At[IntelligenceDocument], ...]:
+def _intelligence(spec: SimSpec, end_s: float) -> tuple[Timed[IntelligenceDocument], ...]:
     delivered = [item for item in spec.intelligence if item.delivered_s < end_s]
     return tuple(
-        At(
+        Timed(
             at_s(item.delivered_s + 0.1),
             IntelligenceDocument(
                 id=item.id,
@@ -321,14 +321,14 @@ def _moments(random: Random, count: int, end_s: float) -> list[float]:
 
 def _reports(
     random: Random, members: tuple[CastMember, ...], positions: np.ndarray, times: np.ndarray
-) -> tuple[At[TargetReport], ...]:
+) -> tuple[Timed[TargetReport], ...]:
     reports = []
     for index, time_s in enumerate(_moments(random, int(random.integers(0, 14)), float(times[-1]))):
         actor = int(random.integers(0, len(members)))
         place = positions[int(np.searchsorted(times, time_s)), actor]
         label = members[actor].class_label if random.random() < 0.8 else str(random.choice(LABELS))
         reports.append(
-            At(
+            Timed(
                 at_s(time_s),
                 TargetReport(
                     id=f"r{index if random.random() < 0.9 else 0}",
@@ -351,12 +351,12 @@ def _reports(
     return tuple(reports)
 
 
-def _decisions(random: Random, spec: SimSpec, end_s: float) -> tuple[At[Decision], ...]:
+def _decisions(random: Random, spec: SimSpec, end_s: float) -> tuple[Timed[Decision], ...]:
     subjects = ["", "gps", "battery", "detections", *(f"r{index}" for index in range(6))]
     subjects += [item.id for item in spec.intelligence] + [order.id for order in spec.orders]
     actions = ("report", "mark", "withhold_mark", "withhold_mark", "search", "gps", "operator_link")
     return tuple(
-        At(
+        Timed(
             at_s(time_s),
             Decision(
                 time_s=max(0.0, time_s + float(random.normal(0.0, 1.0))),
@@ -369,16 +369,18 @@ def _decisions(random: Random, spec: SimSpec, end_s: float) -> tuple[At[Decision
     )
 
 
-def _status(random: Random, end_s: float) -> tuple[At[AgentStatus], ...]:
+def _status(random: Random, end_s: float) -> tuple[Timed[AgentStatus], ...]:
     return tuple(
-        At(at_s(time_s), AgentStatus(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), phase=str(random.choice(PHASES))))  # type: ignore[arg-type]
+        Timed(
+            at_s(time_s), AgentStatus(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), phase=str(random.choice(PHASES)))
+        )  # type: ignore[arg-type]
         for time_s in _moments(random, int(random.integers(0, 25)), end_s)
     )
 
 
 def _tracks(
     random: Random, members: tuple[CastMember, ...], positions: np.ndarray, times: np.ndarray
-) -> tuple[At[AgentTracks], ...]:
+) -> tuple[Timed[AgentTracks], ...]:
     messages = []
     for row in range(5, len(times), 8):
         tracks = []
@@ -398,17 +400,17 @@ def _tracks(
             )
         time_s = float(times[row])
         messages.append(
-            At(at_s(time_s), AgentTracks(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), tracks=tuple(tracks)))
+            Timed(at_s(time_s), AgentTracks(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), tracks=tuple(tracks)))
         )
     return tuple(messages)
 
 
-def _events(random: Random, end_s: float) -> tuple[At[EventDocument], ...]:
+def _events(random: Random, end_s: float) -> tuple[Timed[EventDocument], ...]:
     outcome = str(random.choice(["completed", "agent_crashed", "time_limit"]))
-    return (At(at_s(0.0), EventDocument(name="begun")), At(at_s(end_s), EventDocument(name="ended", text=outcome)))
+    return (Timed(at_s(0.0), EventDocument(name="begun")), Timed(at_s(end_s), EventDocument(name="ended", text=outcome)))
 
 
-def _answers(random: Random, spec: SimSpec, end_s: float) -> tuple[At[OrderAnswer], ...]:
+def _answers(random: Random, spec: SimSpec, end_s: float) -> tuple[Timed[OrderAnswer], ...]:
     answers = []
     for order in spec.orders:
         for _ in range(int(random.integers(0, 3))):
@@ -420,5 +422,5 @@ def _answers(random: Random, spec: SimSpec, end_s: float) -> tuple[At[OrderAnswe
                     accepted=bool(random.random() < 0.6),
                     reason=str(random.choice(["", "a reason that is long enough"])),
                 )
-                answers.append(At(at_s(time_s), answer))
+                answers.append(Timed(at_s(time_s), answer))
     return tuple(sorted(answers, key=lambda answer: answer.time.ns))
