@@ -64,9 +64,9 @@ def measure(actors: int) -> str:
         marks = [time.process_time()]
         scene.advance(now)
         marks.append(time.process_time())
-        frame = scene.observe(state, number)
+        frame = scene.look(state, number)
         marks.append(time.process_time())
-        detector.process(frame)
+        detector.see(frame)
         results = detector.due(now)
         marks.append(time.process_time())
         spent += np.diff(marks)

@@ -12,8 +12,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
-from bench.documents import Document
-from bench.simspec import Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
+from bench.simspec import Document, Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
 
 Text = Annotated[str, Field(max_length=2000)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from bench.documents import Document
+from bench.simspec import Document
 
 
 class Outcome(StrEnum):

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from ._check import check_placement as check_placement
-from ._clash import PlacementInfeasible as PlacementInfeasible
+from ._infeasible import PlacementInfeasible as PlacementInfeasible
 from ._placement import PlacementUnsound as PlacementUnsound
 from ._placement import place as place

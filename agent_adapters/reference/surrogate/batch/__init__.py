@@ -1,1 +1,0 @@
-"""Missions as arrays, before anything flies: scenes, limits, forbidden airspace, interruptions, random draws."""

@@ -1,1 +1,0 @@
-"""What the surrogates fly, see and report."""

@@ -1,1 +1,0 @@
-"""A proposal for the campaign to fly after a finished one."""

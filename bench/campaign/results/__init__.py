@@ -1,1 +1,0 @@
-"""From recordings to results and scores: measures, scoring a recording again, the finished campaign."""

@@ -1,1 +1,0 @@
-"""Measures of the mission: flown, brought home, searched."""

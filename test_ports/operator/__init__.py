@@ -1,1 +1,0 @@
-"""Measures of what the operator is told: orders carried out, phases announced."""

@@ -1,1 +1,0 @@
-"""Measures of the record: whether what the agent did can be traced."""

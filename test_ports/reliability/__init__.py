@@ -1,1 +1,0 @@
-"""Measures of how vehicle and agent get through faults and outages."""

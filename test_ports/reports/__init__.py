@@ -1,1 +1,0 @@
-"""Measures of the agent's reports: targets and the bystanders near them."""

@@ -1,1 +1,0 @@
-"""Measures of safe flight, by the truth alone: distance from people and limits of flight."""
