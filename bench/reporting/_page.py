@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jinja2
-import plotly.graph_objects as go
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -18,21 +15,36 @@ from bench.contracts import Outcome
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 
-from . import _words as words
-from ._data import ALL, ReportData, Run, Tally, load_report_data
-from ._design import quality_of
-from ._facts import describe, factor_levels, factor_rows, provenance_of
-from ._fidelity import fidelity_note, told_in_tables
-from ._figures import VIOLIN_FROM, VIOLIN_SPREAD, AgentLook, configuration_figure, curve_figure, looks, pairs_figure
-from ._map import RunMap, choose_runs, draw_map
-from ._map_figure import map_figure
-from ._offline import data_text, environment, policy, script_text, template_text
-from ._pairs import Pairing, pair_agents
-from ._statistics import compare_agents, factors_figure, factors_that_matter
-from ._told import AllTrials, Trials, curve_remark, sentences, trials_of
+from ._campaign_data import ALL, ReportData
+from ._campaign_folder import load_report_data
+from ._html import environment, policy, script_text, template_text
+from ._page_sections import (
+    PageFigures,
+    agent_pairs,
+    configuration_panels,
+    flattened,
+    map_section,
+    node_trees,
+    outcome_counts,
+    studied_nodes,
+)
+from .figures._configuration import VIOLIN_FROM, VIOLIN_SPREAD
+from .figures._factor_effects import factors_figure
+from .figures._style import looks
+from .map._run_choice import choose_runs
+from .map._run_map import RunMap, draw_map
+from .statistics._agent_comparison import compare_agents
+from .statistics._design_quality import quality_of
+from .statistics._factor_effects import factors_that_matter
+from .statistics._trials import trials_of
+from .text._campaign_facts import describe, factor_rows, provenance_of
+from .text._campaign_sentences import differences, extremes, not_claimed, what_was_flown
+from .text._fidelity import fidelity_note, told_in_tables
+from .text._format import interval, number, p_value, percent, score, span
+from .text._glossary import GLOSSARY
+from .text._outcomes import outcome_name, outcome_text
 
 MANIFEST_ROWS = 5000
-DECISION_ROWS = 200
 
 
 def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
@@ -50,32 +62,32 @@ def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
 
 def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Sequence[str] = ()) -> str:
     """The page as text. `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown."""
-    figures = _Figures()
-    comparisons = _comparisons(data, figures)
+    figures = PageFigures()
+    comparisons = agent_pairs(data, figures)
     matter = factors_that_matter(data)
     plotly, script = (script_text(text) for text in (get_plotlyjs(), template_text("report.js")))
     shown = looks(data.agents)
     trials = trials_of(data.scores)
-    names, counts = _outcome_counts(data, shown)
+    names, counts = outcome_counts(data, shown)
     context: dict[str, Any] = {
         "data": data,
         "fidelity": fidelity_note(data.campaign),
         "looks": shown,
         "css": Markup(template_text("report.css")),
         "policy": policy(plotly, script),
-        "flown": words.what_was_flown(data),
-        "differences": [line for one in comparisons for line in words.differences(data, one.pairings)],
-        "not_claimed": words.not_claimed(data),
+        "flown": what_was_flown(data),
+        "differences": [line for one in comparisons for line in differences(data, one.pairings)],
+        "not_claimed": not_claimed(data),
         "facts": describe(data),
         "quality": quality_of(data),
         "raised": any(t.raised for (_, where, _), t in data.tallies.items() if where == ALL),
         "factors": factor_rows(data),
         "outcome_names": names,
         "outcome_counts": counts,
-        "studied": _studied(data, shown, trials, figures) if data.tallies else [],
-        "trees": _trees(data, shown, trials),
-        "panels": _panels(data, shown, figures),
-        "maps": [_map(chart, place, figures) for place, chart in enumerate(charts, start=1)],
+        "studied": studied_nodes(data, shown, trials, figures) if data.tallies else [],
+        "trees": node_trees(data, shown, trials),
+        "panels": configuration_panels(data, shown, figures),
+        "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
         "comparisons": comparisons,
         "settled": {one.id: compare_agents(data, one.first.name, one.second.name) for one in comparisons},
@@ -84,9 +96,9 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
         # The page's own digest cannot stand in the page.
-        "manifest": [row for row in _flattened(data.manifest) if "report.html" not in row[0]][:MANIFEST_ROWS],
+        "manifest": [row for row in flattened(data.manifest) if "report.html" not in row[0]][:MANIFEST_ROWS],
         "labels": {one.key: one.label for one in data.configurations},
-        "glossary": words.GLOSSARY,
+        "glossary": GLOSSARY,
         "violin_from": VIOLIN_FROM,
         "violin_spread": f"{VIOLIN_SPREAD:g}",
         "version": version("rebar-bench"),
@@ -114,221 +126,17 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
     return charts, notes
 
 
-class _Figures:
-    """The figures of one page under their fixed ids, in the order in which they were added."""
-
-    def __init__(self) -> None:
-        self.drawn: list[tuple[str, Markup]] = []
-
-    def add(self, name: str, figure: go.Figure) -> str:
-        self.drawn.append((name, data_text(figure.to_plotly_json())))
-        return name
-
-
-@dataclass(frozen=True, slots=True)
-class _Comparison:
-    id: str
-    first: AgentLook
-    second: AgentLook
-    pairings: tuple[Pairing, ...]
-    label: str
-
-
-def _comparisons(data: ReportData, figures: _Figures) -> list[_Comparison]:
-    """The first agent against each of the others."""
-    found: list[_Comparison] = []
-    shown = looks(data.agents)
-    for place, second in enumerate(shown[1:], start=1):
-        pairings = pair_agents(data.scores, data.study, shown[0].name, second.name)
-        if not any(one.scenes for one in pairings):
-            continue
-        name = figures.add(f"pairs-{place}", pairs_figure(pairings))
-        parts = [
-            f"{one.node} {100 * one.mean_confidence_difference:+.0f} points"
-            for one in pairings
-            if one.mean_confidence_difference is not None
-        ]
-        label = f"Mean difference in confidence, {second.name} minus {shown[0].name}: {', '.join(parts)}"
-        found.append(_Comparison(name, shown[0], second, pairings, label))
-    return found
-
-
-def _outcome_counts(data: ReportData, shown: Sequence[AgentLook]) -> tuple[list[str], list[dict[str, Any]]]:
-    order = [outcome.value.replace("_", " ") for outcome in Outcome] + [words.PAST, "not finished"]
-    ends = Counter((run.agent, words.outcome_name(run)) for run in data.runs)
-    names = [name for name in order if name == "completed" or any(ends[look.name, name] for look in shown)]
-    rows = [
-        {"look": look, "counts": counts, "all": sum(counts)}
-        for look in shown
-        if sum(counts := [ends[look.name, name] for name in names])
-    ]
-    return names, rows
-
-
-def _studied(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials, figures: _Figures) -> list[dict[str, Any]]:
-    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in sentences."""
-    found = []
-    for place, node in enumerate(data.study, start=1):
-        tallies = {look.name: tally for look in shown if (tally := data.tally(look.name, node)) is not None}
-        flown = {look.name: trials[look.name, node] for look in shown if (look.name, node) in trials}
-        agents = [
-            {
-                "look": look,
-                "lines": sentences(tallies.get(look.name), flown.get(look.name, Trials())),
-                "remark": curve_remark(flown[look.name].curve()) if look.name in flown else "",
-            }
-            for look in shown
-        ]
-        passed = [f"{name}: {one.passes} of {len(one.passed)} runs passed" for name, one in flown.items()]
-        found.append(
-            {
-                "node": node,
-                "asks": data.nodes[node].asks if node in data.nodes else "",
-                "agents": agents,
-                "id": figures.add(f"curve-{place}", curve_figure(shown, flown, tallies)) if flown else "",
-                "label": f"Pass rate of {node} over difficulty. {'; '.join(passed)}",
-            }
-        )
-    return found
-
-
-def _trees(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials) -> list[dict[str, Any]]:
-    """For each agent that flew: its branches, one for every root, each with the rows of all that stands under it."""
-    if not data.tallies:
-        return []
-    flown = {run.agent for run in data.runs}
-    told = {
-        (look.name, name): sentences(data.tally(look.name, name), trials.get((look.name, name), Trials()))
-        for look in shown
-        for name in data.nodes
-    }
-    return [
-        {
-            "look": look,
-            "branches": [
-                {
-                    "node": data.nodes[root],
-                    "said": _said(data.tally(look.name, root)),
-                    "rows": list(_tree_rows(data, look.name, root, told)),
-                }
-                for root in data.roots
-            ],
-            "method": _methods(data, look.name),
-        }
-        for look in shown
-        if look.name in flown
-    ]
-
-
-def _said(tally: Tally | None) -> str:
-    if tally is None or not tally.considered:
-        return "never considered"
-    return f"score {words.score(tally.score)}{' †' if tally.raised else ''}, confidence {words.percent(tally.confidence)}"
-
-
-def _methods(data: ReportData, agent: str) -> str:
-    used = sorted({tally.method for (who, where, _), tally in data.tallies.items() if (who, where) == (agent, ALL)})
-    named = [words.METHODS.get(one, one) for one in used if one != words.NO_INTERVAL]
-    return f"Intervals of confidence: {words.listed(named)}." if named else ""
-
-
-def _tree_rows(data: ReportData, agent: str, root: str, told: Mapping[tuple[str, str], list[str]]) -> Iterator[dict[str, Any]]:
-    parents: dict[str, list[str]] = {}
-    for node in data.nodes.values():
-        for child in node.children:
-            parents.setdefault(child, []).append(node.id)
-
-    def below(name: str, depth: int, parent: str) -> Iterator[dict[str, Any]]:
-        node = data.nodes[name]
-        yield {
-            "node": node,
-            "depth": depth,
-            "folds": bool(node.children),
-            "studied": name in data.study,
-            "also": words.listed([one for one in parents.get(name, []) if one != parent]),
-            "tally": data.tally(agent, name),
-            "lines": told[agent, name],
-        }
-        for child in node.children:
-            yield from below(child, min(depth + 1, 3), name)
-
-    yield from below(root, 0, "")
-
-
-def _panels(data: ReportData, shown: Sequence[AgentLook], figures: _Figures) -> list[dict[str, Any]]:
-    panels = []
-    for place, configuration in enumerate(data.configurations, start=1):
-        rows = [
-            (look, tally)
-            for node in data.study
-            for look in shown
-            if (tally := data.tally(look.name, node, configuration.key)) is not None
-        ]
-        panels.append(
-            {
-                "id": figures.add(f"configuration-{place}", configuration_figure(data, configuration)),
-                "configuration": configuration,
-                "levels": factor_levels(configuration),
-                "rows": rows,
-                "label": _panel_label(configuration.label, [tally for _, tally in rows]),
-            }
-        )
-    return panels
-
-
-def _panel_label(name: str, tallies: Iterable[Tally]) -> str:
-    said = [
-        f"{one.node}, {one.agent}: difficulty {words.span(one.difficulty_low, one.difficulty_high)}, score {words.score(one.score)}, "
-        f"confidence {words.percent(one.confidence)}"
-        for one in tallies
-    ]
-    return f"Configuration {name}. {'; '.join(said)}"
-
-
-def _map(chart: RunMap, place: int, figures: _Figures) -> dict[str, Any]:
-    run: Run = chart.run
-    marked = sum(report.mark for report in chart.reports)
-    forbidden = sum(report.forbidden for report in chart.reports)
-    title = f"{run.agent} · {run.design_point}, replicate {run.replicate} · {words.outcome_name(run)}"
-    label = (
-        f"Map of {run.realization}: {words.plural(len(chart.reports), 'report')}, {marked} marked, "
-        f"{forbidden} of them with a bystander within {chart.no_mark_within_m:g} m; {len(chart.actors)} actors"
-    )
-    return {
-        "box": f"map-{place}-box",
-        "id": figures.add(f"map-{place}", map_figure(chart)),
-        "chart": chart,
-        "title": title,
-        "label": label,
-        "decisions": chart.decisions[:DECISION_ROWS],
-        "decisions_said": words.plural(len(chart.decisions), "line")
-        + (f", the first {DECISION_ROWS} shown" if len(chart.decisions) > DECISION_ROWS else ""),
-    }
-
-
-def _flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:
-    """Nested values as dotted names and texts."""
-    if isinstance(value, Mapping):
-        for key in value:
-            yield from _flattened(value[key], f"{name}.{key}" if name else str(key))
-    elif isinstance(value, list):
-        for place, one in enumerate(value):
-            yield from _flattened(one, f"{name}[{place}]")
-    else:
-        yield name, "" if value is None else str(value)
-
-
 def _environment() -> jinja2.Environment:
     found = environment()
     found.globals.update(
-        number=words.number,
-        percent=words.percent,
-        score=words.score,
-        interval=words.interval,
-        span=words.span,
-        p_value=words.p_value,
-        outcome_name=words.outcome_name,
-        outcome_text=words.outcome_text,
-        extremes=words.extremes,
+        number=number,
+        percent=percent,
+        score=score,
+        interval=interval,
+        span=span,
+        p_value=p_value,
+        outcome_name=outcome_name,
+        outcome_text=outcome_text,
+        extremes=extremes,
     )
     return found

@@ -8,8 +8,8 @@ import polars as pl
 from rich.table import Table
 from rich.text import Text
 
-from ._data import ALL, Tally, tallies_of
-from ._words import interval, percent, score, span
+from ._campaign_data import ALL, Tally, tallies_of
+from .text._format import interval, percent, score, span
 
 COLUMNS = ("Agent", "Node", "Title", "Difficulty", "Score", "Confidence", "95 %", "Runs", "Considered", "Scored")
 

@@ -9,7 +9,7 @@ import pytest
 from made_campaign import Made, make_campaign
 
 from bench.reporting import ReportData, load_report_data, render_report
-from bench.reporting._design import points_of, quality_of
+from bench.reporting.statistics._design_quality import points_of, quality_of
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import polars as pl
 
 from bench.documents import read_document
-from bench.reporting._data import ReportData
-from bench.reporting._facts import describe
+from bench.reporting._campaign_data import ReportData
+from bench.reporting.text._campaign_facts import describe
 from bench.simspec import SimSpec
 
 SPEC = """name: places

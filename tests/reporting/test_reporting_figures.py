@@ -25,9 +25,11 @@ from bench.reporting import (
     score_lines,
     score_table,
 )
-from bench.reporting._data import Competent, ReportData, Run
-from bench.reporting._figures import curve_figure, looks
-from bench.reporting._told import Trials, curve_remark, sentences, trials_of
+from bench.reporting._campaign_data import Competent, ReportData, Run
+from bench.reporting.figures._pass_rates import curve_figure
+from bench.reporting.figures._style import looks
+from bench.reporting.statistics._trials import Trials, trials_of
+from bench.reporting.text._node_sentences import curve_remark, sentences
 from bench.scoring import summary_frame
 from bench.statistics import competence_of
 

@@ -20,8 +20,8 @@ from made_campaign import AGENTS, Made, make_campaign
 
 from bench.errors import SetupError
 from bench.reporting import graph_page, graph_svg, load_report_data
-from bench.reporting._data import ReportData
-from bench.reporting._layout import lay_out
+from bench.reporting._campaign_data import ReportData
+from bench.reporting.graph._layout import lay_out
 from decompositions import Decomposition, load_decomposition, shipped_decompositions
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -13,7 +13,7 @@ from bench.scoring import configuration_of, difficulty_of, studied, tension
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
-from ._data import ReportData
+from .._campaign_data import ReportData
 
 Pairs = Sequence[tuple[DesignPoint, int]]
 MOST_NAMED = 20

@@ -9,9 +9,9 @@ from typing import Any
 
 from bench.simspec import FACTORS, SimSpec
 
-from ._data import Configuration, ReportData
+from .._campaign_data import Configuration, ReportData
+from ._format import listed, plural
 from ._situation import events_text, group_text, intelligence_text, rules_text
-from ._words import listed, plural
 
 SHOWN_VALUES = 6
 

@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 
 from bench.simspec import Role
 
-from ._figures import empty_figure
-from ._map import MapActor, MapReport, RunMap, Track
+from ..map._run_map import MapActor, MapReport, RunMap, Track
+from ._style import empty_figure
 
 FLIGHT_COLOURS = ((0.0, "#4a74d9"), (0.5, "#b35fa0"), (1.0, "#e0912f"))  # seen on white and on black
 ROLE_MARKERS = {Role.ADVERSARY: "triangle-up", Role.BYSTANDER: "circle", Role.CLUTTER: "square"}

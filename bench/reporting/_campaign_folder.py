@@ -1,6 +1,6 @@
-"""What a campaign left on disk, as the report needs it: read once, frozen, nothing drawn yet.
+"""A campaign's folder, read once.
 
-Whatever is missing or damaged becomes a note in the report; only a folder that is no campaign at all is an error.
+Whatever is missing or damaged becomes a note in the report; only a folder that holds no campaign is an error.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,147 +16,16 @@ import polars as pl
 from bench.contracts import Outcome, SessionResult, parse_document
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
-from bench.scoring import SCORE_COLUMNS, summary_frame, tension
+from bench.scoring import SCORE_COLUMNS, summary_frame
 from bench.simspec import FACTORS, SimSpec, factor_values
 from decompositions import Decomposition, load_decomposition
 
-ALL = "all"
-PASS_RATES = ("50", "90")
-LEVELS = ("principle", "ka", "vab", "observable")
+from ._campaign_data import LEVELS, Configuration, Node, ReportData, Run, tallies_of, until_settled
+
 NOT_IN_LABELS = re.compile(r"[^a-z0-9_-]+")  # as realizations write agents' names
+
+
 REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)$")
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """One realization: what it was, how it ended, and where its recording lies (None when there is none).
-
-    `past` says that it was flown, and that the replicates before it had settled the question: it has no say in any number.
-    """
-
-    realization: str
-    design_point: str
-    replicate: int
-    agent: str
-    configuration: str | None
-    outcome: Outcome | None
-    reason: str = ""
-    simulated_s: float = 0.0
-    cpu_s: float = 0.0
-    recording: Path | None = None
-    recording_sha256: str | None = None
-    past: bool = False
-
-    @property
-    def scene(self) -> tuple[str, int]:
-        """Runs of different agents with the same scene can be compared one to one."""
-        return (self.design_point, self.replicate)
-
-
-@dataclass(frozen=True, slots=True)
-class Node:
-    """One node of the decomposition, as far as it is known; without the document only its id is."""
-
-    id: str
-    level: str
-    title: str
-    asks: str = ""
-    children: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Competent:
-    """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it ends."""
-
-    value: float
-    low: float
-    at_least: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Tally:
-    """One node of one agent over one configuration (or all): the means and the counts beside them.
-
-    `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its threshold.
-    `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and where nothing was considered.
-    """
-
-    agent: str
-    configuration: str
-    node: str
-    level: str
-    runs: int
-    considered: int
-    scored: int
-    score: float | None
-    passed_score: float | None
-    raised: bool
-    confidence: float | None
-    confidence_low: float | None
-    confidence_high: float | None
-    difficulty_low: float | None
-    difficulty_high: float | None
-    method: str = ""
-    design_points: int = 0
-    score_low: float | None = None
-    score_high: float | None = None
-    competence: Mapping[str, Competent] = field(default_factory=dict)
-
-
-Tallies = dict[tuple[str, str, str], Tally]
-"""By agent, configuration and node."""
-
-
-@dataclass(frozen=True, slots=True)
-class Configuration:
-    """A difficulty configuration: its label here, its key, and the studied nodes' difficulties."""
-
-    label: str
-    key: str
-    difficulty: Mapping[str, float]
-    runs: Mapping[str, int]
-    factors: Mapping[str, tuple[float, ...]]
-
-    @property
-    def n(self) -> int:
-        """Runs of all agents in this configuration."""
-        return sum(self.runs.values())
-
-    @property
-    def tension(self) -> int:
-        """1 to 5, from the lowest of the studied difficulties."""
-        return tension(min(self.difficulty.values(), default=0.0))
-
-
-@dataclass(frozen=True, slots=True)
-class ReportData:
-    """Everything that the report says, before it is put into words, tables and figures."""
-
-    name: str
-    description: str
-    study: tuple[str, ...]
-    agents: tuple[str, ...]
-    runs: tuple[Run, ...]
-    nodes: Mapping[str, Node]
-    roots: tuple[str, ...]
-    scores: pl.DataFrame
-    tallies: Mapping[tuple[str, str, str], Tally]
-    configurations: tuple[Configuration, ...]
-    simspecs: Mapping[str, SimSpec]
-    campaign: Mapping[str, Any]
-    decomposition: str
-    decomposition_sha256: str | None
-    manifest: Mapping[str, Any]
-    notes: tuple[str, ...] = field(default=())
-    document: Decomposition | None = None
-
-    def tally(self, agent: str, node: str, configuration: str = ALL) -> Tally | None:
-        """Means and counts, or None when the node has no row at all there."""
-        return self.tallies.get((agent, configuration, node))
-
-    def title(self, node: str) -> str:
-        """The node's title, or its id when the decomposition is not at hand."""
-        return self.nodes[node].title if node in self.nodes else node
 
 
 def load_report_data(folder: Path) -> ReportData:
@@ -244,11 +112,6 @@ def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], n
     results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
     looked = until_settled(scores)
     return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), looked) for name in names)
-
-
-def until_settled(scores: pl.DataFrame) -> bool:
-    """Whether design points ended once they were settled."""
-    return bool(scores["until_settled"].any())
 
 
 def _result(path: Path, notes: list[str]) -> SessionResult | None:
@@ -352,37 +215,3 @@ def _manifest(folder: Path, notes: list[str]) -> dict[str, Any]:
     except (OSError, ValueError):
         notes.append("manifest.json is damaged: digests and versions are not on record.")
         return {}
-
-
-def tallies_of(summary: pl.DataFrame) -> Tallies:
-    """Rows of a summary frame (columns SUMMARY_COLUMNS of bench.scoring) by agent, configuration and node."""
-    return {(row["agent"], row["configuration"], row["node"]): _tally(row) for row in summary.iter_rows(named=True)}
-
-
-def _tally(row: Mapping[str, Any]) -> Tally:
-    return Tally(
-        agent=row["agent"],
-        configuration=row["configuration"],
-        node=row["node"],
-        level=row["level"],
-        runs=row["runs"],
-        considered=row["considered"],
-        scored=row["scored"],
-        score=row["score_mean"],
-        passed_score=row["passed_score_mean"],
-        raised=bool(row["raised_by_failure"]),
-        confidence=row["confidence_mean"],
-        confidence_low=row["confidence_low"],
-        confidence_high=row["confidence_high"],
-        difficulty_low=row["difficulty_low"],
-        difficulty_high=row["difficulty_high"],
-        method=row["method"],
-        design_points=row["design_points"],
-        score_low=row["score_low"],
-        score_high=row["score_high"],
-        competence={
-            rate: Competent(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
-            for rate in PASS_RATES
-            if (value := row[f"competence_{rate}"]) is not None
-        },
-    )

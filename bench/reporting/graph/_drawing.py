@@ -12,11 +12,12 @@ from markupsafe import Markup
 from bench.errors import Fault, SetupError
 from decompositions import Decomposition, KeyFactor, Level
 
-from ._data import ReportData, Tally
+from .._campaign_data import ReportData, Tally
+from .._html import data_text, environment, policy, script_text, template_text
+from ..statistics._trials import Trials, trials_of
+from ..text._format import listed, plural
+from ..text._node_sentences import sentences
 from ._layout import lay_out
-from ._offline import data_text, environment, policy, script_text, template_text
-from ._told import Trials, sentences, trials_of
-from ._words import listed, plural
 
 Measured = Literal["confidence", "score", "competence"]
 MEASURED: dict[Measured, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "Competence 50"}

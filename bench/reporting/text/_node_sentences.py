@@ -1,60 +1,30 @@
-"""One node of one agent in plain sentences: its score and what raised it, competence, confidence, what the count can claim."""
+"""One node of one agent in plain sentences: score, competence, confidence, and what the runs prove."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import lru_cache
 
-import polars as pl
+from bench.statistics import Curve, CurveState, claim
 
-from bench.contracts import Outcome
-from bench.statistics import Curve, CurveState, claim, difficulty_response
-
-from ._data import Tally
-from ._words import number, percent, plural
+from .._campaign_data import Tally
+from ..statistics._trials import Trials
+from ._format import number, percent, plural
 
 SHARES = {"50": "half", "90": "nine tenths"}
+
+
 NO_CURVE = {
     CurveState.TOO_FEW: "No curve is drawn: fewer than ten runs considered the node.",
     CurveState.ONE_DIFFICULTY: "No curve is drawn: all runs have one difficulty, so nothing shows how passing depends on it.",
 }
+
+
 DOUBTS = {
     CurveState.ALL_PASSED: "All runs passed: the curve falls only as far as so few runs cannot exclude.",
     CurveState.NONE_PASSED: "No run passed: the curve stands above 0 only as far as so few runs cannot exclude.",
     CurveState.SEPARATED: "Passes and failures lie on either side of one difficulty: how steep the curve is there, nothing shows.",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Trials:
-    """The runs of one agent that considered one node and count: what each was rated, and whether everything was achieved."""
-
-    difficulty: tuple[float, ...] = ()
-    passed: tuple[bool, ...] = ()
-    design_points: tuple[str, ...] = ()
-
-    @property
-    def passes(self) -> int:
-        """How many passed."""
-        return sum(self.passed)
-
-    def curve(self) -> Curve:
-        """The logistic difficulty-response curve of these runs."""
-        return difficulty_response(self.difficulty, self.passed, self.design_points)
-
-
-AllTrials = Mapping[tuple[str, str], Trials]
-"""By agent and node; no entry where the node was never considered."""
-
-
-def trials_of(scores: pl.DataFrame) -> AllTrials:
-    """Every node's trials, by the rule of competence: considered, and ended by something that the agent answers for."""
-    counted = scores.filter(pl.col("considered") > 0, ~pl.col("outcome").is_in([str(o) for o in Outcome if not o.counts]))
-    grouped = counted.group_by("agent", "node", maintain_order=True).agg(
-        pl.col("difficulty"), (pl.col("achieved") == pl.col("considered")).alias("passed"), pl.col("design_point")
-    )
-    return {(agent, node): Trials(tuple(hard), tuple(ok), tuple(points)) for agent, node, hard, ok, points in grouped.iter_rows()}
 
 
 def sentences(tally: Tally | None, trials: Trials) -> list[str]:

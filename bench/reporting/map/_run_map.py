@@ -7,19 +7,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
-from bench.contracts import At, Decision, Outcome, Tape, TargetReport
+from bench.contracts import At, Decision, Tape, TargetReport
 from bench.simspec import Polygon, Role, SimSpec
 
-from ._data import ReportData, Run
-from ._happenings import Happening, happenings
+from .._campaign_data import Run
+from ._events import Happening, happenings
 
 Track = tuple[tuple[float, float], ...]
+
+
 TRAJECTORY_HZ = 2.0
+
+
 PATH_TOLERANCE_M = 0.5
+
+
 CUT = "recording"  # the entry of Tape.malformed that says so
+
+
 MEANT_WITHIN_M = 40.0  # a report further from every adversary of its class than this is taken at its own place
 
 
@@ -124,42 +131,6 @@ def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
 def _ring(area: Polygon) -> Track:
     corners = tuple((corner.east_m, corner.north_m) for corner in area.corners)
     return (*corners, corners[0])
-
-
-def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
-    """The runs worth a look: scenes that every agent flew and on which the studied confidences differ most.
-
-    Each scene comes with all its agents, the scenes from different configurations first; with one agent, the runs
-    with the lowest confidence come first. Runs without a recording are left out.
-    """
-    recorded = [run for run in data.runs if run.recording is not None]
-    scenes: dict[tuple[str, int], dict[str, Run]] = {}
-    for run in recorded:
-        scenes.setdefault(run.scene, {})[run.agent] = run
-    flown_by = max((len(agents) for agents in scenes.values()), default=0)
-    full = {scene: agents for scene, agents in scenes.items() if len(agents) == flown_by}
-    ordered = sorted(full, key=lambda scene: (*_interest(data, list(full[scene].values())), scene))
-    seen: dict[str | None, int] = {}
-    rounds = []
-    for scene in ordered:
-        configuration = next(iter(full[scene].values())).configuration
-        rounds.append((seen.get(configuration, 0), scene))
-        seen[configuration] = seen.get(configuration, 0) + 1
-    # A stable sort: the most telling scene of every configuration first, then the second of each.
-    scenes_shown = [scene for _, scene in sorted(rounds, key=lambda pair: pair[0])][: max(1, count // max(1, flown_by))]
-    return tuple(full[scene][agent] for scene in scenes_shown for agent in data.agents if agent in full[scene])
-
-
-def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float]:
-    """Sorts first: all completed, one key attribute on which they differ widely, and otherwise alike."""
-    rows = data.scores.filter(pl.col("realization").is_in([run.realization for run in runs]), pl.col("node").is_in(data.study))
-    spreads = []
-    for _, node in rows.drop_nulls("confidence").group_by("node"):
-        values = node["confidence"].to_list()
-        spreads.append((max(values) - min(values)) if len(runs) > 1 else 1.0 - min(values))
-    widest = max(spreads, default=0.0)
-    incomplete = any(run.outcome is not Outcome.COMPLETED for run in runs)
-    return (incomplete, round(-widest, 9), round(math.fsum(spreads) - widest, 9))
 
 
 def _flight(tape: Tape) -> tuple[tuple[float, float, float, float], ...]:

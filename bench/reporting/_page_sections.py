@@ -1,0 +1,235 @@
+"""The sections of the page, as values for its template."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import plotly.graph_objects as go
+from markupsafe import Markup
+
+from bench.contracts import Outcome
+
+from ._campaign_data import ALL, ReportData, Run, Tally
+from ._html import data_text
+from .figures._configuration import configuration_figure
+from .figures._map import map_figure
+from .figures._pairings import pairs_figure
+from .figures._pass_rates import curve_figure
+from .figures._style import AgentLook, looks
+from .map._run_map import RunMap
+from .statistics._pairings import Pairing, pair_agents
+from .statistics._trials import AllTrials, Trials
+from .text._campaign_facts import factor_levels
+from .text._format import listed, percent, plural, score, span
+from .text._glossary import METHODS, NO_INTERVAL
+from .text._node_sentences import curve_remark, sentences
+from .text._outcomes import PAST, outcome_name
+
+DECISION_ROWS = 200
+
+
+class PageFigures:
+    """The figures of one page under their fixed ids, in the order in which they were added."""
+
+    def __init__(self) -> None:
+        self.drawn: list[tuple[str, Markup]] = []
+
+    def add(self, name: str, figure: go.Figure) -> str:
+        self.drawn.append((name, data_text(figure.to_plotly_json())))
+        return name
+
+
+@dataclass(frozen=True, slots=True)
+class AgentPair:
+    id: str
+    first: AgentLook
+    second: AgentLook
+    pairings: tuple[Pairing, ...]
+    label: str
+
+
+def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
+    """The first agent against each of the others."""
+    found: list[AgentPair] = []
+    shown = looks(data.agents)
+    for place, second in enumerate(shown[1:], start=1):
+        pairings = pair_agents(data.scores, data.study, shown[0].name, second.name)
+        if not any(one.scenes for one in pairings):
+            continue
+        name = figures.add(f"pairs-{place}", pairs_figure(pairings))
+        parts = [
+            f"{one.node} {100 * one.mean_confidence_difference:+.0f} points"
+            for one in pairings
+            if one.mean_confidence_difference is not None
+        ]
+        label = f"Mean difference in confidence, {second.name} minus {shown[0].name}: {', '.join(parts)}"
+        found.append(AgentPair(name, shown[0], second, pairings, label))
+    return found
+
+
+def outcome_counts(data: ReportData, shown: Sequence[AgentLook]) -> tuple[list[str], list[dict[str, Any]]]:
+    order = [outcome.value.replace("_", " ") for outcome in Outcome] + [PAST, "not finished"]
+    ends = Counter((run.agent, outcome_name(run)) for run in data.runs)
+    names = [name for name in order if name == "completed" or any(ends[look.name, name] for look in shown)]
+    rows = [
+        {"look": look, "counts": counts, "all": sum(counts)}
+        for look in shown
+        if sum(counts := [ends[look.name, name] for name in names])
+    ]
+    return names, rows
+
+
+def studied_nodes(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials, figures: PageFigures) -> list[dict[str, Any]]:
+    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in sentences."""
+    found = []
+    for place, node in enumerate(data.study, start=1):
+        tallies = {look.name: tally for look in shown if (tally := data.tally(look.name, node)) is not None}
+        flown = {look.name: trials[look.name, node] for look in shown if (look.name, node) in trials}
+        agents = [
+            {
+                "look": look,
+                "lines": sentences(tallies.get(look.name), flown.get(look.name, Trials())),
+                "remark": curve_remark(flown[look.name].curve()) if look.name in flown else "",
+            }
+            for look in shown
+        ]
+        passed = [f"{name}: {one.passes} of {len(one.passed)} runs passed" for name, one in flown.items()]
+        found.append(
+            {
+                "node": node,
+                "asks": data.nodes[node].asks if node in data.nodes else "",
+                "agents": agents,
+                "id": figures.add(f"curve-{place}", curve_figure(shown, flown, tallies)) if flown else "",
+                "label": f"Pass rate of {node} over difficulty. {'; '.join(passed)}",
+            }
+        )
+    return found
+
+
+def node_trees(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials) -> list[dict[str, Any]]:
+    """For each agent that flew: its branches, one for every root, each with the rows of all that stands under it."""
+    if not data.tallies:
+        return []
+    flown = {run.agent for run in data.runs}
+    told = {
+        (look.name, name): sentences(data.tally(look.name, name), trials.get((look.name, name), Trials()))
+        for look in shown
+        for name in data.nodes
+    }
+    return [
+        {
+            "look": look,
+            "branches": [
+                {
+                    "node": data.nodes[root],
+                    "said": _said(data.tally(look.name, root)),
+                    "rows": list(_tree_rows(data, look.name, root, told)),
+                }
+                for root in data.roots
+            ],
+            "method": _methods(data, look.name),
+        }
+        for look in shown
+        if look.name in flown
+    ]
+
+
+def _said(tally: Tally | None) -> str:
+    if tally is None or not tally.considered:
+        return "never considered"
+    return f"score {score(tally.score)}{' †' if tally.raised else ''}, confidence {percent(tally.confidence)}"
+
+
+def _methods(data: ReportData, agent: str) -> str:
+    used = sorted({tally.method for (who, where, _), tally in data.tallies.items() if (who, where) == (agent, ALL)})
+    named = [METHODS.get(one, one) for one in used if one != NO_INTERVAL]
+    return f"Intervals of confidence: {listed(named)}." if named else ""
+
+
+def _tree_rows(data: ReportData, agent: str, root: str, told: Mapping[tuple[str, str], list[str]]) -> Iterator[dict[str, Any]]:
+    parents: dict[str, list[str]] = {}
+    for node in data.nodes.values():
+        for child in node.children:
+            parents.setdefault(child, []).append(node.id)
+
+    def below(name: str, depth: int, parent: str) -> Iterator[dict[str, Any]]:
+        node = data.nodes[name]
+        yield {
+            "node": node,
+            "depth": depth,
+            "folds": bool(node.children),
+            "studied": name in data.study,
+            "also": listed([one for one in parents.get(name, []) if one != parent]),
+            "tally": data.tally(agent, name),
+            "lines": told[agent, name],
+        }
+        for child in node.children:
+            yield from below(child, min(depth + 1, 3), name)
+
+    yield from below(root, 0, "")
+
+
+def configuration_panels(data: ReportData, shown: Sequence[AgentLook], figures: PageFigures) -> list[dict[str, Any]]:
+    panels = []
+    for place, configuration in enumerate(data.configurations, start=1):
+        rows = [
+            (look, tally)
+            for node in data.study
+            for look in shown
+            if (tally := data.tally(look.name, node, configuration.key)) is not None
+        ]
+        panels.append(
+            {
+                "id": figures.add(f"configuration-{place}", configuration_figure(data, configuration)),
+                "configuration": configuration,
+                "levels": factor_levels(configuration),
+                "rows": rows,
+                "label": _panel_label(configuration.label, [tally for _, tally in rows]),
+            }
+        )
+    return panels
+
+
+def _panel_label(name: str, tallies: Iterable[Tally]) -> str:
+    said = [
+        f"{one.node}, {one.agent}: difficulty {span(one.difficulty_low, one.difficulty_high)}, score {score(one.score)}, "
+        f"confidence {percent(one.confidence)}"
+        for one in tallies
+    ]
+    return f"Configuration {name}. {'; '.join(said)}"
+
+
+def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, Any]:
+    run: Run = chart.run
+    marked = sum(report.mark for report in chart.reports)
+    forbidden = sum(report.forbidden for report in chart.reports)
+    title = f"{run.agent} · {run.design_point}, replicate {run.replicate} · {outcome_name(run)}"
+    label = (
+        f"Map of {run.realization}: {plural(len(chart.reports), 'report')}, {marked} marked, "
+        f"{forbidden} of them with a bystander within {chart.no_mark_within_m:g} m; {len(chart.actors)} actors"
+    )
+    return {
+        "box": f"map-{place}-box",
+        "id": figures.add(f"map-{place}", map_figure(chart)),
+        "chart": chart,
+        "title": title,
+        "label": label,
+        "decisions": chart.decisions[:DECISION_ROWS],
+        "decisions_said": plural(len(chart.decisions), "line")
+        + (f", the first {DECISION_ROWS} shown" if len(chart.decisions) > DECISION_ROWS else ""),
+    }
+
+
+def flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:
+    """Nested values as dotted names and texts."""
+    if isinstance(value, Mapping):
+        for key in value:
+            yield from flattened(value[key], f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list):
+        for place, one in enumerate(value):
+            yield from flattened(one, f"{name}[{place}]")
+    else:
+        yield name, "" if value is None else str(value)

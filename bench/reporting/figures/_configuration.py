@@ -1,0 +1,180 @@
+"""Scores, confidence and difficulty in one difficulty configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from statistics import stdev
+
+import plotly.graph_objects as go
+import polars as pl
+
+from .._campaign_data import Configuration, ReportData
+from ._style import AgentLook, empty_figure, looks
+
+VIOLIN_FROM = 8  # with fewer scores a density would show what is not there
+
+
+VIOLIN_SPREAD = 0.25  # equal scores have no density; below this the scores themselves say all
+
+
+Values = dict[tuple[str, str], list[float]]
+
+
+def configuration_figure(data: ReportData, configuration: Configuration) -> go.Figure:
+    """The paper's panel: difficulty as a red dot, scores as violins (left axis), confidence as grey bars (right axis)."""
+    figure = empty_figure(height=300, margin={"l": 44, "r": 48, "t": 10, "b": 30})
+    shown = tuple(look for look in looks(data.agents) if configuration.runs.get(look.name))
+    scores = _scores_of(data.scores, configuration)
+    slot = 0.84 / max(1, len(shown))
+    for place, look in enumerate(shown):
+        offset = (place - (len(shown) - 1) / 2) * slot
+        _confidence_bars(figure, data, configuration, look, offset, slot * 0.9)
+    for place, look in enumerate(shown):
+        offset = (place - (len(shown) - 1) / 2) * slot
+        _score_shapes(figure, data.study, look, scores, offset, slot * 0.78)
+    _difficulty_dots(figure, data.study, configuration)
+    top = max([100.0, *(v for values in scores.values() for v in values)])
+    bottom = min([0.0, *(v for values in scores.values() for v in values)])
+    extent = [bottom - 12.0, top + 6.0]
+    figure.update_layout(
+        xaxis={"tickvals": list(range(len(data.study))), "ticktext": list(data.study), "range": [-0.5, len(data.study) - 0.5]},
+        # Bars are drawn on the first axis so that violins, on the overlaid one, stand before them.
+        yaxis=_axis("confidence, %", extent, side="right", showgrid=False),
+        yaxis2=_axis("score and difficulty", extent, side="left", overlaying="y", showgrid=True),
+        barmode="overlay",
+        showlegend=False,
+    )
+    figure.update_xaxes(showgrid=False, zeroline=False, fixedrange=True)
+    return figure
+
+
+def _axis(title: str, extent: Sequence[float], **more: object) -> dict[str, object]:
+    ticks = [value for value in range(-100, 201, 20) if extent[0] <= value <= extent[1]]
+    return {
+        "title": {"text": title, "standoff": 4, "font": {"size": 12}},
+        "range": list(extent),
+        "tickvals": ticks,
+        "gridcolor": "var(--grid)",
+        "zeroline": False,
+        "fixedrange": True,
+        **more,
+    }
+
+
+def _scores_of(scores: pl.DataFrame, configuration: Configuration) -> Values:
+    rows = scores.filter(pl.col("configuration") == configuration.key).drop_nulls("score").sort("realization")
+    found: Values = {}
+    for row in rows.select("agent", "node", "score").iter_rows():
+        found.setdefault((row[0], row[1]), []).append(row[2])
+    return found
+
+
+def _confidence_bars(
+    figure: go.Figure, data: ReportData, configuration: Configuration, look: AgentLook, offset: float, width: float
+) -> None:
+    tallies = [data.tally(look.name, node, configuration.key) for node in data.study]
+    heights = [None if one is None or one.confidence is None else round(100 * one.confidence, 4) for one in tallies]
+    texts = [
+        f"{look.letter} {escape(look.name)}<br>{node}: confidence "
+        + ("none: never considered" if one is None or one.confidence is None else f"{100 * one.confidence:.1f} %")
+        + ("" if one is None else f"<br>considered in {one.considered} of {one.runs} runs")
+        for node, one in zip(data.study, tallies, strict=True)
+    ]
+    figure.add_bar(
+        x=[place + offset for place in range(len(data.study))],
+        y=heights,
+        width=width,
+        marker={
+            "color": "var(--bar)",
+            "line": {"color": "var(--bar-edge)", "width": 1},
+            "pattern": {"shape": look.hatch, "fgcolor": "var(--bar-edge)", "size": 6, "solidity": 0.2},
+        },
+        hovertext=texts,
+        hoverinfo="text",
+    )
+    figure.add_scatter(
+        x=[place + offset for place in range(len(data.study))],
+        y=[-6.0] * len(data.study),
+        mode="text",
+        text=[look.letter if height is not None else f"{look.letter} –" for height in heights],
+        textfont={"size": 11, "color": look.colour},
+        hoverinfo="skip",
+    )
+
+
+def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scores: Values, offset: float, width: float) -> None:
+    for place, node in enumerate(study):
+        values = scores.get((look.name, node), [])
+        if len(values) >= VIOLIN_FROM and max(values) - min(values) > VIOLIN_SPREAD:
+            figure.add_violin(
+                y=values,
+                x0=place + offset,
+                width=width,
+                yaxis="y2",
+                spanmode="hard",
+                bandwidth=_bandwidth(values),
+                scalemode="width",
+                line={"color": look.colour, "width": 1.4},
+                fillcolor=look.fill,
+                points=False,
+                meanline={"visible": True, "color": look.colour, "width": 1.4},
+                hoveron="violins",
+                hoverinfo="y",
+            )
+        elif values:
+            figure.add_scatter(
+                x=[place + offset + shift * width for shift in _swarm(values)],
+                y=values,
+                yaxis="y2",
+                mode="markers",
+                marker={
+                    "symbol": look.marker,
+                    "size": 5.5,
+                    "color": look.colour,
+                    "opacity": 0.75,
+                    "line": {"width": 0.5, "color": "var(--paper)"},
+                },
+                hovertext=[f"{look.letter} {escape(look.name)}<br>{node}: score {value:.2f}" for value in values],
+                hoverinfo="text",
+            )
+
+
+def _bandwidth(values: Sequence[float]) -> float:
+    """Half of Scott's rule, since scores come in clumps; at least 0.4 points, or a clump of equal scores is a needle."""
+    return max(0.4, 0.5 * stdev(values) * math.pow(len(values), -0.2))
+
+
+def _swarm(values: Sequence[float]) -> list[float]:
+    """Sideways shifts in [-0.4, 0.4] that keep equal values apart; the same for the same values."""
+    count: dict[int, int] = {}
+    ranks = []
+    for value in values:
+        bin_ = round(value / 2.0)
+        ranks.append((bin_, count.get(bin_, 0)))
+        count[bin_] = count.get(bin_, 0) + 1
+    return [0.0 if count[b] == 1 else (rank / (count[b] - 1) - 0.5) * min(0.8, 0.16 * (count[b] - 1)) for b, rank in ranks]
+
+
+def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Configuration) -> None:
+    known = [(place, node) for place, node in enumerate(study) if node in configuration.difficulty]
+    for place, node in known:
+        level = configuration.difficulty[node]
+        figure.add_scatter(
+            x=[place - 0.45, place + 0.45],
+            y=[level, level],
+            yaxis="y2",
+            mode="lines",
+            line={"color": "var(--difficulty)", "width": 1.2, "dash": "dot"},
+            hoverinfo="skip",
+        )
+    figure.add_scatter(
+        x=[place for place, _ in known],
+        y=[configuration.difficulty[node] for _, node in known],
+        yaxis="y2",
+        mode="markers",
+        marker={"symbol": "circle", "size": 11, "color": "var(--difficulty)", "line": {"color": "var(--paper)", "width": 1.6}},
+        hovertext=[f"{node}: difficulty {configuration.difficulty[node]:.1f}" for _, node in known],
+        hoverinfo="text",
+    )

@@ -1,0 +1,62 @@
+"""How every figure looks: the style of each agent and the empty figure.
+
+Colours are CSS variables (`var(--agent-1)`), which the page resolves for light, dark and print. No figure relies on
+colour alone: agents also differ in letter, marker and hatching, roles in marker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import plotly.graph_objects as go
+
+MARKERS = ("circle", "square", "diamond", "triangle-up", "cross", "hexagon")
+
+
+HATCHES = ("", "/", "x", ".", "-", "|")
+
+
+PALETTE = 6
+
+
+@dataclass(frozen=True, slots=True)
+class AgentLook:
+    """How one agent looks in every figure and in the key beside it."""
+
+    name: str
+    letter: str
+    colour: str
+    fill: str
+    marker: str
+    hatch: str
+
+
+def looks(agents: Sequence[str]) -> tuple[AgentLook, ...]:
+    """A look for each agent, by its place; after six the colours come round again and the letter tells."""
+    return tuple(
+        AgentLook(
+            name=name,
+            letter=chr(ord("A") + place % 26),
+            colour=f"var(--agent-{place % PALETTE + 1})",
+            fill=f"var(--agent-{place % PALETTE + 1}-soft)",
+            marker=MARKERS[place % len(MARKERS)],
+            hatch=HATCHES[place % len(HATCHES)],
+        )
+        for place, name in enumerate(agents)
+    )
+
+
+def empty_figure(height: int, margin: dict[str, int]) -> go.Figure:
+    """An empty figure in the page's clothes."""
+    return go.Figure(
+        layout={
+            "template": go.layout.Template(),
+            "height": height,
+            "margin": margin,
+            "paper_bgcolor": "var(--paper)",
+            "plot_bgcolor": "var(--paper)",
+            "font": {"family": "system-ui, sans-serif", "size": 12, "color": "var(--ink)"},
+            "hoverlabel": {"bgcolor": "var(--paper)", "bordercolor": "var(--line)", "font": {"color": "var(--ink)"}},
+        }
+    )

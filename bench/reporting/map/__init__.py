@@ -1,0 +1,1 @@
+"""One run as a map: what is drawn, and which runs are chosen."""

@@ -1,0 +1,48 @@
+"""Which runs the report shows on a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import polars as pl
+
+from bench.contracts import Outcome
+
+from .._campaign_data import ReportData, Run
+
+
+def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
+    """The runs worth a look: scenes that every agent flew and on which the studied confidences differ most.
+
+    Each scene comes with all its agents, the scenes from different configurations first; with one agent, the runs
+    with the lowest confidence come first. Runs without a recording are left out.
+    """
+    recorded = [run for run in data.runs if run.recording is not None]
+    scenes: dict[tuple[str, int], dict[str, Run]] = {}
+    for run in recorded:
+        scenes.setdefault(run.scene, {})[run.agent] = run
+    flown_by = max((len(agents) for agents in scenes.values()), default=0)
+    full = {scene: agents for scene, agents in scenes.items() if len(agents) == flown_by}
+    ordered = sorted(full, key=lambda scene: (*_interest(data, list(full[scene].values())), scene))
+    seen: dict[str | None, int] = {}
+    rounds = []
+    for scene in ordered:
+        configuration = next(iter(full[scene].values())).configuration
+        rounds.append((seen.get(configuration, 0), scene))
+        seen[configuration] = seen.get(configuration, 0) + 1
+    # A stable sort: the most telling scene of every configuration first, then the second of each.
+    scenes_shown = [scene for _, scene in sorted(rounds, key=lambda pair: pair[0])][: max(1, count // max(1, flown_by))]
+    return tuple(full[scene][agent] for scene in scenes_shown for agent in data.agents if agent in full[scene])
+
+
+def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float]:
+    """Sorts first: all completed, one key attribute on which they differ widely, and otherwise alike."""
+    rows = data.scores.filter(pl.col("realization").is_in([run.realization for run in runs]), pl.col("node").is_in(data.study))
+    spreads = []
+    for _, node in rows.drop_nulls("confidence").group_by("node"):
+        values = node["confidence"].to_list()
+        spreads.append((max(values) - min(values)) if len(runs) > 1 else 1.0 - min(values))
+    widest = max(spreads, default=0.0)
+    incomplete = any(run.outcome is not Outcome.COMPLETED for run in runs)
+    return (incomplete, round(-widest, 9), round(math.fsum(spreads) - widest, 9))

@@ -1,0 +1,148 @@
+"""Which factors of a campaign's design matter to confidence, passes and score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import polars as pl
+
+from bench.realization import INACTIVE
+from bench.statistics import FactorLevel, Independence, NodeFactors, OddsRatio, factor_frame, node_factors
+
+from .._campaign_data import ReportData
+from ._design_quality import points_of
+
+FOUND_BELOW = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class FactorRow:
+    """One factor (or interaction) at one node of one agent, as a reader sees it. Shares are omega squared, p values adjusted."""
+
+    factor: str
+    confidence_share: float | None
+    confidence_p: float | None
+    score_share: float | None
+    score_p: float | None
+    odds: tuple[OddsRatio, ...]
+    passes_p: float | None
+    note: str
+
+    @property
+    def found(self) -> tuple[str, ...]:
+        """Where its tests find something: confidence, passes, score."""
+        tests = (("confidence", self.confidence_p), ("passes", self.passes_p), ("score", self.score_p))
+        return tuple(name for name, p in tests if p is not None and p < FOUND_BELOW)
+
+
+@dataclass(frozen=True, slots=True)
+class FactorTable:
+    """One node of one agent: its factors, and what must be said of the analysis."""
+
+    agent: str
+    node: str
+    runs: int
+    rows: tuple[FactorRow, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FactorsMatter:
+    """The whole section. `note` says why there is none, and is empty otherwise; `frame` holds every test (FACTOR_COLUMNS)."""
+
+    tables: tuple[FactorTable, ...]
+    independence: Independence | None
+    frame: pl.DataFrame
+    note: str = ""
+
+    @property
+    def found(self) -> list[tuple[FactorTable, FactorRow]]:
+        """What was found in confidence or passes, over all nodes and agents."""
+        rows = ((table, row) for table in self.tables for row in table.rows)
+        return [(table, row) for table, row in rows if {"confidence", "passes"} & set(row.found)]
+
+    @property
+    def found_in_scores(self) -> list[tuple[str, list[str]]]:
+        """Factors that were found in scores alone, each with the nodes and agents; difficulty may be all that they move."""
+        places: dict[str, list[str]] = {}
+        for table in self.tables:
+            for row in table.rows:
+                if row.found == ("score",):
+                    places.setdefault(row.factor, []).append(f"{table.node} of {table.agent}")
+        return list(places.items())
+
+
+def factors_that_matter(data: ReportData) -> FactorsMatter:
+    """Every node under study, each agent for itself, over the factors of the campaign's design."""
+    levels, note = _levels(data)
+    analyses = [
+        one for node in data.study for agent in data.agents if (one := node_factors(data.scores, levels, agent, node)) is not None
+    ]
+    if levels and not analyses:
+        note = "No run was considered, so nothing can be said."
+    frame = factor_frame(analyses)
+    return FactorsMatter(
+        tables=tuple(_table(one, frame) for one in analyses),
+        independence=analyses[0].confidence.independence if analyses else None,
+        frame=frame,
+        note=note,
+    )
+
+
+def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel | None]], str]:
+    stated = data.campaign.get("design")
+    if not isinstance(stated, Mapping) or not stated.get("factors"):
+        return {}, "The campaign's design varies no factor."
+    points = points_of(data)
+    if points is None:
+        return {}, "The campaign's design cannot be read, so scores cannot be held against its factors."
+    switched = {one["name"] for one in stated["factors"] if one.get("when")}
+    return {point.id: _active(point.levels, switched) for point in points}, ""
+
+
+def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, FactorLevel | None]:
+    """Levels with None for conditional factors that are inactive; of any other factor that word is a level."""
+    return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
+
+
+def _table(one: NodeFactors, frame: pl.DataFrame) -> FactorTable:
+    mine = frame.filter(pl.col("agent") == one.agent, pl.col("node") == one.node)
+    adjusted = {(row["of"], row["test"], row["factor"]): row["p_adjusted"] for row in mine.iter_rows(named=True)}
+    confidence = {effect.term: effect for effect in one.confidence.effects}
+    score = {effect.term: effect for effect in one.score.effects}
+    terms = dict.fromkeys([*confidence, *score, *(test.factor for test in one.passes.tests)])
+    rows = [
+        FactorRow(
+            factor=term,
+            confidence_share=confidence[term].omega2 if term in confidence else None,
+            confidence_p=adjusted.get(("confidence", "anova", term)),
+            score_share=score[term].omega2 if term in score else None,
+            score_p=adjusted.get(("score", "anova", term)),
+            odds=tuple(odds for odds in one.passes.odds if odds.factor == term),
+            passes_p=adjusted.get(("passes", "logistic", term)),
+            note=next((effects[term].note for effects in (confidence, score) if term in effects), ""),
+        )
+        for term in terms
+    ]
+    # Interactions are many and mostly nothing: only those that were found are shown, the frame holds the rest.
+    shown = tuple(row for row in rows if " x " not in row.factor or row.found)
+    return FactorTable(one.agent, one.node, one.confidence.n, shown, tuple(_notes(one)))
+
+
+def _notes(one: NodeFactors) -> Iterable[str]:
+    for name, found in (("Confidence", one.confidence), ("Scores", one.score)):
+        if found.note:
+            yield f"{name}: {found.note}."
+        rough = [
+            text
+            for p, text in ((found.normal_p, "not normal"), (found.equal_spread_p, "not equally spread"))
+            if p is not None and p < FOUND_BELOW
+        ]
+        if rough:
+            yield f"{name}: residuals are {' and '.join(rough)}, so p is rough."
+    if one.passes.note:
+        yield f"Passes: {one.passes.note}."
+    out = dict.fromkeys(f"{left.term} ({left.reason})" for left in (*one.confidence.left_out, *one.score.left_out))
+    if out:
+        yield f"Left out: {', '.join(out)}."

@@ -1,0 +1,56 @@
+"""Numbers as text: the same format in the page and in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .._campaign_data import Tally
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """A number with fixed digits, or an en dash where there is none."""
+    if value is None:
+        return "–"
+    rounded = round(value, digits) or 0.0  # never a negative zero
+    return f"{rounded:.{digits}f}".replace("-", "−")
+
+
+def percent(value: float | None) -> str:
+    """A share as a percentage, or an en dash."""
+    return "–" if value is None else f"{100 * value:.1f} %"
+
+
+def score(value: float | None) -> str:
+    """A score, or that there is none."""
+    return "not scored" if value is None else number(value)
+
+
+def interval(tally: Tally | None) -> str:
+    """The confidence's interval as `low to high %`."""
+    if tally is None or tally.confidence_low is None or tally.confidence_high is None:
+        return "–"
+    return f"{100 * tally.confidence_low:.0f} to {100 * tally.confidence_high:.0f} %"
+
+
+def span(low: float | None, high: float | None) -> str:
+    """A range of difficulty, one number where both ends are the same."""
+    if low is None or high is None:
+        return "–"
+    return number(low) if abs(high - low) < 5e-7 else f"{number(low)} to {number(high)}"
+
+
+def p_value(value: float | None) -> str:
+    """A p value with no more digits than it deserves."""
+    if value is None:
+        return "–"
+    return "p < 0.001" if value < 0.001 else f"p = {value:.3f}"
+
+
+def plural(count: int, one: str, many: str = "") -> str:
+    """`1 run`, `2 runs`."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def listed(values: Sequence[str]) -> str:
+    """`a, b and c`."""
+    return values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}" if values else ""
