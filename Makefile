@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 CLIENTS := $(VENV)/clients
 
-.PHONY: demo test clients check lock clean
+.PHONY: demo test quick clients mutants check lock clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -14,11 +14,19 @@ test: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
+
+# Within a minute: lint, types and the fast tests of what changed since the last commit (BASE=main: since main).
+quick: $(VENV)/.dev
+	$(BIN)/python .ci/quick.py $(if $(BASE),--base $(BASE))
 
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
 clients: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/python -m pytest -m clients
+
+# Plants 300 faults, one at a time, and counts how many the tests notice; some two hours. See docs/mutants.md.
+mutants: $(VENV)/.mutants
+	$(BIN)/python .ci/mutants.py
 
 check: test
 
@@ -36,6 +44,10 @@ $(VENV)/.dev: requirements-dev.lock pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@ $(VENV)/.run
 
+$(VENV)/.mutants: requirements-mutants.lock $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-mutants.lock
+	@touch $@
+
 # Clients of other makers, wheels alone: nothing is compiled.
 $(CLIENTS)/.built: requirements-clients.lock | $(VENV)/bin/python
 	$(BIN)/python -m venv --clear $(CLIENTS)
@@ -50,6 +62,7 @@ UNUSED := vtk quantized-mesh-tile shapely opencv-python matplotlib contourpy cyc
 lock:
 	uv pip compile pyproject.toml --group build --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements.lock
 	uv pip compile pyproject.toml --group build --group dev --extra examples --extra llm --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
+	uv pip compile --group pyproject.toml:mutants --constraint requirements-dev.lock --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-mutants.lock
 	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
 
 clean:

@@ -32,7 +32,7 @@ MAX_BYTES = 16 * 1024 * 1024
 def load_document(path: Path | str, kind: type[D]) -> D:
     """Read a YAML or JSON file as a document.
 
-    Raises SetupError with one fault for each thing wrong, each with file, line, path inside the document and mend.
+    Raises SetupError with one fault for each thing wrong, each with file, line, path inside the document and remedy.
     """
     path = Path(path)
     return read_document(read_text(path), kind, source=str(path))
@@ -101,9 +101,9 @@ def parse_text(text: str, source: str = "") -> tuple[Any, dict[Path_, int]]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"{source}:{mark.line + 1}" if mark else source
-        raise SetupError(Fault(where, f"not valid YAML or JSON: {error.problem}", "mend the syntax on that line")) from None
+        raise SetupError(Fault(where, f"not valid YAML or JSON: {error.problem}", "fix the syntax on that line")) from None
     except yaml.YAMLError as error:
-        raise SetupError(Fault(source, f"not valid YAML or JSON: {error}", "mend the syntax")) from None
+        raise SetupError(Fault(source, f"not valid YAML or JSON: {error}", "fix the syntax")) from None
     except (RecursionError, ValueError) as error:
         raise SetupError(Fault(source, f"cannot be read: {error}", "simplify the document")) from None
     return value, dict(_lines(node, ())) if node is not None else {}
@@ -158,8 +158,8 @@ def _fault(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapp
         case "extra_forbidden":
             fields = _fields_at(kind, location[:-1])
             close = difflib.get_close_matches(str(location[-1]), fields, n=1)
-            mend = f"did you mean {close[0]}?" if close else f"known here: {', '.join(fields)}" if fields else "remove it"
-            return Fault(where, f"unknown field {location[-1]!r}", mend)
+            remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(fields)}" if fields else "remove it"
+            return Fault(where, f"unknown field {location[-1]!r}", remedy)
         case "missing":
             return Fault(where, "is missing", "add it")
         case "value_error":

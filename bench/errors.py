@@ -1,7 +1,7 @@
 """What can go wrong, named for what the reader should conclude.
 
 Every error of the bench descends from `RebarError`. `SetupError` is the only one that a command line shows
-without a traceback: it is the user's to mend, and says where, what, and how.
+without a traceback: the user can fix it, and it says where, what, and how.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ class Fault:
     """One thing wrong in what a person wrote.
 
     `where` is a file, a line and a path inside the document as far as they are known
-    (`scene.yaml:12: actors[2].count`); `what` says what is wrong; `mend` says what would be right.
+    (`scene.yaml:12: actors[2].count`); `what` says what is wrong; `remedy` says how to fix it.
     """
 
     where: str
     what: str
-    mend: str = ""
+    remedy: str = ""
 
     def __str__(self) -> str:
         text = f"{self.where}: {self.what}" if self.where else self.what
-        return f"{text} ({self.mend})" if self.mend else text
+        return f"{text} ({self.remedy})" if self.remedy else text
 
 
 class SetupError(RebarError):

@@ -20,12 +20,12 @@ import numpy as np
 import polars as pl
 from scipy import stats
 
+from agent_adapters.reference.surrogate import computed, observe, pack
 from bench.campaign import load_asked, load_campaign, measures_of, read_runs, realizations
 from bench.contracts import SessionResult
 from bench.realization import place
 from bench.scoring import score_table
 from bench.simspec import SimSpec
-from bench.simulation.overhead import computed, observe, pack
 
 DEMO = Path(__file__).parents[1] / "campaigns" / "demo.yaml"
 MISSIONS = 1920

@@ -64,9 +64,9 @@ def measure(actors: int) -> str:
         marks = [time.process_time()]
         scene.advance(now)
         marks.append(time.process_time())
-        frame = scene.look(state, number)
+        frame = scene.observe(state, number)
         marks.append(time.process_time())
-        detector.see(frame)
+        detector.process(frame)
         results = detector.due(now)
         marks.append(time.process_time())
         spent += np.diff(marks)

@@ -76,11 +76,11 @@ class Checks:
         found += [*self._observables(), *self._study()]
         return sorted(dict.fromkeys(found), key=lambda fault: self.found_at[fault])
 
-    def _fault(self, place: Place, what: str, mend: str) -> Fault:
+    def _fault(self, place: Place, what: str, remedy: str) -> Fault:
         line = self._line(place)
         file = f"{self.source}:{line}" if line and self.source else self.source
         path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
-        fault = Fault(": ".join(part for part in (file, place.node, path) if part), what, mend)
+        fault = Fault(": ".join(part for part in (file, place.node, path) if part), what, remedy)
         self.found_at.setdefault(fault, line)
         return fault
 
@@ -260,7 +260,7 @@ class Checks:
             self.vocabulary.check_measure(one.measure, one.options)
         except SetupError as error:
             for fault in error.faults:
-                yield self._fault(place.at("measure"), fault.what, fault.mend)
+                yield self._fault(place.at("measure"), fault.what, fault.remedy)
         except ValueError as error:
             yield self._fault(place.at("options"), str(error), "correct the options; docs/measures.md has those of every measure")
 

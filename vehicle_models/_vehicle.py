@@ -257,9 +257,9 @@ class Aircraft(ABC):
     def sent(self) -> Mapping[str, int]:
         return {link.spec.name: link.sent for link in self._links}
 
-    def exposed(self, frame: int, time: SimTime) -> None:
+    def record_exposure(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of this vehicle's camera."""
-        self._controller.exposed(frame)
+        self._controller.record_exposure(frame)
 
     def step(self) -> None:
         if self._controller.wants_restart:

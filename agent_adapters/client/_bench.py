@@ -17,7 +17,7 @@ from ._link import MavlinkFrame, MavlinkLink, open_link
 from ._ticks import TickLine, open_tick_line
 
 if TYPE_CHECKING:
-    from bench.streams import Node, Publisher, Sample, Subscription
+    from bench.streams import Publisher, RosNode, Sample, Subscription
 
 ARRIVAL_S = 10.0  # host time for what a tick states to come in
 SILENCE_S = 30.0  # host time without a clock, in the realtime pace, after which the session is taken for gone
@@ -46,7 +46,7 @@ class Bench:
     """An open connection to the air network. Made by `open_bench`."""
 
     def __init__(
-        self, environment: AgentEnvironment, node: Node | None, links: Mapping[str, MavlinkLink], wanted: Sequence[Wanted]
+        self, environment: AgentEnvironment, node: RosNode | None, links: Mapping[str, MavlinkLink], wanted: Sequence[Wanted]
     ) -> None:
         self.environment = environment
         self.links = links

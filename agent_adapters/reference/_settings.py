@@ -40,14 +40,14 @@ class Settings:
     @staticmethod
     def of(options: Mapping[str, object]) -> Settings:
         """Settings with these options set. Raises SetupError with every one that is unknown or of the wrong kind."""
-        kinds: dict[str, type] = {field.name: type(getattr(_DEFAULTS, field.name)) for field in fields(Settings)}
+        kinds: dict[str, type] = {field.name: type(getattr(DEFAULTS, field.name)) for field in fields(Settings)}
         faults = [fault for name, value in sorted(options.items()) if (fault := _fault(name, value, kinds))]
         if faults:
             raise SetupError(faults)
         return Settings(**{name: kinds[name](value) for name, value in options.items()})
 
 
-_DEFAULTS = Settings()
+DEFAULTS = Settings()
 
 
 def _fault(name: str, value: object, kinds: Mapping[str, type]) -> Fault | None:

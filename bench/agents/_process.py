@@ -225,19 +225,19 @@ class LocalProcess:
     def pid(self) -> int:
         return self._started.pid
 
-    def ended(self) -> int | None:
+    def exit_code(self) -> int | None:
         if self._started.returncode is None:
             self._reap(os.WNOHANG)
         return self._started.returncode
 
     def cpu_s(self) -> float:
-        if self._cpu_s is None and self.ended() is None:
+        if self._cpu_s is None and self.exit_code() is None:
             with suppress(OSError, ValueError, IndexError):
                 fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
                 return sum(int(ticks) for ticks in fields[11:15]) / _TICKS_PER_S
         return self._cpu_s or 0.0
 
-    def last_words(self) -> str:
+    def output_tail(self) -> str:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
 
     def end(self, home: str) -> None:
@@ -249,12 +249,12 @@ class LocalProcess:
         for pid in _processes_with_home(home):
             with suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
-        if self.ended() is None:
+        if self.exit_code() is None:
             self._reap(0)
 
     def _wait(self, span_s: float) -> None:
         deadline = time.monotonic() + span_s
-        while self.ended() is None and time.monotonic() < deadline:
+        while self.exit_code() is None and time.monotonic() < deadline:
             time.sleep(0.005)
 
     def _signal(self, number: signal.Signals) -> None:

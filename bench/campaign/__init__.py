@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ._design import campaign_quality as campaign_quality
-from ._design import realizations as realizations
 from ._document import Campaign as Campaign
 from ._document import CampaignBudgets as CampaignBudgets
 from ._document import Stopping as Stopping
@@ -25,71 +23,73 @@ from ._events import Observer as Observer
 from ._events import RealizationFinished as RealizationFinished
 from ._events import RealizationRetried as RealizationRetried
 from ._events import RealizationStarted as RealizationStarted
-from ._folder import CampaignFolder as CampaignFolder
-from ._folder import Manifest as Manifest
-from ._folder import digest_of as digest_of
-from ._folder import read_result as read_result
-from ._folder import verify_folder as verify_folder
-from ._folder import write_manifest as write_manifest
-from ._folder import write_result as write_result
-from ._folder import write_whole as write_whole
-from ._journal import Entry as Entry
-from ._journal import Journal as Journal
-from ._journal import State as State
-from ._journal import open_journal as open_journal
-from ._pool import Executor as Executor
-from ._pool import OpenExecutor as OpenExecutor
-from ._pool import open_local_pool as open_local_pool
 from ._runner import CampaignSummary as CampaignSummary
 from ._runner import Finish as Finish
 from ._runner import outcomes_named as outcomes_named
 from ._runner import run_campaign as run_campaign
-from ._scenes import write_scenes as write_scenes
-from ._settled import FLOWN_PAST as FLOWN_PAST
-from ._settled import SettledPoint as SettledPoint
-from ._task import BenchBroken as BenchBroken
-from ._task import Ended as Ended
-from ._task import Job as Job
-from ._task import Task as Task
-from ._task import WorkerPlan as WorkerPlan
-from ._task import WorkersUnusable as WorkersUnusable
 from ._versions import versions as versions
+from .early_stopping._decisions import FLOWN_PAST as FLOWN_PAST
+from .early_stopping._decisions import SettledPoint as SettledPoint
+from .execution._pool import Executor as Executor
+from .execution._pool import OpenExecutor as OpenExecutor
+from .execution._pool import open_local_pool as open_local_pool
+from .execution._task import BenchBroken as BenchBroken
+from .execution._task import Ended as Ended
+from .execution._task import Job as Job
+from .execution._task import Task as Task
+from .execution._task import WorkerPlan as WorkerPlan
+from .execution._task import WorkersUnusable as WorkersUnusable
+from .planning._realizations import campaign_quality as campaign_quality
+from .planning._realizations import realizations as realizations
+from .planning._scenes import write_scenes as write_scenes
+from .storage._folder import CampaignFolder as CampaignFolder
+from .storage._folder import Manifest as Manifest
+from .storage._folder import digest_of as digest_of
+from .storage._folder import read_result as read_result
+from .storage._folder import verify_folder as verify_folder
+from .storage._folder import write_manifest as write_manifest
+from .storage._folder import write_result as write_result
+from .storage._folder import write_whole as write_whole
+from .storage._journal import Entry as Entry
+from .storage._journal import Journal as Journal
+from .storage._journal import State as State
+from .storage._journal import open_journal as open_journal
 
 if TYPE_CHECKING:
-    from ._estimate import CampaignEstimate as CampaignEstimate
-    from ._estimate import estimate_campaign as estimate_campaign
-    from ._finish import CampaignRuns as CampaignRuns
-    from ._finish import Finished as Finished
-    from ._finish import finish_campaign as finish_campaign
-    from ._finish import is_campaign as is_campaign
-    from ._finish import read_runs as read_runs
-    from ._finish import rescore_campaign as rescore_campaign
-    from ._fly import fly_realization as fly_realization
-    from ._measuring import check_options as check_options
-    from ._measuring import load_asked as load_asked
-    from ._measuring import measure_all as measure_all
-    from ._measuring import measures_of as measures_of
-    from ._next import Proposal as Proposal
-    from ._next import propose_next as propose_next
-    from ._rescore import rescore as rescore
+    from .execution._flight import fly_realization as fly_realization
+    from .next_campaign._proposal import Proposal as Proposal
+    from .next_campaign._proposal import propose_next as propose_next
+    from .planning._estimate import CampaignEstimate as CampaignEstimate
+    from .planning._estimate import estimate_campaign as estimate_campaign
+    from .results._finish import CampaignRuns as CampaignRuns
+    from .results._finish import Finished as Finished
+    from .results._finish import finish_campaign as finish_campaign
+    from .results._finish import is_campaign as is_campaign
+    from .results._finish import read_runs as read_runs
+    from .results._finish import rescore_campaign as rescore_campaign
+    from .results._measures import check_options as check_options
+    from .results._measures import load_asked as load_asked
+    from .results._measures import measure_all as measure_all
+    from .results._measures import measures_of as measures_of
+    from .results._rescore import rescore as rescore
 
 _HEAVY = {
-    "CampaignEstimate": "_estimate",
-    "CampaignRuns": "_finish",
-    "Proposal": "_next",
-    "Finished": "_finish",
-    "estimate_campaign": "_estimate",
-    "finish_campaign": "_finish",
-    "fly_realization": "_fly",
-    "is_campaign": "_finish",
-    "check_options": "_measuring",
-    "load_asked": "_measuring",
-    "measure_all": "_measuring",
-    "measures_of": "_measuring",
-    "propose_next": "_next",
-    "read_runs": "_finish",
-    "rescore": "_rescore",
-    "rescore_campaign": "_finish",
+    "CampaignEstimate": "planning._estimate",
+    "CampaignRuns": "results._finish",
+    "Proposal": "next_campaign._proposal",
+    "Finished": "results._finish",
+    "estimate_campaign": "planning._estimate",
+    "finish_campaign": "results._finish",
+    "fly_realization": "execution._flight",
+    "is_campaign": "results._finish",
+    "check_options": "results._measures",
+    "load_asked": "results._measures",
+    "measure_all": "results._measures",
+    "measures_of": "results._measures",
+    "propose_next": "next_campaign._proposal",
+    "read_runs": "results._finish",
+    "rescore": "results._rescore",
+    "rescore_campaign": "results._finish",
 }
 
 

@@ -1,6 +1,6 @@
-"""A campaign at the lowest fidelity: results by surrogate, in batches, in place of sessions.
+"""A campaign at the lowest fidelity: surrogates predict the results, in batches, in place of sessions.
 
-The simulator comes in where something is flown, so that the runner stays light without it.
+An agent's surrogate is a plug-in of group `rebar.surrogates` under the name of the agent's manifest.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, Prediction, SessionResult, Surrogate, load_plugin, plugins
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._design import realizations
 from ._document import Campaign
-from ._folder import CampaignFolder, write_result
-from ._journal import Journal
+from .planning._realizations import realizations
+from .storage._folder import CampaignFolder, write_result
+from .storage._journal import Journal
 
 if TYPE_CHECKING:
     from decompositions import Decomposition
@@ -33,42 +33,63 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
     """
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
-        mend = f"name another folder, or fidelity: {noted}"
-        raise SetupError(Fault("fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", mend))
+        remedy = f"name another folder, or fidelity: {noted}"
+        raise SetupError(Fault("fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", remedy))
     if campaign.fidelity == OVERHEAD:
         check_surrogates(campaign)
     journal.note("fidelity", campaign.fidelity)
 
 
 def check_surrogates(campaign: Campaign) -> None:
-    """Raises SetupError with all that no surrogate can fly, in any of a campaign's scenes."""
-    from bench.simulation.overhead import unfit
+    """Raises SetupError with everything that no surrogate can fly, in any of a campaign's scenes."""
+    faults = [fault for plan in realizations(campaign) for fault in _unfit(plan.simspec)]
+    if faults:
+        raise SetupError(list({str(fault): fault for fault in faults}.values()))
 
-    asked = [fault for plan in realizations(campaign) for fault in unfit(plan.simspec)]
-    if asked:
-        raise SetupError(list({str(fault): fault for fault in asked}.values()))
+
+def _unfit(simspec: SimSpec) -> Sequence[Fault]:
+    """Why no surrogate can fly a SimSpec: its agent has none, or the surrogate says why."""
+    agents = plugins("rebar.surrogates")
+    if simspec.agent.label not in agents:
+        remedy = f"fly {' or '.join(sorted(agents)) or 'an agent that has one'}, or fidelity: full"
+        return [Fault("agents", f"{simspec.agent.label!r} has no surrogate", remedy)]
+    return _surrogate(simspec.agent.label).unfit(simspec)
+
+
+def _surrogate(agent: str) -> Surrogate:
+    surrogate: Surrogate = load_plugin("rebar.surrogates", agent)
+    return surrogate
 
 
 def fly_overhead(simspecs: Sequence[SimSpec], names: Sequence[str], decomposition: Decomposition) -> list[SessionResult]:
-    """The results of realized SimSpecs by surrogate. Raises SetupError for what no surrogate can fly."""
-    from bench.simulation.overhead import observe, pack
+    """The results of realized SimSpecs by the surrogates of their agents, in the order given.
 
-    from ._measuring import measures_of
+    Raises SetupError for everything that no surrogate can fly.
+    """
+    from .results._measures import measures_of  # with the decompositions, which a runner does without
 
-    if not simspecs:
-        return []
-    observed = observe(pack(simspecs), measures_of(decomposition))
-    details = {"fidelity": OVERHEAD, "not_computed": list(observed.missing)}
-    return [
-        SessionResult(
-            realization=name,
-            outcome=Outcome.COMPLETED if observed.end_s[row] <= simspec.mission.time_limit_s else Outcome.TIME_LIMIT,
-            simulated_s=min(float(observed.end_s[row]), simspec.mission.time_limit_s),
-            observations=observed.of(row),
-            details=details,
-        )
-        for row, (name, simspec) in enumerate(zip(names, simspecs, strict=True))
-    ]
+    faults = {str(fault): fault for simspec in simspecs for fault in _unfit(simspec)}
+    if faults:
+        raise SetupError(list(faults.values()))
+    measures = measures_of(decomposition)
+    results: dict[int, SessionResult] = {}
+    for agent in dict.fromkeys(simspec.agent.label for simspec in simspecs):
+        rows = [row for row, simspec in enumerate(simspecs) if simspec.agent.label == agent]
+        predictions = _surrogate(agent).predict([simspecs[row] for row in rows], measures)
+        for row, prediction in zip(rows, predictions, strict=True):
+            results[row] = _result(names[row], simspecs[row], prediction)
+    return [results[row] for row in range(len(simspecs))]
+
+
+def _result(name: str, simspec: SimSpec, prediction: Prediction) -> SessionResult:
+    limit_s = simspec.mission.time_limit_s
+    return SessionResult(
+        realization=name,
+        outcome=Outcome.COMPLETED if prediction.end_s <= limit_s else Outcome.TIME_LIMIT,
+        simulated_s=min(prediction.end_s, limit_s),
+        observations=prediction.observations,
+        details={"fidelity": OVERHEAD, "not_computed": list(prediction.not_computed)},
+    )
 
 
 def job_at(fidelity: str, job: str) -> str:

@@ -25,16 +25,16 @@ from ._events import (
     RealizationRetried,
     RealizationStarted,
 )
-from ._folder import RESULT, CampaignFolder, digest_of, open_lock, read_result, write_manifest, write_result
-from ._journal import Journal, State, open_journal
 from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
-from ._planning import plan_campaign, unflyable
-from ._pool import Executor, OpenExecutor, open_local_pool
-from ._settled import Key, check_stopping, outcome_name
-from ._settling import Settling
-from ._stop import Stop, open_stop
-from ._task import FLY, BenchBroken, Ended, Task, WorkerPlan
 from ._versions import versions
+from .early_stopping._decisions import Key, check_stopping, outcome_name
+from .early_stopping._early_stopping import Settling
+from .execution._pool import Executor, OpenExecutor, open_local_pool
+from .execution._stop_request import Stop, open_stop
+from .execution._task import FLY, BenchBroken, Ended, Task, WorkerPlan
+from .planning._plan import plan_campaign, unflyable
+from .storage._folder import RESULT, CampaignFolder, digest_of, open_lock, read_result, write_manifest, write_result
+from .storage._journal import Journal, State, open_journal
 
 if TYPE_CHECKING:
     from decompositions import Decomposition
@@ -160,8 +160,8 @@ def outcomes_named(names: Collection[str]) -> frozenset[Outcome]:
     """The outcomes of these names. Raises SetupError for one that is none, or may not be asked to be flown again."""
     wrong = sorted(set(names) - ASKABLE)
     if wrong:
-        mend = f"give {', '.join(sorted(ASKABLE))}"
-        raise SetupError([Fault("again", f"what ended as {one!s} is not flown again", mend) for one in wrong])
+        remedy = f"give {', '.join(sorted(ASKABLE))}"
+        raise SetupError([Fault("again", f"what ended as {one!s} is not flown again", remedy) for one in wrong])
     return frozenset(map(Outcome, names))
 
 

@@ -25,4 +25,4 @@ def _of(path: Path, fault: Fault) -> Fault:
 
     field = re.split(r"[.\[: ]", fault.where, maxsplit=1)[0]
     known = field in Campaign.model_fields or field in SimSpec.model_fields or fault.where.startswith("design point ")
-    return Fault(f"{path}: {fault.where}", fault.what, fault.mend) if known else fault
+    return Fault(f"{path}: {fault.where}", fault.what, fault.remedy) if known else fault

@@ -69,8 +69,8 @@ def known_node(option: str, asked: Decomposition, node: str) -> None:
     """Raises SetupError, with what was probably meant, for a node that the decomposition does not have."""
     if node not in asked.nodes:
         near = difflib.get_close_matches(node, asked.nodes, n=3)
-        mend = f"did you mean {' or '.join(near)}?" if near else f"key attributes: {', '.join(asked.key_attributes)}"
-        raise SetupError(Fault(option, f"there is no node {node!r} in {asked.name}", mend))
+        remedy = f"did you mean {' or '.join(near)}?" if near else f"key attributes: {', '.join(asked.key_attributes)}"
+        raise SetupError(Fault(option, f"there is no node {node!r} in {asked.name}", remedy))
 
 
 def campaign_report(folder: Path) -> ScoreReport:

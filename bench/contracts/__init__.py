@@ -1,6 +1,6 @@
 """What a plug-in promises, and the values that cross the walls of the bench.
 
-A vehicle, a scene, an agent or a measure is a protocol of this package and a line in pyproject.toml, nothing else.
+A vehicle, a scene, an agent, a measure or a surrogate is a protocol of this package and a line in pyproject.toml, nothing else.
 """
 
 from __future__ import annotations
@@ -11,6 +11,11 @@ from ._agent import AgentPlan as AgentPlan
 from ._agent import AgentProcess as AgentProcess
 from ._agent import MavlinkNeed as MavlinkNeed
 from ._agent import OpenAgent as OpenAgent
+from ._detection import FALSE_SCORE as FALSE_SCORE
+from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
+from ._detection import LEAST_DOUBT as LEAST_DOUBT
+from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
+from ._detection import light_of as light_of
 from ._documents import AgentStatus as AgentStatus
 from ._documents import AgentTrack as AgentTrack
 from ._documents import AgentTracks as AgentTracks
@@ -29,27 +34,30 @@ from ._documents import TargetReport as TargetReport
 from ._documents import VehicleDocument as VehicleDocument
 from ._documents import ViewDocument as ViewDocument
 from ._documents import parse_document as parse_document
-from ._measure import At as At
 from ._measure import ChecksOptions as ChecksOptions
 from ._measure import Measure as Measure
 from ._measure import Option as Option
 from ._measure import Tape as Tape
+from ._measure import Timed as Timed
 from ._outcome import Evidence as Evidence
 from ._outcome import Observation as Observation
 from ._outcome import Outcome as Outcome
 from ._outcome import SessionResult as SessionResult
-from ._plugins import Group as Group
+from ._plugins import PluginGroup as PluginGroup
 from ._plugins import load_plugin as load_plugin
 from ._plugins import plugins as plugins
 from ._record import Record as Record
 from ._record import Tap as Tap
+from ._scene import CameraFrame as CameraFrame
 from ._scene import Detection as Detection
 from ._scene import DetectionFrame as DetectionFrame
 from ._scene import Detector as Detector
-from ._scene import Frame as Frame
 from ._scene import OpenScene as OpenScene
 from ._scene import Scene as Scene
 from ._scene import Sighting as Sighting
+from ._surrogate import MeasureRequest as MeasureRequest
+from ._surrogate import Prediction as Prediction
+from ._surrogate import Surrogate as Surrogate
 from ._tick import MAX_LINE_BYTES as MAX_LINE_BYTES
 from ._tick import Ack as Ack
 from ._tick import End as End

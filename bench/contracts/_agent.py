@@ -10,7 +10,8 @@ from typing import Annotated, Literal, Protocol
 
 from pydantic import Field
 
-from bench.simspec import Document, Identifier, SimSpec
+from bench.documents import Document
+from bench.simspec import Identifier, SimSpec
 
 
 class MavlinkNeed(Document):
@@ -78,13 +79,13 @@ class AgentProcess(Protocol):
     @property
     def pid(self) -> int: ...
 
-    def ended(self) -> int | None:
+    def exit_code(self) -> int | None:
         """Exit code, or None while it runs. A negative code is the signal that ended it."""
 
     def cpu_s(self) -> float:
         """CPU seconds used so far by the agent and the children it has waited for."""
 
-    def last_words(self) -> str:
+    def output_tail(self) -> str:
         """The end of what it wrote to stdout and stderr, for the report."""
 
 

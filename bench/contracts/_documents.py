@@ -12,7 +12,8 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
-from bench.simspec import Document, Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
+from bench.documents import Document
+from bench.simspec import Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
 
 Text = Annotated[str, Field(max_length=2000)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]

@@ -25,7 +25,7 @@ from ._documents import (
     VehicleDocument,
 )
 from ._outcome import Observation
-from ._scene import DetectionFrame, Frame
+from ._scene import CameraFrame, DetectionFrame
 from ._time import SimTime
 
 T = TypeVar("T")
@@ -34,7 +34,7 @@ Option = str | float | int | bool
 
 
 @dataclass(frozen=True, slots=True)
-class At(Generic[T]):
+class Timed(Generic[T]):
     """A value and the simulated moment at which it was said."""
 
     time: SimTime
@@ -58,34 +58,34 @@ class Tape:
     vehicle_velocity_enu_mps: NDArray[np.float64]
     actor_time_s: NDArray[np.float64]
     actor_position_enu_m: NDArray[np.float64]
-    frames: tuple[Frame, ...] = ()
+    frames: tuple[CameraFrame, ...] = ()
     detections: tuple[DetectionFrame, ...] = ()
-    condition: tuple[At[VehicleDocument], ...] = ()
-    intelligence: tuple[At[IntelligenceDocument], ...] = ()
-    reports: tuple[At[TargetReport], ...] = ()
-    decisions: tuple[At[Decision], ...] = ()
-    status: tuple[At[AgentStatus], ...] = ()
-    tracks: tuple[At[AgentTracks], ...] = ()
-    events: tuple[At[EventDocument], ...] = ()
+    condition: tuple[Timed[VehicleDocument], ...] = ()
+    intelligence: tuple[Timed[IntelligenceDocument], ...] = ()
+    reports: tuple[Timed[TargetReport], ...] = ()
+    decisions: tuple[Timed[Decision], ...] = ()
+    status: tuple[Timed[AgentStatus], ...] = ()
+    tracks: tuple[Timed[AgentTracks], ...] = ()
+    events: tuple[Timed[EventDocument], ...] = ()
     malformed: Mapping[str, int] = field(default_factory=dict)
-    orders: tuple[At[OrderDocument], ...] = ()
-    answers: tuple[At[OrderAnswer], ...] = ()
-    operator_link: tuple[At[OperatorLinkDocument], ...] = ()
+    orders: tuple[Timed[OrderDocument], ...] = ()
+    answers: tuple[Timed[OrderAnswer], ...] = ()
+    operator_link: tuple[Timed[OperatorLinkDocument], ...] = ()
     vehicle_tilt_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_position_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
-    _worked_out: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _cache: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def end_s(self) -> float:
         """Simulated time of the last truth sample; 0 for an empty run."""
         return float(self.vehicle_time_s[-1]) if len(self.vehicle_time_s) else 0.0
 
-    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+    def cached(self, key: Hashable, make: Callable[[], T]) -> T:
         """What `make` works out of this tape, worked out once for all measures that ask by the same key."""
-        if key not in self._worked_out:
-            self._worked_out[key] = make()
-        found: T = self._worked_out[key]
+        if key not in self._cache:
+            self._cache[key] = make()
+        found: T = self._cache[key]
         return found
 
     def actors_at(self, time_s: float) -> NDArray[np.float64]:

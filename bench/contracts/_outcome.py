@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from bench.simspec import Document
+from bench.documents import Document
 
 
 class Outcome(StrEnum):

@@ -8,16 +8,16 @@ from typing import Any, Literal
 
 from bench.errors import Fault, SetupError
 
-Group = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes"]
+PluginGroup = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes", "rebar.surrogates"]
 
 
 @cache  # what is installed does not change under a running process, and looking costs tens of milliseconds
-def plugins(group: Group) -> dict[str, EntryPoint]:
+def plugins(group: PluginGroup) -> dict[str, EntryPoint]:
     """Every plug-in declared for the group, by name, without importing any. Not to be changed by the caller."""
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
-def load_plugin(group: Group, name: str) -> Any:
+def load_plugin(group: PluginGroup, name: str) -> Any:
     """The object behind an entry point. Raises SetupError, naming what there is, when there is none of that name."""
     known = plugins(group)
     if name not in known:

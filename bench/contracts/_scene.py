@@ -32,7 +32,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class CameraFrame:
     """One exposure of one camera, as truth has it."""
 
     number: int
@@ -76,7 +76,7 @@ class Scene(Protocol):
     def headings(self) -> NDArray[np.float64]:
         """(n,) radians clockwise from north, at the present moment."""
 
-    def look(self, state: VehicleState, number: int) -> Frame:
+    def observe(self, state: VehicleState, number: int) -> CameraFrame:
         """What the vehicle's camera would see from `state` at the present moment."""
 
 
@@ -89,7 +89,7 @@ class OpenScene(Protocol):
 class Detector(Protocol):
     """Turns frames into detections, with the delays of its model."""
 
-    def see(self, frame: Frame) -> None:
+    def process(self, frame: CameraFrame) -> None:
         """Take in one exposure; draws all that is random about it."""
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:

@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from bench.simspec import Document
+from bench.documents import Document
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 Counts = Annotated[dict[str, Count], Field(max_length=256)]

@@ -125,7 +125,7 @@ class Vehicle(Protocol):
 class CarriesCamera(Protocol):
     """What a vehicle promises beside `Vehicle` when its camera is on its MAVLink links."""
 
-    def exposed(self, frame: int, time: SimTime) -> None:
+    def record_exposure(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of the vehicle's camera at `time`."""
 
 

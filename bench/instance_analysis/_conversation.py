@@ -69,8 +69,8 @@ def provider_of(model: str, url: str | None) -> str:
         return COMPATIBLE
     except ImportError as error:
         extra = re.search(r"pydantic-ai-slim\[[a-z-]+\]", str(error))
-        mend = f".venv/bin/pip install '{extra[0]}'" if extra else str(error)
-        raise SetupError(Fault("--llm", f"what speaks with {name} is not installed", mend)) from error
+        remedy = f".venv/bin/pip install '{extra[0]}'" if extra else str(error)
+        raise SetupError(Fault("--llm", f"what speaks with {name} is not installed", remedy)) from error
     return name
 
 
@@ -146,8 +146,8 @@ def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: Door, gate: _
         what = f"{door.told} answers {error.status_code}"
         if error.status_code in (401, 403):
             own = "give its key in REBAR_LLM_KEY"
-            mend = own if door.provider == COMPATIBLE else f"see to the key of {door.provider} in the environment"
-            return SetupError(Fault("--llm", f"{what}: it takes no such key", mend))
+            remedy = own if door.provider == COMPATIBLE else f"see to the key of {door.provider} in the environment"
+            return SetupError(Fault("--llm", f"{what}: it takes no such key", remedy))
         if isinstance(error, ModelNotFoundError):
             return SetupError(Fault("--llm", f"{what}: there is no {door.model!r}", "see to the name and to --llm-url"))
         return LinkLost(what)

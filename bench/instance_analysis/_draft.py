@@ -105,8 +105,8 @@ class Draft:
     def quote(self, span: Span) -> str:
         return self.text[span.start : span.end]
 
-    def fault(self, span: Span, what: str, mend: str) -> None:
-        self.faults.append(Fault(f"characters {span.start} to {span.end}", f"{self.quote(span)[:80]!r}: {what}", mend))
+    def fault(self, span: Span, what: str, remedy: str) -> None:
+        self.faults.append(Fault(f"characters {span.start} to {span.end}", f"{self.quote(span)[:80]!r}: {what}", remedy))
 
     def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
         (self.not_understood if expressible else self.not_expressible).append(

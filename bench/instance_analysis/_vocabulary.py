@@ -12,7 +12,7 @@ from pydantic import Field
 
 from bench.documents import Document, load_document, read_document
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, Identifier, Role
+from bench.simspec import Identifier, Role, asset_fault
 
 Words = tuple[str, ...]
 Kind = Literal["NUMBER", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA"]
@@ -148,10 +148,10 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     if extra is not None:
         documents.insert(0, load_document(extra, VocabularyDocument))
     faults = [
-        Fault(f"{extra}: assets.{name}.asset", f"there is no asset {one.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
+        fault
         for document in documents
-        for name, one in document.assets.items()
-        if one.asset not in ASSETS
+        for name, entry in document.assets.items()
+        if (fault := asset_fault(f"{extra}: assets.{name}.asset", entry.asset))
     ]
     known = set(documents[-1].assets) | set(documents[0].assets)
     faults += [

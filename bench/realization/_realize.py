@@ -140,7 +140,7 @@ class _Patches:
                 try:
                     paths[text] = find_path(base, text)
                 except PathFault as fault:
-                    faults.append(Fault(where, fault.what, fault.mend))
+                    faults.append(Fault(where, fault.what, fault.remedy))
                     continue
                 if text in factor.sets and (other := _other_unit(where, factor, paths[text])):
                     faults.append(other)
@@ -181,7 +181,7 @@ class _Patches:
             except SetupError as error:
                 sets = ", ".join(factor.changes(level))
                 faults += [
-                    Fault(f"design: factor {factor.name!r}: level {level!r} for {sets}", f"{one.where}: {one.what}", one.mend)
+                    Fault(f"design: factor {factor.name!r}: level {level!r} for {sets}", f"{one.where}: {one.what}", one.remedy)
                     for one in error.faults
                 ]
         return faults
@@ -189,7 +189,7 @@ class _Patches:
     def _together(self, point: DesignPoint, error: SetupError) -> list[Fault]:
         levels = ", ".join(f"{name}={level}" for name, level in point.levels.items())
         return [
-            Fault(f"design point {point.id} ({levels})", f"{one.where}: {one.what}", one.mend or "change one of these levels")
+            Fault(f"design point {point.id} ({levels})", f"{one.where}: {one.what}", one.remedy or "change one of these levels")
             for one in error.faults
         ]
 

@@ -6,7 +6,7 @@ tape, simspec = read_tape("run/recording.mcap"), read_simspec("run/recording.mca
 
 from __future__ import annotations
 
-from ._reader import Recovered as Recovered
+from ._reader import RecoveryResult as RecoveryResult
 from ._reader import read_metadata as read_metadata
 from ._reader import read_records as read_records
 from ._reader import read_simspec as read_simspec

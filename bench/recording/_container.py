@@ -46,8 +46,8 @@ class Container:
         try:
             file = self.path.open("rb")
         except OSError as error:
-            mend = "check the name" if isinstance(error, FileNotFoundError) else "give a readable file"
-            raise SetupError(Fault(str(self.path), f"cannot be read: {error.strerror}", mend)) from None
+            remedy = "check the name" if isinstance(error, FileNotFoundError) else "give a readable file"
+            raise SetupError(Fault(str(self.path), f"cannot be read: {error.strerror}", remedy)) from None
         with file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise SetupError(Fault(str(self.path), "is not an MCAP recording", "give the recording.mcap of a run"))
@@ -72,8 +72,8 @@ class Container:
             try:
                 items = _read(opcode, payload)
             except UnsupportedCompressionError as error:
-                mend = "convert the file, for example with mcap compress --compression zstd"
-                raise SetupError(Fault(str(self.path), f"cannot be read: {error}", mend)) from None
+                remedy = "convert the file, for example with mcap compress --compression zstd"
+                raise SetupError(Fault(str(self.path), f"cannot be read: {error}", remedy)) from None
             except _DAMAGE as error:
                 self.cut = f"the record at byte {start} is damaged ({type(error).__name__})"
                 return

@@ -24,7 +24,7 @@ CUT = "recording"
 
 
 @dataclass(frozen=True, slots=True)
-class Recovered:
+class RecoveryResult:
     """What `recover` saved; `cut` says where the source ends or is damaged, None when it was whole."""
 
     messages: int
@@ -69,7 +69,7 @@ def read_metadata(path: Path | str) -> dict[str, dict[str, str]]:
     return {item.name: item.metadata for item in Container(Path(path)) if isinstance(item, Metadata)}
 
 
-def recover(source: Path | str, target: Path | str) -> Recovered:
+def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     """Write what can be read of `source` as a whole MCAP file, index and all, to `target`.
 
     Raises SetupError when `source` is no MCAP file or is `target`, OSError when `target` cannot be written.
@@ -89,7 +89,7 @@ def recover(source: Path | str, target: Path | str) -> Recovered:
         for item in items:
             copy.add(item)
         writer.finish()  # type: ignore[no-untyped-call]
-    return Recovered(copy.messages, copy.attachments, copy.metadata, container.cut)
+    return RecoveryResult(copy.messages, copy.attachments, copy.metadata, container.cut)
 
 
 class _Copy:

@@ -19,13 +19,12 @@ from bench.contracts import (
     TRUTH_VIEW,
     AgentStatus,
     AgentTracks,
-    At,
+    CameraFrame,
     CastDocument,
     Decision,
     Detection,
     DetectionFrame,
     EventDocument,
-    Frame,
     IntelligenceDocument,
     OperatorLinkDocument,
     OrderAnswer,
@@ -35,6 +34,7 @@ from bench.contracts import (
     SimTime,
     Tape,
     TargetReport,
+    Timed,
     VehicleDocument,
     VehicleTopics,
     ViewDocument,
@@ -57,19 +57,19 @@ class TapeBuilder:
         self._motion = _Motion()
         self._actors = _Actors()
         self._estimate = _Estimate(f"{simspec.vehicle.name}/base_link")
-        self._cast: list[At[CastDocument]] = []
-        self._frames: list[Frame] = []
+        self._cast: list[Timed[CastDocument]] = []
+        self._frames: list[CameraFrame] = []
         self._detections: list[DetectionFrame] = []
-        self._condition: list[At[VehicleDocument]] = []
-        self._intelligence: list[At[IntelligenceDocument]] = []
-        self._reports: list[At[TargetReport]] = []
-        self._decisions: list[At[Decision]] = []
-        self._status: list[At[AgentStatus]] = []
-        self._tracks: list[At[AgentTracks]] = []
-        self._events: list[At[EventDocument]] = []
-        self._orders: list[At[OrderDocument]] = []
-        self._answers: list[At[OrderAnswer]] = []
-        self._operator_link: list[At[OperatorLinkDocument]] = []
+        self._condition: list[Timed[VehicleDocument]] = []
+        self._intelligence: list[Timed[IntelligenceDocument]] = []
+        self._reports: list[Timed[TargetReport]] = []
+        self._decisions: list[Timed[Decision]] = []
+        self._status: list[Timed[AgentStatus]] = []
+        self._tracks: list[Timed[AgentTracks]] = []
+        self._events: list[Timed[EventDocument]] = []
+        self._orders: list[Timed[OrderDocument]] = []
+        self._answers: list[Timed[OrderAnswer]] = []
+        self._operator_link: list[Timed[OperatorLinkDocument]] = []
         self._malformed: Counter[str] = Counter()
         self._takers: dict[str, Callable[[Record], bool]] = {
             TRUTH_ODOMETRY: self._motion.take,
@@ -137,7 +137,7 @@ class TapeBuilder:
         if view is None:
             return False
         sightings = tuple(Sighting(one.actor, one.range_m, one.height_px, one.visible, one.box) for one in view.sightings)
-        self._frames.append(Frame(view.frame, view.camera, record.time, sightings))
+        self._frames.append(CameraFrame(view.frame, view.camera, record.time, sightings))
         return True
 
     def _take_detections(self, record: Record) -> bool:
@@ -237,7 +237,7 @@ def _documents(kind: type[Document], said: list[Any]) -> Callable[[Record], bool
     def take(record: Record) -> bool:
         value = _document(kind, record)
         if value is not None:
-            said.append(At(record.time, value))
+            said.append(Timed(record.time, value))
         return value is not None
 
     return take

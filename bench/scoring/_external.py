@@ -93,11 +93,11 @@ class _Faults:
     found: list[Fault] = field(default_factory=list)
     more: int = 0
 
-    def add(self, line: int, what: str, mend: str) -> None:
+    def add(self, line: int, what: str, remedy: str) -> None:
         if len(self.found) >= MOST_FAULTS:
             self.more += 1
             return
-        self.found.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, mend))
+        self.found.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, remedy))
 
     def raise_any(self) -> None:
         if self.more:
@@ -241,8 +241,8 @@ class _Reader:
         if given:
             return
         if not self._factors:
-            mend = f"add it, or the key factors of {self._asked.name}: {needed}" if needed else "add it; no tables rate it here"
-            self._faults.add(first, "the column 'difficulty' is missing", mend)
+            remedy = f"add it, or the key factors of {self._asked.name}: {needed}" if needed else "add it; no tables rate it here"
+            self._faults.add(first, "the column 'difficulty' is missing", remedy)
         else:
             for name in self._asked.factors():
                 if name not in self._columns:

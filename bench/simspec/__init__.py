@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.documents import Document as Document
 from bench.documents import load_document
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 
 from ._actors import ActorGroup as ActorGroup
 from ._actors import CountRange as CountRange
@@ -19,6 +18,7 @@ from ._actors import Motion as Motion
 from ._actors import Role as Role
 from ._assets import ASSETS as ASSETS
 from ._assets import Asset as Asset
+from ._assets import asset_fault as asset_fault
 from ._document import AgentSpec as AgentSpec
 from ._document import Budgets as Budgets
 from ._document import DetectionModel as DetectionModel
@@ -36,7 +36,7 @@ from ._document import Seeds as Seeds
 from ._document import SimSpec as SimSpec
 from ._factor_paths import factor_paths as factor_paths
 from ._factors import FACTORS as FACTORS
-from ._factors import Factor as Factor
+from ._factors import FactorDefinition as FactorDefinition
 from ._factors import factor_values as factor_values
 from ._ground import Area as Area
 from ._ground import Home as Home
@@ -55,14 +55,14 @@ from ._placement import Inside as Inside
 from ._placement import MeanDistance as MeanDistance
 from ._placement import Near as Near
 from ._placement import Placement as Placement
-from ._placement import Seen as Seen
+from ._placement import PlaceReference as PlaceReference
 from ._placement import Sight as Sight
 from ._quantities import Fraction as Fraction
 from ._quantities import Identifier as Identifier
 from ._rules import NoFlyArea as NoFlyArea
 from ._rules import Rules as Rules
 from ._rules import TimeWindow as TimeWindow
-from ._seeds import Stream as Stream
+from ._seeds import RandomStream as RandomStream
 from ._seeds import generator as generator
 from ._seeds import seed_of as seed_of
 from ._sun import Sun as Sun
@@ -78,13 +78,9 @@ from ._weather import Wind as Wind
 
 
 def load_simspec(path: Path | str) -> SimSpec:
-    """Read a SimSpec from YAML or JSON. Raises SetupError with every fault: file, line, field, mend."""
+    """Read a SimSpec from YAML or JSON. Raises SetupError with every fault: file, line, field and remedy."""
     spec = load_document(path, SimSpec)
-    unknown = [
-        Fault(f"{path}: actors[{index}].asset", f"there is no asset {group.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
-        for index, group in enumerate(spec.actors)
-        if group.asset not in ASSETS
-    ]
-    if unknown:
-        raise SetupError(unknown)
+    places = ((f"{path}: actors[{index}].asset", group.asset) for index, group in enumerate(spec.actors))
+    if faults := [fault for where, asset in places if (fault := asset_fault(where, asset))]:
+        raise SetupError(faults)
     return spec

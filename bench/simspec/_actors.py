@@ -88,7 +88,7 @@ class ActorGroup(Document):
             raise ValueError("placement.at fixes one place; count must be 1")
         return self
 
-    def members(self, area_m2: float) -> int:
+    def member_count(self, area_m2: float) -> int:
         """Number of members over an area of interest of `area_m2` square metres; the least one where the number is drawn."""
         if isinstance(self.count, CountRange):
             return self.count.low

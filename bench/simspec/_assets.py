@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
+from bench.errors import Fault
+
 PLAY_M = 0.002
 """Places are kept to the millimetre, so what fits exactly has no place."""
 
@@ -14,7 +16,7 @@ class Asset:
     """Outer size in metres (length along the heading) and the class label that perfect perception gives it.
 
     `confused_with` are the labels that degraded perception may give instead; `solid` assets hide what stands behind them;
-    a false detection may carry the label of any asset that is `invented`.
+    a false detection may carry the label of any asset that is a `possible_false_alarm`.
     """
 
     class_label: str
@@ -23,7 +25,7 @@ class Asset:
     height_m: float
     confused_with: tuple[str, ...] = ()
     solid: bool = False
-    invented: bool = True
+    possible_false_alarm: bool = True
 
     def has_room_for(self, guest: Asset) -> bool:
         """Whether the guest's footprint fits into this one in some heading, with two millimetres to spare.
@@ -42,7 +44,7 @@ ASSETS: dict[str, Asset] = {
     "civilian": Asset("civilian", 0.5, 0.6, 1.75, ("combatant", "tree")),
     "child": Asset("civilian", 0.35, 0.4, 1.2, ("combatant", "tree")),
     # A rare class: detectors mistake it, and do not see it where nothing is.
-    "aid-worker": Asset("aid_worker", 0.5, 0.6, 1.75, ("civilian", "combatant"), invented=False),
+    "aid-worker": Asset("aid_worker", 0.5, 0.6, 1.75, ("civilian", "combatant"), possible_false_alarm=False),
     "civilian-car": Asset("civilian_vehicle", 4.4, 1.8, 1.5, ("military_vehicle", "crate")),
     "soldier": Asset("combatant", 0.6, 0.7, 1.8, ("civilian", "tree")),
     "radar-vehicle": Asset("mobile_radar", 8.0, 2.6, 4.2, ("military_vehicle", "civilian_vehicle")),
@@ -52,3 +54,10 @@ ASSETS: dict[str, Asset] = {
     "tree": Asset("tree", 4.0, 4.0, 6.0, ("crate",), True),
     "crate": Asset("crate", 2.4, 2.4, 2.4, ("civilian_vehicle",)),
 }
+
+
+def asset_fault(where: str, asset: str) -> Fault | None:
+    """The fault of naming an asset that the catalogue does not have; None for an asset that it has."""
+    if asset in ASSETS:
+        return None
+    return Fault(where, f"there is no asset {asset!r}", f"the catalogue has {', '.join(ASSETS)}")

@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from bench.documents import Document
 
 from ._actors import ActorGroup
-from ._agreement import refuse, situation_disagreements
+from ._consistency import raise_inconsistencies, situation_inconsistencies
 from ._ground import World
 from ._quantities import Fraction, Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
@@ -216,7 +216,7 @@ class SimSpec(Document):
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:
-        refuse("SimSpec", situation_disagreements(self))
+        raise_inconsistencies("SimSpec", situation_inconsistencies(self))
         return self
 
     def group(self, group_id: str) -> ActorGroup:

@@ -13,14 +13,14 @@ from typing import Literal
 
 from ._actors import ActorGroup, Role
 from ._assets import ASSETS
+from ._bystander_distance import bystander_proximity_m, nearest_bystander_m
 from ._document import SimSpec
 from ._ground import Polygon
-from ._proximity import bystander_proximity_m, nearest_bystander_m
 from ._sun import sun_of
 
 
 @dataclass(frozen=True, slots=True)
-class Factor:
+class FactorDefinition:
     """A key factor: its unit, one sentence, and how it is read; None when the situation has no such thing.
 
     `path` says for people where it is read from, as `factor_paths` takes it: fields of the SimSpec, divided by commas;
@@ -48,7 +48,7 @@ def _bystander_density(simspec: SimSpec) -> float | None:
     if not groups:
         return None
     stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
-    counted = sum(group.members(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
+    counted = sum(group.member_count(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
     # A density stands for the whole population of its own; small counted groups come on top only when nothing states one.
     return sum(stated) if stated else counted / area_km2
 
@@ -62,7 +62,7 @@ def _uncertainty(simspec: SimSpec) -> float | None:
 
 
 def _targets(simspec: SimSpec) -> float | None:
-    return float(sum(group.members(simspec.world.area.area_m2) for group in _groups(simspec, Role.ADVERSARY)))
+    return float(sum(group.member_count(simspec.world.area.area_m2) for group in _groups(simspec, Role.ADVERSARY)))
 
 
 ADULT_HEIGHT_M = 1.75
@@ -70,7 +70,7 @@ ADULT_HEIGHT_M = 1.75
 
 def _peopled(simspec: SimSpec, role: Role) -> list[ActorGroup]:
     """Groups of a role that have members."""
-    return [group for group in _groups(simspec, role) if group.members(simspec.world.area.area_m2)]
+    return [group for group in _groups(simspec, role) if group.member_count(simspec.world.area.area_m2)]
 
 
 def _speed(simspec: SimSpec, role: Role) -> float:
@@ -84,7 +84,7 @@ def _shortness(simspec: SimSpec) -> float:
 
 def _clutter_density(simspec: SimSpec) -> float:
     area_m2 = simspec.world.area.area_m2
-    return sum(group.members(area_m2) for group in _groups(simspec, Role.CLUTTER)) / (area_m2 / 1e6)
+    return sum(group.member_count(area_m2) for group in _groups(simspec, Role.CLUTTER)) / (area_m2 / 1e6)
 
 
 def _covered_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
@@ -155,142 +155,154 @@ def _no_fly_share(simspec: SimSpec) -> float:
     return min(1.0, float(shapely.intersection(world, forbidden).area / world.area))
 
 
-FACTORS: dict[str, Factor] = {
-    "hours_from_solar_noon": Factor(
+FACTORS: dict[str, FactorDefinition] = {
+    "hours_from_solar_noon": FactorDefinition(
         "h", "Hours to or from solar noon at the start.", lambda s: sun_of(s).hours_from_noon, "environment.start_utc"
     ),
-    "rain_level": Factor("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"),
-    "fog_level": Factor("level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"),
-    "wind_mps": Factor("m/s", "Mean wind.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"),
-    "turbulence_mps": Factor(
+    "rain_level": FactorDefinition("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"),
+    "fog_level": FactorDefinition("level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"),
+    "wind_mps": FactorDefinition("m/s", "Mean wind.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"),
+    "turbulence_mps": FactorDefinition(
         "m/s",
         "Wind at 6 m that scales the gusts.",
         lambda s: s.environment.wind.turbulence_mps,
         "environment.wind.turbulence_mps",
     ),
-    "uav_altitude_m": Factor("m", "Configured mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"),
-    "uav_speed_mps": Factor("m/s", "Configured mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"),
-    "time_limit_s": Factor("s", "Time allowed for the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"),
-    "gps_wander_m": Factor("m", "Slow satellite navigation error.", lambda s: s.vehicle.gps.wander_m, "vehicle.gps.wander_m"),
-    "target_concealment": Factor(
+    "uav_altitude_m": FactorDefinition(
+        "m", "Configured mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"
+    ),
+    "uav_speed_mps": FactorDefinition("m/s", "Configured mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"),
+    "time_limit_s": FactorDefinition(
+        "s", "Time allowed for the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"
+    ),
+    "gps_wander_m": FactorDefinition(
+        "m", "Slow satellite navigation error.", lambda s: s.vehicle.gps.wander_m, "vehicle.gps.wander_m"
+    ),
+    "target_concealment": FactorDefinition(
         "1",
         "Concealment of the best concealed adversaries.",
         lambda s: _concealment(s, Role.ADVERSARY),
         "actors[adversary].concealment",
     ),
-    "bystander_concealment": Factor(
+    "bystander_concealment": FactorDefinition(
         "1",
         "Concealment of the best concealed bystanders.",
         lambda s: _concealment(s, Role.BYSTANDER),
         "actors[bystander].concealment",
     ),
-    "bystander_density_per_km2": Factor(
+    "bystander_density_per_km2": FactorDefinition(
         "1/km2",
         "Bystanders per square kilometre of the area of interest.",
         _bystander_density,
         "actors[bystander].density_per_km2 else actors[bystander].count",
     ),
-    "bystander_proximity_m": Factor(
+    "bystander_proximity_m": FactorDefinition(
         "m",
         "Mean distance of bystanders to the target; where none is stated, the most that their relations and the ground allow.",
         bystander_proximity_m,
         "actors[bystander].placement.mean_distance.mean_m else actors[bystander].placement.near.max_m",
     ),
-    "nearest_bystander_m": Factor(
+    "nearest_bystander_m": FactorDefinition(
         "m",
         "Least distance to a target that the configuration grants bystanders whom it sets in relation to one.",
         nearest_bystander_m,
         "actors[bystander].placement.near.min_m, actors[bystander].placement.away.min_m, "
         "actors[bystander].placement.distances[*].min_m",
     ),
-    "intelligence_latency_s": Factor(
+    "intelligence_latency_s": FactorDefinition(
         "s", "Age of the oldest intelligence report at delivery.", _latency, "intelligence[*].latency_s"
     ),
-    "intelligence_uncertainty_m": Factor(
+    "intelligence_uncertainty_m": FactorDefinition(
         "m", "Radius of the widest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
     ),
-    "targets": Factor("1", "Number of adversaries.", _targets, "actors[adversary].count, actors[adversary].density_per_km2"),
+    "targets": FactorDefinition(
+        "1", "Number of adversaries.", _targets, "actors[adversary].count, actors[adversary].density_per_km2"
+    ),
     # Below, what is absent reads as the easiest, 0: a situation without orders is one in which none has to be obeyed.
-    "orders": Factor("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"),
-    "order_urgency_per_min": Factor(
+    "orders": FactorDefinition("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"),
+    "order_urgency_per_min": FactorDefinition(
         "1/min",
         "60 over the least time, in s, in which an order is to be carried out.",
         _order_urgency_per_min,
         "orders[*].within_s",
     ),
-    "operator_link_outage_s": Factor(
+    "operator_link_outage_s": FactorDefinition(
         "s",
         "Time for which the operator's link is down.",
         lambda s: _outage_s(s, "operator_link"),
         "outages[operator_link].duration_s",
     ),
-    "detections_outage_s": Factor(
+    "detections_outage_s": FactorDefinition(
         "s", "Time for which the detector is silent.", lambda s: _outage_s(s, "detections"), "outages[detections].duration_s"
     ),
-    "gps_outage_s": Factor(
+    "gps_outage_s": FactorDefinition(
         "s",
         "Time without satellite navigation or with one that drifts.",
         _gps_outage_s,
         "vehicle.failures[gps_off].duration_s, vehicle.failures[gps_drift].duration_s",
     ),
-    "gps_drift_mps": Factor(
+    "gps_drift_mps": FactorDefinition(
         "m/s", "Fastest drift of satellite navigation.", _gps_drift_mps, "vehicle.failures[gps_drift].drift_mps"
     ),
-    "no_fly_share": Factor("1", "Share of the area of interest that no-fly areas cover.", _no_fly_share, "rules.no_fly"),
-    "bystander_groups": Factor(
+    "no_fly_share": FactorDefinition(
+        "1", "Share of the area of interest that no-fly areas cover.", _no_fly_share, "rules.no_fly"
+    ),
+    "bystander_groups": FactorDefinition(
         "1", "Groups of bystanders that have members.", lambda s: float(len(_peopled(s, Role.BYSTANDER))), "actors"
     ),
-    "bystander_shortness": Factor(
+    "bystander_shortness": FactorDefinition(
         "1", "1 less the height of the smallest bystanders over 1.75 m.", _shortness, "actors[bystander].asset"
     ),
-    "bystander_speed_mps": Factor(
+    "bystander_speed_mps": FactorDefinition(
         "m/s",
         "Speed of the fastest bystanders.",
         lambda s: _speed(s, Role.BYSTANDER),
         "actors[bystander].motion.kind, actors[bystander].motion.speed_mps",
     ),
-    "target_speed_mps": Factor(
+    "target_speed_mps": FactorDefinition(
         "m/s",
         "Speed of the fastest adversaries.",
         lambda s: _speed(s, Role.ADVERSARY),
         "actors[adversary].motion.kind, actors[adversary].motion.speed_mps",
     ),
-    "clutter_density_per_km2": Factor(
+    "clutter_density_per_km2": FactorDefinition(
         "1/km2",
         "Clutter per square kilometre of the area of interest.",
         _clutter_density,
         "actors[clutter].count, actors[clutter].density_per_km2",
     ),
-    "bystander_standoff_m": Factor(
+    "bystander_standoff_m": FactorDefinition(
         "m",
         "Least distance to bystanders that the rules allow.",
         lambda s: s.rules.bystander_standoff_m,
         "rules.bystander_standoff_m",
     ),
-    "rules_in_force": Factor("1", "Number of optional rules that are set.", _rules_in_force, "rules"),
-    "intelligence_reports": Factor("1", "Number of intelligence reports.", lambda s: float(len(s.intelligence)), "intelligence"),
-    "late_intelligence_s": Factor(
+    "rules_in_force": FactorDefinition("1", "Number of optional rules that are set.", _rules_in_force, "rules"),
+    "intelligence_reports": FactorDefinition(
+        "1", "Number of intelligence reports.", lambda s: float(len(s.intelligence)), "intelligence"
+    ),
+    "late_intelligence_s": FactorDefinition(
         "s",
         "Latest delivery of intelligence.",
         lambda s: max((one.delivered_s for one in s.intelligence), default=0.0),
         "intelligence[*].delivered_s",
     ),
-    "distinct_priorities": Factor(
+    "distinct_priorities": FactorDefinition(
         "1",
         "Number of different priorities of intelligence.",
         lambda s: float(len({one.priority for one in s.intelligence})),
         "intelligence[*].priority",
     ),
-    "battery_need_fraction": Factor(
+    "battery_need_fraction": FactorDefinition(
         "1",
         "Charge that is missing at the start, and the reserve to be kept.",
         lambda s: 1.0 - s.vehicle.battery.initial_fraction + s.rules.battery_reserve_fraction,
         "vehicle.battery.initial_fraction, rules.battery_reserve_fraction",
     ),
-    "report_closure_share": Factor(
+    "report_closure_share": FactorDefinition(
         "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"
     ),
-    "vehicle_faults": Factor(
+    "vehicle_faults": FactorDefinition(
         "1", "Number of things of the vehicle that break.", lambda s: float(len(s.vehicle.failures)), "vehicle.failures"
     ),
 }

@@ -14,13 +14,13 @@ from ._quantities import Identifier, NotNegative, Positive
 HOME = "home"
 """In `of` of a relation, where no group is called so: the place vehicle.home."""
 
-Whose = Annotated[Identifier, Field(description="A group, or home: the vehicle's, where no group is called so.")]
+GroupOrHome = Annotated[Identifier, Field(description="A group, or home: the vehicle's, where no group is called so.")]
 
 
 class Near(Document):
     """Keep between `min_m` and `max_m` from some member of another group."""
 
-    of: Whose
+    of: GroupOrHome
     min_m: NotNegative = 0.0
     max_m: Positive
 
@@ -34,7 +34,7 @@ class Near(Document):
 class MeanDistance(Document):
     """The mean distance of the group's members to the first member of another group (the paper's proximity)."""
 
-    of: Whose
+    of: GroupOrHome
     mean_m: Positive
     tolerance: Annotated[float, Field(gt=0.0, le=0.5, description="Allowed relative deviation of the mean.")] = 0.01
 
@@ -64,10 +64,10 @@ class Distance(Document):
         return self
 
 
-class Seen(Document):
+class PlaceReference(Document):
     """The first member of a group, or a point: one of the two."""
 
-    of: Whose | None = None
+    of: GroupOrHome | None = None
     point: Point | None = None
 
     @model_validator(mode="after")
@@ -77,14 +77,14 @@ class Seen(Document):
         return self
 
 
-Bearings = Annotated[float, Field(ge=0.0, lt=360.0)]
+CompassDegrees = Annotated[float, Field(ge=0.0, lt=360.0)]
 
 
-class Bearing(Seen):
+class Bearing(PlaceReference):
     """Stand in a sector, as seen from the first member of another group or from a point."""
 
-    from_deg: Annotated[Bearings, Field(description="Clockwise from north.")]
-    to_deg: Annotated[Bearings, Field(description="Clockwise from from_deg on: 315 to 45 is to the north.")]
+    from_deg: Annotated[CompassDegrees, Field(description="Clockwise from north.")]
+    to_deg: Annotated[CompassDegrees, Field(description="Clockwise from from_deg on: 315 to 45 is to the north.")]
 
     @model_validator(mode="after")
     def _opens(self) -> Self:
@@ -93,10 +93,10 @@ class Bearing(Seen):
         return self
 
 
-class Facing(Seen):
+class Facing(PlaceReference):
     """Head towards the first member of another group or a point, or by the compass: one of the three."""
 
-    heading_deg: Annotated[Bearings | None, Field(description="Clockwise from north.")] = None
+    heading_deg: Annotated[CompassDegrees | None, Field(description="Clockwise from north.")] = None
     within_deg: Annotated[float, Field(ge=0.5, le=180.0, description="Largest deviation to either side.")] = 10.0
 
     @model_validator(mode="after")
@@ -127,12 +127,12 @@ class Between(Document):
     The same group twice means its first and its second member.
     """
 
-    first: Whose
-    second: Whose
+    first: GroupOrHome
+    second: GroupOrHome
     within_m: Annotated[Positive, Field(description="Largest distance of the centre from the straight way.")] = 5.0
 
 
-class Sight(Seen):
+class Sight(PlaceReference):
     """An eye over a point or over the members of a group; solid assets of other groups stand in its way.
 
     What is looked at is the middle of a member's top.
@@ -163,7 +163,7 @@ class Along(Document):
         return self
 
     @property
-    def gap(self) -> str:
+    def gap_text(self) -> str:
         """The gap to the road, for people."""
         return f"within {self.within_m:g} m" if self.at_least_m == 0.0 else f"{self.at_least_m:g} to {self.within_m:g} m"
 
@@ -203,7 +203,7 @@ class Placement(Document):
         return self
 
     @property
-    def seen(self) -> dict[str, Seen]:
+    def place_references(self) -> dict[str, PlaceReference]:
         """The relations to a point or a first member, and those of sight, by their field's name."""
         named = {
             "bearing": self.bearing,

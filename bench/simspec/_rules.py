@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from bench.documents import Document
 
-from ._agreement import refuse, rules_disagreements
+from ._consistency import raise_inconsistencies, rule_inconsistencies
 from ._ground import Polygon
 from ._quantities import Fraction, Identifier, NotNegative, Positive
 
@@ -80,5 +80,5 @@ class Rules(Document):
 
     @model_validator(mode="after")
     def _rules_agree(self) -> Self:
-        refuse("Rules", rules_disagreements(self))
+        raise_inconsistencies("Rules", rule_inconsistencies(self))
         return self

@@ -9,10 +9,10 @@ import numpy as np
 
 from ._document import Seeds
 
-Stream = Literal["placement", "intelligence", "motion", "gusts", "sensors", "perception", "agent"]
+RandomStream = Literal["placement", "intelligence", "motion", "gusts", "sensors", "perception", "agent"]
 
 
-def seed_of(seeds: Seeds, stream: Stream) -> int:
+def seed_of(seeds: Seeds, stream: RandomStream) -> int:
     """The 63-bit seed of one named stream: its own when given, else derived from the root and the name."""
     own: int | None = getattr(seeds, stream)
     if own is not None:
@@ -21,6 +21,6 @@ def seed_of(seeds: Seeds, stream: Stream) -> int:
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def generator(seeds: Seeds, stream: Stream, *path: int) -> np.random.Generator:
+def generator(seeds: Seeds, stream: RandomStream, *path: int) -> np.random.Generator:
     """A PCG64 generator for one named stream; `path` makes independent ones of it (one for each actor, say)."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed_of(seeds, stream), *path])))

@@ -20,7 +20,7 @@ class Wind(Document):
     ] = 0.0
 
 
-Level = Annotated[float, Field(ge=0.0, le=9.0)]
+WeatherLevel = Annotated[float, Field(ge=0.0, le=9.0)]
 
 
 def _as_utc(moment: object) -> object:
@@ -39,8 +39,8 @@ class Environment(Document):
     start_utc: Annotated[
         dt.datetime, BeforeValidator(_as_utc), Field(description="Moment at which simulated time is zero; decides the sun.")
     ] = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
-    rain_level: Level = 0.0
-    fog_level: Level = 0.0
+    rain_level: WeatherLevel = 0.0
+    fog_level: WeatherLevel = 0.0
     wind: Wind = Wind()
 
     @model_validator(mode="after")

@@ -8,7 +8,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 from bench.contracts import CLOCK, TF, TF_STATIC, Outcome, Record, SimTime, Tap, VehicleTopics
-from bench.simspec import Document, SimSpec
+from bench.documents import Document
+from bench.simspec import SimSpec
 from bench.streams import (
     CLOCK_QOS,
     RELIABLE_10,
@@ -18,9 +19,9 @@ from bench.streams import (
     CameraInfo,
     Clock,
     Detection2DArray,
-    Message,
     Publisher,
     QoS,
+    RosMessage,
     Router,
     String,
     Subscription,
@@ -29,7 +30,7 @@ from bench.streams import (
     open_router,
 )
 
-from ._ending import SessionEnds
+from ._ending import StopSession
 
 DOMAIN = 1  # each session has a router of its own, so every one may use the same ROS domain
 MATCH_BUDGET_S = 5.0
@@ -39,26 +40,26 @@ MAX_DOCUMENT_BYTES = 256 * 1024  # the longest valid document, a thousand tracks
 
 
 @dataclass(slots=True)
-class Outlet:
+class RecordedPublisher:
     """One topic towards the agent: every message is recorded, and published while `heard`."""
 
     topic: str
-    kind: type[Message]
+    kind: type[RosMessage]
     tap: Tap
     publisher: Publisher | None
     latched: bool = False
     heard: bool = False
 
-    def say(self, time: SimTime, message: Message) -> None:
+    def publish(self, time: SimTime, message: RosMessage) -> None:
         """Encode once, record, publish."""
         data = encode(message)
         self.tap(Record(time, self.topic, self.kind.TYPE, data))
         if self.publisher is not None and (self.heard or self.latched):
             self.publisher.put_bytes(data)
 
-    def say_document(self, time: SimTime, document: Document) -> None:
+    def publish_document(self, time: SimTime, document: Document) -> None:
         """A JSON document as std_msgs/String."""
-        self.say(time, String(document.model_dump_json()))
+        self.publish(time, String(document.model_dump_json()))
 
     @property
     def sent(self) -> int:
@@ -74,7 +75,7 @@ class Ear:
     subscription: Subscription
 
 
-class Air:
+class AirNetwork:
     """Outlets and ears of one session by topic. Without a router (the agent wants none) outlets only record."""
 
     def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap) -> None:
@@ -85,11 +86,11 @@ class Air:
         topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        def outlet(topic: str, kind: type[Message], qos: QoS = RELIABLE_10, *, depth: int = 0) -> Outlet:
+        def outlet(topic: str, kind: type[RosMessage], qos: QoS = RELIABLE_10, *, depth: int = 0) -> RecordedPublisher:
             publisher = None
             if node is not None:
                 publisher = node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind, qos)
-            return Outlet(topic, kind, tap, publisher, latched=depth > 0)
+            return RecordedPublisher(topic, kind, tap, publisher, latched=depth > 0)
 
         self.clock = outlet(CLOCK, Clock, CLOCK_QOS)
         self.tf = outlet(TF, TFMessage, TF_QOS)
@@ -122,7 +123,7 @@ class Air:
                 outlet.heard = True
                 while outlet.publisher is not None and not outlet.publisher.matched:
                     if time.monotonic() > deadline:
-                        raise SessionEnds(Outcome.AGENT_PROTOCOL, f"the agent says it subscribes to {outlet.topic}, but does not")
+                        raise StopSession(Outcome.AGENT_PROTOCOL, f"the agent says it subscribes to {outlet.topic}, but does not")
                     time.sleep(0.001)
 
     def open_for_all(self) -> None:
@@ -138,17 +139,17 @@ class Air:
         """Take in what the agent has said, record it, and return its documents by topic.
 
         With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what is here.
-        Raises SessionEnds for an agent that states what does not come, or that floods.
+        Raises StopSession for an agent that states what does not come, or that floods.
         """
         said: dict[str, list[str | bytes]] = {}
         for ear in self._ears:
             if stated is not None and not ear.subscription.wait(stated.get(ear.topic, 0), budget_s):
-                raise SessionEnds(
+                raise StopSession(
                     Outcome.AGENT_PROTOCOL,
                     f"the agent says it sent {stated[ear.topic]} samples on {ear.topic}; {ear.subscription.highest} came",
                 )
             if stated is not None and (ear.subscription.lost or ear.subscription.overflowed):
-                raise SessionEnds(Outcome.AGENT_PROTOCOL, f"samples on {ear.topic} were lost: more came at once than can be held")
+                raise StopSession(Outcome.AGENT_PROTOCOL, f"samples on {ear.topic} were lost: more came at once than can be held")
             for sample in ear.subscription.take():
                 self._allow(time, len(sample.data))
                 self._tap(Record(time, ear.topic, String.TYPE, sample.data))
@@ -166,7 +167,7 @@ class Air:
             (self._heard_bytes, ALLOWED_BYTES, "bytes"),
         ):
             if heard > first + each_s * time.s:
-                raise SessionEnds(
+                raise StopSession(
                     Outcome.AGENT_PROTOCOL,
                     f"the agent floods its topics: more than {first:,} {what} and {each_s:,.0f} for each simulated second",
                 )
@@ -180,7 +181,7 @@ class Air:
 
 
 @contextmanager
-def open_air(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Air]:
+def open_air_network(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
     camera = topics.camera_info(simspec.vehicle.camera.name)
@@ -202,4 +203,4 @@ def open_air(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Air]:
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh else None
-        yield Air(simspec, router, tap)
+        yield AirNetwork(simspec, router, tap)

@@ -44,7 +44,7 @@ from bench.streams import (
     Point as RosPoint,
 )
 
-from ._air import Air
+from ._air import AirNetwork
 from ._camera import PinholeCamera
 from ._frames import body_in_map
 
@@ -54,11 +54,11 @@ _NOWHERE = PoseWithCovariance(
 )
 
 
-class Briefing:
+class MissionInformation:
     """Says on the air network what is due: `/clock`, the mission, `/tf`, the operator's link, intelligence, orders, camera info and
     detections, in that order."""
 
-    def __init__(self, simspec: SimSpec, air: Air, scene: Scene) -> None:
+    def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
         self._air = air
         self._base = f"{simspec.vehicle.name}/base_link"
         self._optical = f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
@@ -80,40 +80,40 @@ class Briefing:
         """Whether the agent has been ordered to deactivate."""
         return self._deactivated
 
-    def exposed(self, time: SimTime) -> None:
+    def record_exposure(self, time: SimTime) -> None:
         """A frame was exposed: its camera info goes out with the next beat."""
         self._exposures.append(time)
 
-    def tell(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
+    def publish(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
         """Everything that the agent may know at `now` and has not been told."""
         air = self._air
-        air.clock.say(now, Clock(clock=Time.of(now.ns)))
+        air.clock.publish(now, Clock(clock=Time.of(now.ns)))
         if not self._briefed:
             self._briefed = True
             if not self._gimbal:
-                air.tf_static.say(now, TFMessage(transforms=(self._mount(now),)))
-            air.mission.say_document(now, self._order)
-        air.tf.say(now, self._pose(now, vehicle.estimate()))
-        self._tell_operators_word(now)
+                air.tf_static.publish(now, TFMessage(transforms=(self._mount(now),)))
+            air.mission.publish_document(now, self._order)
+        air.tf.publish(now, self._pose(now, vehicle.estimate()))
+        self._publish_operator_messages(now)
         while self._exposures:
-            air.camera_info.say(now, self._camera_info(self._exposures.popleft()))
+            air.camera_info.publish(now, self._camera_info(self._exposures.popleft()))
         silent = self._out("detections", now)
         for frame in detector.due(now):
             # A result that came out while the detector was silent is lost, also when the beat comes after the silence.
             if not silent and not self._out("detections", frame.published):
-                air.detections.say(now, self._detections(frame))
+                air.detections.publish(now, self._detections(frame))
 
-    def _tell_operators_word(self, now: SimTime) -> None:
+    def _publish_operator_messages(self, now: SimTime) -> None:
         """What the operator says, when it can be heard: reports before the orders that may be about them."""
         up = not self._out("operator_link", now)
         if up is not self._link_up:
             self._link_up = up
-            self._air.operator_link.say_document(now, OperatorLinkDocument(up=up))
+            self._air.operator_link.publish_document(now, OperatorLinkDocument(up=up))
         while up and self._intelligence and self._intelligence[0][0] <= now.s:
-            self._air.intelligence.say_document(now, self._intelligence.popleft()[1])
+            self._air.intelligence.publish_document(now, self._intelligence.popleft()[1])
         while up and self._orders and self._orders[0].issued_s <= now.s:
             order = self._orders.popleft()
-            self._air.orders.say_document(now, order)
+            self._air.orders.publish_document(now, order)
             self._deactivated |= order.kind == "deactivate"
 
     def _out(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:

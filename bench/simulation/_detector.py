@@ -14,24 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import CastMember, Detection, DetectionFrame, Detector, Frame, Sighting, SimTime
+from bench.contracts import (
+    FALSE_SCORE,
+    LABEL_EVIDENCE,
+    LEAST_DOUBT,
+    THRESHOLD_CONTRAST,
+    CameraFrame,
+    CastMember,
+    Detection,
+    DetectionFrame,
+    Detector,
+    Sighting,
+    SimTime,
+    light_of,
+)
 from bench.simspec import ASSETS, DetectionModel, SimSpec, generator, seed_of, sun_of
-
-THRESHOLD_CONTRAST = 0.02
-"""Apparent contrast below which nothing is seen at any size: the meteorological range ends there."""
-
-DAY_SUN_RAD = math.radians(6.0)
-NIGHT_SUN_RAD = math.radians(-6.0)
-"""Sun elevation above which light costs no contrast, and below which only `night_contrast` is left."""
 
 LABEL_PERSISTENCE = 5.0
 """A wrong label hangs together this many times longer than a miss does."""
-
-LABEL_EVIDENCE = 1.5
-"""Distance between the evidence for right and for wrong labels, in its standard deviations."""
-
-LEAST_DOUBT = 0.02
-"""The detector never claims to be surer of a label than 1 minus this before it weighs the evidence."""
 
 TRACK_GAP_S = 2.0
 """An object out of the detections for longer than this comes back under a new track id."""
@@ -41,8 +41,7 @@ PERFECT_SIZE_PX = 4.0
 """What perfect perception needs to see of an actor."""
 
 LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
-FALSE_SCORE = (2.0, 5.0)
-"""False detections: range of the box's sides, and the parameters of their scores' beta distribution."""
+"""Range of the sides of a false detection's box."""
 
 _DRAWS = 8
 _SEEN, _CONFUSED, _CHOICE, _EVIDENCE, _BOX = 0, 1, 2, 3, 4
@@ -86,12 +85,6 @@ class DetectionOdds:
         return Clarity(contrast, model.ceiling * share, min(1.0, 2.0 * model.mislabel * (1.0 - share)))
 
 
-def light_of(elevation_rad: float, night_contrast: float) -> float:
-    """Share of contrast that the light leaves: 1 by day, `night_contrast` by night, a smooth step through twilight."""
-    x = min(1.0, max(0.0, (elevation_rad - NIGHT_SUN_RAD) / (DAY_SUN_RAD - NIGHT_SUN_RAD)))
-    return night_contrast + (1.0 - night_contrast) * x * x * (3.0 - 2.0 * x)
-
-
 def open_detector(simspec: SimSpec, cast: Sequence[CastMember]) -> Detector:
     """The detector that the SimSpec asks for, over a scene's cast."""
     if simspec.perception.mode == "perfect":
@@ -107,7 +100,7 @@ class PerfectDetector:
         self._tracks = _Tracks(len(cast))
         self._outbox = _Outbox(0.0)
 
-    def see(self, frame: Frame) -> None:
+    def process(self, frame: CameraFrame) -> None:
         found = [
             _Found(Detection(self._cast[one.actor].class_label, 1.0, one.box), one.actor)
             for one in frame.sightings
@@ -133,9 +126,9 @@ class DegradedDetector:
         self._luck = _Luck(len(cast), self._model.correlation_s)
         self._tracks = _Tracks(len(cast))
         self._outbox = _Outbox(self._model.latency_s)
-        self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.invented})
+        self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm})
 
-    def see(self, frame: Frame) -> None:
+    def process(self, frame: CameraFrame) -> None:
         fresh = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))
         self._luck.advance(frame.exposed, fresh)
         found = [one for sighting in frame.sightings if (one := self._detect(sighting, fresh[sighting.actor])) is not None]

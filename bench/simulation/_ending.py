@@ -5,7 +5,7 @@ from __future__ import annotations
 from bench.contracts import Outcome
 
 
-class SessionEnds(Exception):
+class StopSession(Exception):
     """Carries the outcome and its reason to the one place that turns it into a result. Not an error."""
 
     def __init__(self, outcome: Outcome, reason: str) -> None:

@@ -20,13 +20,13 @@ from ._slab import crosses_box
 
 Place = tuple[float, float]
 
-TRIES = 8
+MAX_ATTEMPTS = 8
 """Waypoints drawn for one wandering leg; when none can be walked to, the walker rests and tries again later."""
 
-LEAST_STAY_S = 0.25
+MIN_STAY_S = 0.25
 """Arrivals are at least this far apart, so that a tiny radius or a route of equal points cannot stop time."""
 
-BLOCKED_REST_S = 1.0
+MIN_BLOCKED_REST_S = 1.0
 """Least rest of a walker that found no way."""
 
 INSET_M = 0.5
@@ -34,7 +34,7 @@ INSET_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class WalkLeg:
     """A stretch at constant velocity that ends at `end_enu_m`, or a rest when that is where it began."""
 
     duration_s: float
@@ -42,7 +42,7 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class WalkableGround:
     """Where movers may go: inside the area, and through no solid box.
 
     `corners_m` (e, 2) are the area's, empty when it does not bind; `centres_m`, `forward` (s, 2) and `half_m` (s, 2) describe the
@@ -63,7 +63,7 @@ class Ground:
         corners = np.array([(corner.east_m, corner.north_m) for corner in area.corners])
         return cls(corners, centres_m, np.stack((np.sin(headings_rad), np.cos(headings_rad)), axis=-1), half_m)
 
-    def around(self, start: Place, reach_m: float, margin_m: float) -> Ground:
+    def around(self, start: Place, reach_m: float, margin_m: float) -> WalkableGround:
         """The part that matters to one mover. One that starts outside the area is not held by it."""
         distance = np.hypot(*(self.centres_m - start).T)
         near = distance <= reach_m + margin_m + np.hypot(*self.half_m.T)
@@ -147,14 +147,14 @@ def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]
     return side
 
 
-def wander(start: Place, motion: Motion, ground: Ground, rng: np.random.Generator) -> Iterator[Leg]:
+def wander(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator) -> Iterator[WalkLeg]:
     """Walks to points uniform in the disc of `radius_m` round `start`, with exponential pauses of mean `pause_s`.
 
     Every leg takes the same number of draws, whether or not a way was found.
     """
     here = start
     while True:
-        draws = rng.random((TRIES, 2))
+        draws = rng.random((MAX_ATTEMPTS, 2))
         pause_s = motion.pause_s * float(rng.standard_exponential())
         distance = motion.radius_m * np.sqrt(draws[:, 0])
         bearing = 2.0 * math.pi * draws[:, 1]
@@ -165,10 +165,10 @@ def wander(start: Place, motion: Motion, ground: Ground, rng: np.random.Generato
             yield from _walk(here, there, motion.speed_mps, pause_s)
             here = there
         else:
-            yield Leg(max(pause_s, BLOCKED_REST_S), here)
+            yield WalkLeg(max(pause_s, MIN_BLOCKED_REST_S), here)
 
 
-def patrol(start: Place, motion: Motion, ground: Ground, rng: np.random.Generator) -> Iterator[Leg]:
+def patrol(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator) -> Iterator[WalkLeg]:
     """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk to.
 
     Stands still for good when it can reach none: the ground does not change.
@@ -188,20 +188,20 @@ def patrol(start: Place, motion: Motion, ground: Ground, rng: np.random.Generato
         here, at = there, reachable + 1
 
 
-def _walk(here: Place, there: Place, speed_mps: float, pause_s: float) -> Iterator[Leg]:
+def _walk(here: Place, there: Place, speed_mps: float, pause_s: float) -> Iterator[WalkLeg]:
     walk_s = math.dist(here, there) / speed_mps
     if walk_s > 0.0:
-        yield Leg(walk_s, there)
-    rest_s = max(pause_s, LEAST_STAY_S - walk_s)
+        yield WalkLeg(walk_s, there)
+    rest_s = max(pause_s, MIN_STAY_S - walk_s)
     if rest_s > 0.0:
-        yield Leg(rest_s, there)
+        yield WalkLeg(rest_s, there)
 
 
-class Crowd:
+class ActorMotion:
     """Everybody's place at one moment, as arrays; those without a plan stand still."""
 
     def __init__(
-        self, starts_enu_m: NDArray[np.float64], headings_rad: NDArray[np.float64], plans: Mapping[int, Iterator[Leg]]
+        self, starts_enu_m: NDArray[np.float64], headings_rad: NDArray[np.float64], plans: Mapping[int, Iterator[WalkLeg]]
     ) -> None:
         self._plans = plans
         self._from = starts_enu_m.copy()

@@ -29,12 +29,12 @@ class ParameterFile:
         try:
             found = json.loads(text)
         except ValueError as error:
-            raise SetupError(Fault(str(self._path), f"is no JSON: {error}", "mend or remove it")) from None
+            raise SetupError(Fault(str(self._path), f"is no JSON: {error}", "fix or remove it")) from None
         numbers = isinstance(found, dict) and all(
             isinstance(one, int | float) and not isinstance(one, bool) for one in found.values()
         )
         if not numbers:
-            raise SetupError(Fault(str(self._path), "holds something else than names and numbers", "mend or remove it"))
+            raise SetupError(Fault(str(self._path), "holds something else than names and numbers", "fix or remove it"))
         return {name: float(value) for name, value in found.items()}
 
     def keep(self, values: Mapping[str, float]) -> None:

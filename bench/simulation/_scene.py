@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import START, CastMember, Frame, Scene, SimTime, VehicleState
+from bench.contracts import START, CameraFrame, CastMember, Scene, SimTime, VehicleState
 from bench.errors import Fault, SetupError
 from bench.simspec import ASSETS, ActorGroup, Realized, SimSpec, generator
 
 from ._camera import PinholeCamera
-from ._motion import Crowd, Ground, Leg, patrol, wander
+from ._motion import ActorMotion, WalkableGround, WalkLeg, patrol, wander
 from ._visibility import Bodies, sightings
 
 
@@ -57,9 +57,9 @@ class PlainScene:
     def headings(self) -> NDArray[np.float64]:
         return self._crowd.headings_rad()
 
-    def look(self, state: VehicleState, number: int) -> Frame:
+    def observe(self, state: VehicleState, number: int) -> CameraFrame:
         seen = sightings(self._camera, state, self._bodies, self._foot_enu_m, self._crowd.headings_rad())
-        return Frame(number, self._camera.name, self._now, seen)
+        return CameraFrame(number, self._camera.name, self._now, seen)
 
     def _feet(self) -> NDArray[np.float64]:
         feet = np.zeros((len(self._cast), 3))
@@ -104,15 +104,15 @@ def _member(actor_id: str, group: ActorGroup) -> CastMember:
     )
 
 
-def _crowd(simspec: SimSpec, bodies: Bodies) -> Crowd:
+def _crowd(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
     placed = _realized(simspec).actors
     motions = {group.id: group.motion for group in simspec.actors}
     starts = np.array([(actor.east_m, actor.north_m) for actor in placed], dtype=np.float64).reshape(-1, 2)
     headings = np.radians(np.array([actor.heading_deg for actor in placed], dtype=np.float64))
     # Only what stands still and is solid closes the ground: plans must not depend on where others are just now.
     walls = bodies.solid & np.array([motions[actor.group].kind == "still" for actor in placed], dtype=np.bool_)
-    ground = Ground.of(simspec.world.area, starts[walls], headings[walls], bodies.half_m[walls, :2])
-    plans: dict[int, Iterator[Leg]] = {}
+    ground = WalkableGround.of(simspec.world.area, starts[walls], headings[walls], bodies.half_m[walls, :2])
+    plans: dict[int, Iterator[WalkLeg]] = {}
     for index, actor in enumerate(placed):
         motion = motions[actor.group]
         if motion.kind == "still":
@@ -123,4 +123,4 @@ def _crowd(simspec: SimSpec, bodies: Bodies) -> Crowd:
         own = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
         walk = wander if motion.kind == "wander" else patrol
         plans[index] = walk(start, motion, own, generator(simspec.seeds, "motion", index))
-    return Crowd(starts, headings, plans)
+    return ActorMotion(starts, headings, plans)

@@ -41,13 +41,13 @@ from bench.contracts import (
 from bench.errors import Fault, SetupError, VehicleFault
 from bench.simspec import SimSpec
 
-from ._air import Air, open_air
-from ._briefing import Briefing
+from ._air import AirNetwork, open_air_network
+from ._briefing import MissionInformation
 from ._detector import open_detector
-from ._ending import SessionEnds
+from ._ending import StopSession
 from ._ports import reserved_udp_port
 from ._ticks import TickServer, open_tick_server
-from ._truth import Truth
+from ._truth import TruthRecorder
 
 COUNT_BUDGET_S = 5.0  # for samples that the agent says are under way
 
@@ -81,13 +81,13 @@ class SessionEnd:
 def run_session(plan: SessionPlan) -> SessionEnd:
     """Fly one session to its end. Never raises for anything that happens inside; KeyboardInterrupt travels on."""
     began_wall, began_cpu = time.monotonic(), time.process_time()
-    book = _Book()
+    book = SessionProgress()
     trace = ""
     try:
         with open_session(plan, book) as session:
             session.run()
         raise AssertionError("a session ends by saying so")
-    except SessionEnds as end:
+    except StopSession as end:
         outcome, reason = end.outcome, end.reason
     except SetupError as error:
         outcome, reason = Outcome.SETUP_INVALID, str(error)
@@ -108,7 +108,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
 
 
 @dataclass(slots=True)
-class _Book:
+class SessionProgress:
     """What is known of a session however it ends."""
 
     now: SimTime = START
@@ -123,7 +123,14 @@ class Session:
     """
 
     def __init__(
-        self, plan: SessionPlan, vehicle: Vehicle, scene: Scene, detector: Detector, air: Air, truth: Truth, book: _Book
+        self,
+        plan: SessionPlan,
+        vehicle: Vehicle,
+        scene: Scene,
+        detector: Detector,
+        air: AirNetwork,
+        truth: TruthRecorder,
+        book: SessionProgress,
     ) -> None:
         self._spec = plan.simspec
         self._plan = plan
@@ -132,9 +139,9 @@ class Session:
         self._detector = detector
         self._air = air
         self._truth = truth
-        self._book = book
+        self._progress = book
         self._topics = VehicleTopics(plan.simspec.vehicle.name)
-        self._briefing = Briefing(plan.simspec, air, scene)
+        self._information = MissionInformation(plan.simspec, air, scene)
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
         self._carries_camera = vehicle if isinstance(vehicle, CarriesCamera) else None
@@ -149,42 +156,42 @@ class Session:
         """The started agent, and the tick socket in lockstep."""
         self._agent, self._ticks = agent, ticks
         if ticks is not None:
-            ticks.watch(self._agent_lives)
+            ticks.watch(self._check_agent)
 
     def run(self) -> None:
-        """Beat until something ends the session; ends by raising SessionEnds."""
-        self._truth.event(self._book.now, "started", self._spec.name)
-        self._truth.cast(self._book.now, self._scene)
-        self._truth.sample(self._book.now, self._vehicle, self._scene)
+        """Beat until something ends the session; ends by raising StopSession."""
+        self._truth.event(self._progress.now, "started", self._spec.name)
+        self._truth.cast(self._progress.now, self._scene)
+        self._truth.sample(self._progress.now, self._vehicle, self._scene)
         try:
             if self._ticks is not None:
                 self._run_lockstep(self._ticks)
             else:
                 self._run_realtime()
-        except SessionEnds as end:
-            self._truth.sample(self._book.now, self._vehicle, self._scene)
-            self._truth.event(self._book.now, "ended", f"{end.outcome}")
+        except StopSession as end:
+            self._truth.sample(self._progress.now, self._vehicle, self._scene)
+            self._truth.event(self._progress.now, "ended", f"{end.outcome}")
             raise
         finally:
-            self._book.counters = {**self._vehicle.counters(), **self._air.counters()}
+            self._progress.counters = {**self._vehicle.counters(), **self._air.counters()}
 
     def _run_lockstep(self, ticks: TickServer) -> None:
         budgets = self._spec.budgets
         asked = time.monotonic()
         hello = ticks.hello(budgets.connect_s)
         self._agent_took_s += time.monotonic() - asked
-        self._truth.event(self._book.now, "agent connected", hello.agent)
+        self._truth.event(self._progress.now, "agent connected", hello.agent)
         self._air.open_for(hello.subscribes)
         number = 0
         while True:
-            now = self._book.now
-            self._briefing.tell(now, self._vehicle, self._detector)
+            now = self._progress.now
+            self._information.publish(now, self._vehicle, self._detector)
             tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent()))
             asked = time.monotonic()
             ack = ticks.exchange(tick, budgets.reply_s)
             self._receive_exactly(ack.links)
             self._agent_took_s += time.monotonic() - asked
-            self._hear(self._air.gather(now, ack.topics, COUNT_BUDGET_S))
+            self._process_documents(self._air.gather(now, ack.topics, COUNT_BUDGET_S))
             self._advance(self._spec.pace.tick_s)
             number += 1
 
@@ -192,62 +199,62 @@ class Session:
         self._air.open_for_all()
         began = time.monotonic()
         while True:
-            now = self._book.now
-            self._agent_lives()
-            self._briefing.tell(now, self._vehicle, self._detector)
+            now = self._progress.now
+            self._check_agent()
+            self._information.publish(now, self._vehicle, self._detector)
             ahead_s = now.s - (time.monotonic() - began)
             if ahead_s > 0:
                 time.sleep(ahead_s)
             self._vehicle.receive()
-            self._hear(self._air.gather(now, None, 0.0))
+            self._process_documents(self._air.gather(now, None, 0.0))
             self._advance(self._vehicle.step_s)
 
     def _advance(self, span_s: float) -> None:
         """Move the world on by `span_s`, and end the session if that brought its end."""
-        until = self._book.now.after(span_s)
-        while self._book.now < until:
-            began = self._book.now
+        until = self._progress.now.after(span_s)
+        while self._progress.now < until:
+            began = self._progress.now
             self._vehicle.step()
-            self._book.now = now = self._vehicle.time
+            self._progress.now = now = self._vehicle.time
             self._truth.wire(began, now)
             if now.ns >= self._next_frame_ns:
-                self._expose(now)
+                self._capture_frame(now)
             self._truth.sample(now, self._vehicle, self._scene)
-        self._look_for_the_end()
+        self._check_end()
 
-    def _expose(self, now: SimTime) -> None:
+    def _capture_frame(self, now: SimTime) -> None:
         self._next_frame_ns += self._frame_period_ns
         self._scene.advance(now)
-        frame = self._scene.look(self._vehicle.truth(), self._frame)
+        frame = self._scene.observe(self._vehicle.truth(), self._frame)
         self._frame += 1
         self._truth.frame(frame)
         if self._carries_camera is not None:
-            self._carries_camera.exposed(frame.number, now)
-        self._briefing.exposed(now)
-        self._detector.see(frame)
+            self._carries_camera.record_exposure(frame.number, now)
+        self._information.record_exposure(now)
+        self._detector.process(frame)
 
-    def _look_for_the_end(self) -> None:
+    def _check_end(self) -> None:
         condition = self._vehicle.condition()
         if condition.crashed:
-            raise SessionEnds(Outcome.VEHICLE_CRASHED, f"the vehicle crashed after {self._book.now.s:.1f} s")
+            raise StopSession(Outcome.VEHICLE_CRASHED, f"the vehicle crashed after {self._progress.now.s:.1f} s")
         if self._complete and condition.landed and not condition.armed:
-            raise SessionEnds(Outcome.COMPLETED, "the agent declared its mission over and the vehicle is down")
-        if self._briefing.deactivated and condition.landed and not condition.armed:
-            raise SessionEnds(Outcome.COMPLETED, "the agent was ordered to deactivate and the vehicle is down")
-        if self._book.now.s >= self._spec.mission.time_limit_s:
-            raise SessionEnds(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
+            raise StopSession(Outcome.COMPLETED, "the agent declared its mission over and the vehicle is down")
+        if self._information.deactivated and condition.landed and not condition.armed:
+            raise StopSession(Outcome.COMPLETED, "the agent was ordered to deactivate and the vehicle is down")
+        if self._progress.now.s >= self._spec.mission.time_limit_s:
+            raise StopSession(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
         if time.monotonic() > self._wall_deadline:
             raise self._out_of_wall_time()
 
-    def _out_of_wall_time(self) -> SessionEnds:
+    def _out_of_wall_time(self) -> StopSession:
         """Whose fault it is: an agent must not get rid of a run that goes badly by dawdling until it no longer counts."""
         wall_s = self._spec.budgets.wall_s
         if self._agent_took_s > wall_s / 2:
             reason = f"the agent took {self._agent_took_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
-            return SessionEnds(Outcome.AGENT_TIMEOUT, reason)
-        return SessionEnds(Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time")
+            return StopSession(Outcome.AGENT_TIMEOUT, reason)
+        return StopSession(Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time")
 
-    def _hear(self, said: dict[str, list[str | bytes]]) -> None:
+    def _process_documents(self, said: dict[str, list[str | bytes]]) -> None:
         for text in said.get(self._topics.status, ()):
             status = parse_document(AgentStatus, text)
             if status is not None and status.phase in ("complete", "aborted"):
@@ -261,30 +268,30 @@ class Session:
             if not missing:
                 return
             if time.monotonic() > deadline:
-                raise SessionEnds(
+                raise StopSession(
                     Outcome.AGENT_PROTOCOL, f"the agent says it sent {missing} MAVLink messages; {dict(received)} came"
                 )
             time.sleep(0.0005)
 
-    def _agent_lives(self) -> None:
+    def _check_agent(self) -> None:
         assert self._agent is not None
-        code = self._agent.ended()
+        code = self._agent.exit_code()
         if code is None:
             return
         condition = self._vehicle.condition()
-        if code == 0 and condition.landed and not condition.armed and self._book.now > START:
-            raise SessionEnds(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
+        if code == 0 and condition.landed and not condition.armed and self._progress.now > START:
+            raise StopSession(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
         how = f"exit code {code}" if code >= 0 else f"signal {-code}"
-        raise SessionEnds(
-            Outcome.AGENT_CRASHED, f"the agent's process ended with {how} before its mission did: {self._agent.last_words()}"
+        raise StopSession(
+            Outcome.AGENT_CRASHED, f"the agent's process ended with {how} before its mission did: {self._agent.output_tail()}"
         )
 
 
 @contextmanager
-def open_session(plan: SessionPlan, book: _Book | None = None) -> Generator[Session]:
+def open_session(plan: SessionPlan, book: SessionProgress | None = None) -> Generator[Session]:
     """Open everything that a session needs; leaving the block stops and closes all of it, the agent first."""
     spec, manifest = plan.simspec, plan.manifest
-    book = book or _Book()
+    book = book or SessionProgress()
     if spec.realized is None:
         raise SetupError(
             Fault(spec.name, "the SimSpec is not realized", "place it first (rebar realize, or bench.realization.place)")
@@ -299,7 +306,7 @@ def open_session(plan: SessionPlan, book: _Book | None = None) -> Generator[Sess
         )
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
-    truth = Truth(spec.vehicle.name, plan.tap)
+    truth = TruthRecorder(spec.vehicle.name, plan.tap)
     with ExitStack() as stack:
         links = tuple(_link(need, stack) for need in manifest.mavlink)
         scene = open_scene(spec)
@@ -314,7 +321,7 @@ def open_session(plan: SessionPlan, book: _Book | None = None) -> Generator[Sess
                     f"take a multiple of {vehicle.step_s} s",
                 )
             )
-        air = stack.enter_context(open_air(spec, plan.tap, zenoh=manifest.zenoh))
+        air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh))
         ticks = stack.enter_context(open_tick_server()) if spec.pace.mode == "lockstep" else None
         session = Session(plan, vehicle, scene, detector, air, truth, book)
         endpoints = AgentEndpoints(

@@ -82,7 +82,7 @@ class Shutter:
 
     def __call__(self, now: SimTime) -> None:
         if self._next_ns is None or now.ns >= self._next_ns:
-            self._camera.exposed(self._frame, now)
+            self._camera.record_exposure(self._frame, now)
             self._frame += 1
             self._next_ns = (now.ns if self._next_ns is None else self._next_ns) + self._period_ns
 

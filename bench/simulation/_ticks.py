@@ -10,9 +10,9 @@ from contextlib import contextmanager, suppress
 
 from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Outcome, Tick, TickMessage, read_line, write_line
 
-from ._ending import SessionEnds
+from ._ending import StopSession
 
-LOOK_ROUND_S = 0.25  # how often a wait looks whether the agent still lives
+LIVENESS_POLL_S = 0.25  # how often a wait looks whether the agent still lives
 
 
 class TickServer:
@@ -31,7 +31,7 @@ class TickServer:
         return f"{host}:{port}"
 
     def watch(self, alive: Callable[[], None]) -> None:
-        """Set what is called while waiting; it raises SessionEnds when there is nobody to wait for."""
+        """Set what is called while waiting; it raises StopSession when there is nobody to wait for."""
         self._alive = alive
 
     def hello(self, budget_s: float) -> Hello:
@@ -47,7 +47,7 @@ class TickServer:
             self._peer = peer
         message = self._read(deadline, Outcome.AGENT_NEVER_CONNECTED, f"no hello within {budget_s:g} s")
         if not isinstance(message, Hello):
-            raise SessionEnds(Outcome.AGENT_PROTOCOL, f"expected a hello, got {_shown(message)}")
+            raise StopSession(Outcome.AGENT_PROTOCOL, f"expected a hello, got {_shown(message)}")
         return message
 
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
@@ -56,7 +56,7 @@ class TickServer:
         deadline = time.monotonic() + budget_s
         message = self._read(deadline, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number} within {budget_s:g} s")
         if not isinstance(message, Ack) or message.number != tick.number:
-            raise SessionEnds(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}")
+            raise StopSession(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}")
         return message
 
     def end(self, reason: str) -> None:
@@ -78,7 +78,7 @@ class TickServer:
         assert self._peer is not None
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
-                raise SessionEnds(Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket")
+                raise StopSession(Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket")
             self._wait_readable(self._peer, deadline, outcome, reason)
             try:
                 data = self._peer.recv(65536)
@@ -94,8 +94,8 @@ class TickServer:
         while True:
             left = deadline - time.monotonic()
             if left <= 0:
-                raise SessionEnds(outcome, reason)
-            if select.select([sock], [], [], min(left, LOOK_ROUND_S))[0]:
+                raise StopSession(outcome, reason)
+            if select.select([sock], [], [], min(left, LIVENESS_POLL_S))[0]:
                 return
             self._alive()
 
@@ -105,7 +105,7 @@ class TickServer:
         while time.monotonic() < deadline:
             self._alive()
             time.sleep(0.02)
-        raise SessionEnds(Outcome.AGENT_PROTOCOL, "the agent closed the tick socket and went on running")
+        raise StopSession(Outcome.AGENT_PROTOCOL, "the agent closed the tick socket and went on running")
 
 
 @contextmanager

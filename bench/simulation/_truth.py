@@ -11,9 +11,9 @@ from bench.contracts import (
     TRUTH_ODOMETRY,
     TRUTH_VEHICLE,
     TRUTH_VIEW,
+    CameraFrame,
     CastDocument,
     EventDocument,
-    Frame,
     Record,
     Scene,
     SightingDocument,
@@ -26,7 +26,7 @@ from bench.contracts import (
     ViewDocument,
     mavlink_topic,
 )
-from bench.simspec import Document
+from bench.documents import Document
 from bench.streams import (
     Header,
     MultiArrayLayout,
@@ -55,7 +55,7 @@ _UNKNOWN_COVARIANCE = (0.0,) * 36
 _PLAIN_LAYOUT = MultiArrayLayout(dim=(), data_offset=0)
 
 
-class Truth:
+class TruthRecorder:
     """Writes the truth about one session as records. Rates are whole numbers of simulated hertz."""
 
     def __init__(self, vehicle_name: str, tap: Tap) -> None:
@@ -74,7 +74,7 @@ class Truth:
         """Who the actors are."""
         self._document(time, TRUTH_CAST, CastDocument(members=scene.cast))
 
-    def frame(self, frame: Frame) -> None:
+    def frame(self, frame: CameraFrame) -> None:
         """What could be seen in one exposure. Numbers are rounded: a hundredth of a pixel is below any meaning."""
         sightings = tuple(
             SightingDocument(

@@ -22,8 +22,8 @@ from ._keys import TF_QOS as TF_QOS
 from ._keys import QoS as QoS
 from ._keys import data_key as data_key
 from ._node import AirAccess as AirAccess
-from ._node import Node as Node
 from ._node import Publisher as Publisher
+from ._node import RosNode as RosNode
 from ._node import Sample as Sample
 from ._node import Subscription as Subscription
 from ._node import open_client as open_client
@@ -47,7 +47,6 @@ from ._types import Detection3DArray as Detection3DArray
 from ._types import Header as Header
 from ._types import Image as Image
 from ._types import Imu as Imu
-from ._types import Message as Message
 from ._types import MultiArrayDimension as MultiArrayDimension
 from ._types import MultiArrayLayout as MultiArrayLayout
 from ._types import NavSatFix as NavSatFix
@@ -65,6 +64,7 @@ from ._types import PoseWithCovariance as PoseWithCovariance
 from ._types import PoseWithCovarianceStamped as PoseWithCovarianceStamped
 from ._types import Quaternion as Quaternion
 from ._types import RegionOfInterest as RegionOfInterest
+from ._types import RosMessage as RosMessage
 from ._types import String as String
 from ._types import TFMessage as TFMessage
 from ._types import Time as Time

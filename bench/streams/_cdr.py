@@ -13,7 +13,7 @@ from itertools import islice
 from operator import attrgetter
 from typing import Any, TypeVar, overload
 
-from ._types import Field, Message, fields_of, message_class
+from ._types import Field, RosMessage, fields_of, message_class
 
 HEADER = b"\x00\x01\x00\x00"  # plain CDR, little endian, no options
 _SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "d": 8}
@@ -76,7 +76,7 @@ def decode(kind: type[M] | str, data: bytes) -> Any:
 # The plan of a class: its leaves, and the runs among them.
 
 
-def _leaves(kind: type[Message], path: str = "") -> Iterator[tuple[str, Field]]:
+def _leaves(kind: type[RosMessage], path: str = "") -> Iterator[tuple[str, Field]]:
     """The fields of a message and of the messages in it, in the order of the wire, each with its dotted path."""
     for field in fields_of(kind):
         if isinstance(field.of, str) or field.count == "sequence":
@@ -85,7 +85,7 @@ def _leaves(kind: type[Message], path: str = "") -> Iterator[tuple[str, Field]]:
             yield from _leaves(field.of, f"{path}{field.name}.")
 
 
-def _runs(kind: type[Message]) -> Iterator[list[tuple[str, Field]]]:
+def _runs(kind: type[RosMessage]) -> Iterator[list[tuple[str, Field]]]:
     """The leaves, single fixed-width ones that follow each other together."""
     run: list[tuple[str, Field]] = []
     for leaf in _leaves(kind):
@@ -131,7 +131,7 @@ _U32 = _phased("I")
 
 
 @cache
-def _writers(kind: type[Message]) -> tuple[_Write, ...]:
+def _writers(kind: type[RosMessage]) -> tuple[_Write, ...]:
     return tuple(_writer(run) for run in _runs(kind))
 
 
@@ -206,7 +206,7 @@ def _write_numbers(get: Callable[[Any], tuple[float, ...]], one: str) -> _Write:
     return write
 
 
-def _write_messages(get: Callable[[Any], tuple[Any, ...]], kind: type[Message]) -> _Write:
+def _write_messages(get: Callable[[Any], tuple[Any, ...]], kind: type[RosMessage]) -> _Write:
     writers = _writers(kind)
 
     def write(out: bytearray, message: Any) -> None:
@@ -223,7 +223,7 @@ def _write_messages(get: Callable[[Any], tuple[Any, ...]], kind: type[Message]) 
 
 
 @cache
-def _reader(kind: type[Message], order: str) -> tuple[_Read, _Build]:
+def _reader(kind: type[RosMessage], order: str) -> tuple[_Read, _Build]:
     steps = tuple(_step(run, order) for run in _runs(kind))
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
@@ -235,7 +235,7 @@ def _reader(kind: type[Message], order: str) -> tuple[_Read, _Build]:
 
 
 @cache
-def _builder(kind: type[Message]) -> _Build:
+def _builder(kind: type[RosMessage]) -> _Build:
     parts = [None if isinstance(one.of, str) or one.count == "sequence" else _builder(one.of) for one in fields_of(kind)]
     if not any(parts):
         size = len(parts)
@@ -336,7 +336,7 @@ def _read_numbers(one: str, order: str) -> _Read:
     return read
 
 
-def _read_messages(kind: type[Message], order: str) -> _Read:
+def _read_messages(kind: type[RosMessage], order: str) -> _Read:
     count = _counter(order)
     inner, build = _reader(kind, order)
     least = _least_size(kind)
@@ -355,7 +355,7 @@ def _read_messages(kind: type[Message], order: str) -> _Read:
     return read
 
 
-def _least_size(kind: type[Message]) -> int:
+def _least_size(kind: type[RosMessage]) -> int:
     """Bytes that any message of this class takes at least, padding aside; at least 1."""
     return sum(_least(field) for _, field in _leaves(kind))
 

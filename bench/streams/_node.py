@@ -146,7 +146,7 @@ class Subscription:
                     self._arrival.notify_all()
 
 
-class Node:
+class RosNode:
     """A node of the graph; lives as long as its Zenoh session. Made by `Router.node` or `open_client`."""
 
     def __init__(self, session: zenoh.Session, domain: int, ids: Iterator[int], name: str, namespace: str) -> None:
@@ -229,7 +229,7 @@ class Node:
 
 
 @contextmanager
-def open_client(access: AirAccess, name: str, namespace: str = "/", timeout_s: float = 5.0) -> Iterator[Node]:
+def open_client(access: AirAccess, name: str, namespace: str = "/", timeout_s: float = 5.0) -> Iterator[RosNode]:
     """Join the air network as one node; leaving the block leaves the network.
 
     Raises LinkLost when the router cannot be reached within `timeout_s` or refuses the credentials.
@@ -242,7 +242,7 @@ def open_client(access: AirAccess, name: str, namespace: str = "/", timeout_s: f
             "start the session first, and take the credentials that it hands over"
         ) from error
     with session:
-        node = Node(session, access.domain, itertools.count(), name, namespace)
+        node = RosNode(session, access.domain, itertools.count(), name, namespace)
         yield node
 
 

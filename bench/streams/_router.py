@@ -22,7 +22,7 @@ import zenoh
 from bench.errors import Fault, SetupError
 
 from ._keys import GRAPH, data_key, dds_name, is_name, mangle
-from ._node import AirAccess, Node, session_settings
+from ._node import AirAccess, RosNode, session_settings
 from ._types import message_class, type_hash
 
 MAX_DOCUMENT_BYTES = 64 * 1024
@@ -57,11 +57,11 @@ class Router:
         self.access = access
         self._session = session
         self._ids = itertools.count()
-        self._nodes: list[Node] = []  # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest
+        self._nodes: list[RosNode] = []  # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest
 
-    def node(self, name: str, namespace: str = "/") -> Node:
+    def node(self, name: str, namespace: str = "/") -> RosNode:
         """A node in this process, which may read and write everything; it lives as long as the router."""
-        node = Node(self._session, self.access.domain, self._ids, name, namespace)
+        node = RosNode(self._session, self.access.domain, self._ids, name, namespace)
         self._nodes.append(node)
         return node
 

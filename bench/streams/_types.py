@@ -28,7 +28,7 @@ _ZERO_12 = (0.0,) * 12
 _ZERO_36 = (0.0,) * 36
 
 
-class Message(Protocol):
+class RosMessage(Protocol):
     """What every message class has: its ROS 2 type name."""
 
     TYPE: ClassVar[str]
@@ -362,7 +362,7 @@ class Detection3DArray:
     detections: tuple[Detection3D, ...] = ()
 
 
-MESSAGES: tuple[type[Message], ...] = (
+MESSAGES: tuple[type[RosMessage], ...] = (
     *(Time, Header, String, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray, Clock),
     *(Point, Quaternion, Pose, PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped),
     *(Vector3, Transform, TransformStamped, Twist, TwistWithCovariance, TwistWithCovarianceStamped, TFMessage, Odometry),
@@ -374,7 +374,7 @@ MESSAGES: tuple[type[Message], ...] = (
 _BY_NAME = {kind.TYPE: kind for kind in MESSAGES}
 
 
-def message_class(type_name: str) -> type[Message] | None:
+def message_class(type_name: str) -> type[RosMessage] | None:
     """The class of a ROS 2 type (`std_msgs/msg/String`), or None when the bench does not speak it."""
     return _BY_NAME.get(type_name)
 
@@ -392,7 +392,7 @@ class Field:
     """One field: a primitive's name or a message class, alone, `size` of them, or as many as there are."""
 
     name: str
-    of: str | type[Message]
+    of: str | type[RosMessage]
     count: Literal["one", "array", "sequence"] = "one"
     size: int = 0
 
@@ -404,7 +404,7 @@ class Field:
 
 
 @cache
-def fields_of(kind: type[Message]) -> tuple[Field, ...]:
+def fields_of(kind: type[RosMessage]) -> tuple[Field, ...]:
     """The fields of a message class in the order of the wire."""
     type_name_of(kind)  # a dataclass that is no message stops here
     return tuple(_field(one.name, one.type) for one in fields(kind))  # type: ignore[arg-type]
@@ -429,10 +429,10 @@ def short_name(type_name: str) -> str:
     return type_name.replace("/msg/", "/")
 
 
-def dependencies(kind: type[Message]) -> tuple[type[Message], ...]:
+def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
     """Every message class inside `kind`, at any depth, each once, in the order of first meeting."""
 
-    def walk(of: type[Message]) -> Iterator[type[Message]]:
+    def walk(of: type[RosMessage]) -> Iterator[type[RosMessage]]:
         for field in fields_of(of):
             if not isinstance(field.of, str):
                 yield field.of
@@ -454,7 +454,7 @@ _TYPE_IDS = {"int8": 2, "uint8": 3, "uint16": 5, "int32": 6, "uint32": 7, "float
 _COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
 
 
-def _description(kind: type[Message]) -> dict[str, Any]:
+def _description(kind: type[RosMessage]) -> dict[str, Any]:
     return {"type_name": kind.TYPE, "fields": [{"name": one.name, "type": _type_description(one)} for one in fields_of(kind)]}
 
 
@@ -478,5 +478,5 @@ def schema_text(type_name: str) -> str:
     return ("=" * 80 + "\n").join(parts)
 
 
-def _definition(kind: type[Message]) -> str:
+def _definition(kind: type[RosMessage]) -> str:
     return "".join(f"{field.type_text} {field.name}\n" for field in fields_of(kind))

@@ -40,7 +40,7 @@ def python(scratch: Path, code: str, **options: str | float | int | bool) -> Age
 def wait_for_end(agent: LocalProcess) -> int:
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
-        code = agent.ended()
+        code = agent.exit_code()
         if code is not None:
             return code
         os.sched_yield()
@@ -113,7 +113,7 @@ def test_a_crash_leaves_its_code_and_last_words(tmp_path: Path) -> None:
     """What a crashing agent said last is there for the report, and its exit code or signal."""
     with open_agent(python(tmp_path / "a", "raise ValueError('lost the plot')")) as agent:
         assert wait_for_end(agent) == 1
-    assert "lost the plot" in agent.last_words()
+    assert "lost the plot" in agent.output_tail()
     with open_agent(python(tmp_path / "b", "import os; os.kill(os.getpid(), 6)")) as agent:
         assert wait_for_end(agent) == -signal.SIGABRT
 
@@ -122,7 +122,7 @@ def test_a_program_that_is_not_there_says_so(tmp_path: Path) -> None:
     """A wrong command is an agent that ends at once, with a sentence."""
     with open_agent(plan(tmp_path, "/nowhere/agent")) as agent:
         assert wait_for_end(agent) == 127
-    assert agent.last_words() == "/nowhere/agent cannot be started: No such file or directory\n"
+    assert agent.output_tail() == "/nowhere/agent cannot be started: No such file or directory\n"
 
 
 def test_an_agent_that_will_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,8 +131,8 @@ def test_an_agent_that_will_not_end_is_ended(tmp_path: Path, monkeypatch: pytest
     code = "import signal; signal.signal(15, signal.SIG_IGN); open('ready', 'w').write('\\n')\nwhile True: signal.pause()"
     with open_agent(python(tmp_path, code)) as agent:
         wait_for_file(tmp_path / "ready")
-        assert agent.ended() is None
-    assert agent.ended() == -signal.SIGKILL
+        assert agent.exit_code() is None
+    assert agent.exit_code() == -signal.SIGKILL
 
 
 def test_an_agent_asked_to_end_may_do_so_itself(tmp_path: Path) -> None:
@@ -143,8 +143,8 @@ def test_an_agent_asked_to_end_may_do_so_itself(tmp_path: Path) -> None:
     )
     with open_agent(python(tmp_path, code)) as agent:
         wait_for_file(tmp_path / "ready")
-    assert agent.ended() == 0
-    assert agent.last_words() == "goodbye\n"
+    assert agent.exit_code() == 0
+    assert agent.output_tail() == "goodbye\n"
 
 
 def test_children_end_with_the_agent_wherever_they_went(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_an_endless_flood_does_not_hold_up_the_end(tmp_path: Path) -> None:
     code = "import os\nopen('ready', 'w').write('\\n')\nwhile True: os.write(2, b'x' * 65536)"
     with open_agent(python(tmp_path, code)) as agent:
         wait_for_file(tmp_path / "ready")
-    assert agent.ended() == -signal.SIGTERM
+    assert agent.exit_code() == -signal.SIGTERM
 
 
 def test_cpu_time_counts_the_agent_and_is_kept(tmp_path: Path) -> None:

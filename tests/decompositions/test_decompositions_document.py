@@ -153,7 +153,7 @@ def test_a_fault_is_named_with_its_node_and_line(good: dict[str, Any], change: A
     found = [fault for fault in faults(good, Vocabulary(UNITS)) if what in fault.what]
     assert found, f"no fault says {what!r}"
     assert any(where in fault.where for fault in found)
-    assert all(fault.where.startswith("small.yaml:") and fault.mend for fault in found)
+    assert all(fault.where.startswith("small.yaml:") and fault.remedy for fault in found)
 
 
 def test_all_faults_are_told_at_once(good: dict[str, Any]) -> None:
@@ -223,11 +223,11 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
     ]
     for where, what in expected:
         assert [one for one in told if one[0].startswith(where) and what in one[1]], (where, what)
-    assert all(fault.mend for fault in caught.value.faults)
+    assert all(fault.remedy for fault in caught.value.faults)
     lines = [int(where.split(":")[1]) for where, _ in told]
     assert lines == sorted(lines)
     skipped = next(fault for fault in caught.value.faults if "names VAB V-1" in fault.what)
-    assert "put a key attribute between them" in skipped.mend
+    assert "put a key attribute between them" in skipped.remedy
 
 
 @pytest.mark.parametrize(
@@ -248,7 +248,7 @@ def test_an_empty_document_says_so(text: str, what: str) -> None:
     (fault,) = caught.value.faults
     assert what in fault.what
     assert fault.where.startswith("empty.yaml")
-    assert fault.mend
+    assert fault.remedy
 
 
 def test_difficulties_that_are_given_need_no_tables(good: dict[str, Any]) -> None:

@@ -13,6 +13,7 @@ FLY = """
 import json, sys
 from pathlib import Path
 from bench.campaign import fly_realization
+from bench.campaign._overhead import fly_overhead
 from bench.contracts import plugins
 from bench.simspec import *
 from decompositions import read_decomposition
@@ -22,7 +23,8 @@ spec = SimSpec(name="outside", world=World(area=square, scene="outside_empty"), 
                agent=AgentSpec(manifest="outside_agent"))
 asked = read_decomposition(Path(sys.argv[1]).read_text())
 result = fly_realization(spec, asked, Path(sys.argv[2]), "outside")
-print(json.dumps({"outcome": result.outcome, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
+(predicted,) = fly_overhead([spec], ["outside"], asked)
+print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
 """
 
 DECOMPOSITION = """
@@ -47,8 +49,8 @@ observables:
 """
 
 
-def test_an_outside_package_joins_all_four_families(tmp_path: Path) -> None:
-    """Installed by pip into a folder of its own, its vehicle, scene, agent and measure are found and used in a session."""
+def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
+    """Installed by pip into a folder of its own, its plug-ins are found and used: all but the surrogate in a session, that beside it."""
     site = tmp_path / "site"
     install = [
         sys.executable,
@@ -73,3 +75,4 @@ def test_an_outside_package_joins_all_four_families(tmp_path: Path) -> None:
     result = json.loads(told.stdout)
     assert result["outcome"] == "completed", result["reason"]
     assert result["observations"] == [{"observable": "OBS-1", "considered": True, "x": 0.0, "evidence": []}]
+    assert result["predicted"] == result["observations"]

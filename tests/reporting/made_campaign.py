@@ -19,7 +19,6 @@ from bench.contracts import (
     TRUTH_ACTORS,
     TRUTH_CAST,
     TRUTH_ODOMETRY,
-    At,
     CastDocument,
     CastMember,
     Decision,
@@ -33,6 +32,7 @@ from bench.contracts import (
     SimTime,
     Tape,
     TargetReport,
+    Timed,
     VehicleTopics,
 )
 from bench.documents import Document
@@ -140,7 +140,7 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
     radar, truck = (-120.0, 40.0), (180.0, -40.0)
     placed: list[PlacedActor] = []
     for group in base.actors:
-        for index in range(group.members(base.world.area.area_m2)):
+        for index in range(group.member_count(base.world.area.area_m2)):
             east, north = {"radar": radar, "truck": truck}.get(group.id, (random.uniform(-290, 290), random.uniform(-115, 115)))
             if group.id == "close":
                 east, north = radar[0] + random.uniform(12, 30), radar[1] + random.uniform(-20, 20)
@@ -210,18 +210,18 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
         vehicle_velocity_enu_mps=np.gradient(position, 0.2, axis=0),
         actor_time_s=actor_times,
         actor_position_enu_m=ways,
-        reports=tuple(At(SimTime(round(one.time_s * 1e9)), one) for one in said),
-        decisions=tuple(At(SimTime(round(one.time_s * 1e9)), one) for one in decided),
+        reports=tuple(Timed(SimTime(round(one.time_s * 1e9)), one) for one in said),
+        decisions=tuple(Timed(SimTime(round(one.time_s * 1e9)), one) for one in decided),
         orders=(
-            At(SimTime(30 * 10**9), OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0)),
-            At(
+            Timed(SimTime(30 * 10**9), OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0)),
+            Timed(
                 SimTime(50 * 10**9), OrderDocument(id="there", kind="mark", issued_s=45.0, within_s=10.0, intelligence_id="first")
             ),
         ),
-        answers=(At(SimTime(52 * 10**9), OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)),),
+        answers=(Timed(SimTime(52 * 10**9), OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)),),
         operator_link=(
-            At(SimTime(int(40.2e9)), OperatorLinkDocument(up=False)),
-            At(SimTime(int(50.2e9)), OperatorLinkDocument(up=True)),
+            Timed(SimTime(int(40.2e9)), OperatorLinkDocument(up=False)),
+            Timed(SimTime(int(50.2e9)), OperatorLinkDocument(up=True)),
         ),
     )
 

@@ -200,7 +200,7 @@ def test_each_fault_has_its_line(text: str, line: int, what: str, rated: Decompo
     found = [fault for fault in told(text, rated) if what in fault.what]
     assert found, told(text, rated)
     assert found[0].where == f"t.csv:{line}"
-    assert found[0].mend
+    assert found[0].remedy
 
 
 def test_all_faults_come_at_once(given: Decomposition) -> None:

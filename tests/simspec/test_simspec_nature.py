@@ -192,4 +192,4 @@ def test_what_a_situation_asks_is_counted_once() -> None:
 def test_a_density_becomes_a_count_over_the_area() -> None:
     """313.3 per km2 over 0.15 km2 are 47 people."""
     spec = read_document(SPEC, SimSpec)
-    assert spec.group("people").members(spec.world.area.area_m2) == 47
+    assert spec.group("people").member_count(spec.world.area.area_m2) == 47

@@ -13,9 +13,9 @@ import pytest
 from scene_situations import hovering, situation
 from scipy import stats
 
-from bench.contracts import Detection, DetectionFrame, Frame, Sighting, SimTime
+from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, light_of
 from bench.simspec import ASSETS, Camera, DetectionModel, Environment, Perception, SimSpec
-from bench.simulation import DetectionOdds, cast_of, light_of, open_detector, open_plain_scene
+from bench.simulation import DetectionOdds, cast_of, open_detector, open_plain_scene
 
 PERIOD_NS = 200_000_000
 NOON = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
@@ -42,24 +42,24 @@ def spec(
     )
 
 
-def frame(number: int, actors: int, height_px: float = 18.0, range_m: float = 80.0, visible: float = 1.0) -> Frame:
+def frame(number: int, actors: int, height_px: float = 18.0, range_m: float = 80.0, visible: float = 1.0) -> CameraFrame:
     """Everybody alike, in rows of sixty boxes, so that an unjittered box tells whose it is."""
     boxes = ((20.0 * (one % 60), 14.0 * (one // 60)) for one in range(actors))
     seen = tuple(
         Sighting(one, range_m, height_px, visible, (left, top, left + 8.0, top + 8.0)) for one, (left, top) in enumerate(boxes)
     )
-    return Frame(number, "front", SimTime(number * PERIOD_NS), seen)
+    return CameraFrame(number, "front", SimTime(number * PERIOD_NS), seen)
 
 
 def actor_in(box: tuple[float, float, float, float]) -> int:
     return round(box[0] / 20.0) + 60 * round(box[1] / 14.0)
 
 
-def flown(simspec: SimSpec, frames: Sequence[Frame]) -> list[DetectionFrame]:
+def flown(simspec: SimSpec, frames: Sequence[CameraFrame]) -> list[DetectionFrame]:
     """All results of a detector that saw these frames."""
     detector = open_detector(simspec, cast_of(simspec))
     for one in frames:
-        detector.see(one)
+        detector.process(one)
     return list(detector.due(SimTime(10**15)))
 
 
@@ -232,8 +232,10 @@ def test_scores_fall_as_the_view_gets_worse() -> None:
 def test_boxes_are_jittered_as_stated_and_stay_inside_the_picture() -> None:
     """Edges scatter with the stated deviation; at the border boxes stay proper and inside."""
     simspec = spec(actors=1000, jitter_px=3.0)
-    wide = Frame(0, "front", SimTime(0), tuple(Sighting(one, 50.0, 400.0, 1.0, (100, 100, 300, 500)) for one in range(1000)))
-    tiny = Frame(0, "front", SimTime(0), tuple(Sighting(one, 50.0, 400.0, 1.0, (1279, 0, 1280, 1)) for one in range(1000)))
+    wide = CameraFrame(
+        0, "front", SimTime(0), tuple(Sighting(one, 50.0, 400.0, 1.0, (100, 100, 300, 500)) for one in range(1000))
+    )
+    tiny = CameraFrame(0, "front", SimTime(0), tuple(Sighting(one, 50.0, 400.0, 1.0, (1279, 0, 1280, 1)) for one in range(1000)))
     edges = np.array([one.box for one in flown(simspec, [wide])[0].detections])
     border = np.array([one.box for one in flown(simspec, [tiny])[0].detections])
 
@@ -248,7 +250,7 @@ def test_boxes_are_jittered_as_stated_and_stay_inside_the_picture() -> None:
 def test_false_detections_come_at_their_rate_unsure_and_never_twice() -> None:
     """With nobody in view, Poisson many per frame, low scores, labels of the catalogue, every track a new one."""
     simspec = spec(actors=1, false_per_frame=0.5)
-    results = flown(simspec, [Frame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)])
+    results = flown(simspec, [CameraFrame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)])
     false = [one for result in results for one in result.detections]
     low, high = stats.poisson.ppf([5e-10, 1.0 - 5e-10], 500.0)
 
@@ -263,7 +265,7 @@ def test_results_come_late_by_the_latency_in_order_and_once() -> None:
     simspec = spec(actors=2, latency_s=0.3)
     detector = open_detector(simspec, cast_of(simspec))
     for number in range(3):
-        detector.see(frame(number, 2 if number != 1 else 0, height_px=500.0))
+        detector.process(frame(number, 2 if number != 1 else 0, height_px=500.0))
 
     assert list(detector.due(SimTime(299_999_999))) == []
     (first,) = detector.due(SimTime(300_000_000))
@@ -280,7 +282,7 @@ def test_perfect_perception_is_perfect() -> None:
     detector = open_detector(simspec, cast_of(simspec))
     box = (10.0, 20.0, 30.0, 60.0)
     views = (Sighting(0, 900.0, 4.0, 0.2, box), Sighting(1, 10.0, 40.0, 0.19, box), Sighting(2, 10.0, 3.9, 1.0, box))
-    detector.see(Frame(0, "front", SimTime(5), views))
+    detector.process(CameraFrame(0, "front", SimTime(5), views))
 
     (result,) = detector.due(SimTime(5))
     assert result == DetectionFrame(SimTime(5), SimTime(5), (Detection("combatant", 1.0, box, "t1"),))
@@ -291,7 +293,8 @@ def test_a_track_is_kept_over_short_gaps_and_renewed_after_long_ones() -> None:
     simspec = spec(actors=1, mode="perfect")
     moments_s = [0.0, 0.2, 2.2, 4.3, 4.5]
     frames = [
-        Frame(number, "front", SimTime(round(moment * 1e9)), frame(0, 1).sightings) for number, moment in enumerate(moments_s)
+        CameraFrame(number, "front", SimTime(round(moment * 1e9)), frame(0, 1).sightings)
+        for number, moment in enumerate(moments_s)
     ]
 
     assert [one.detections[0].track for one in flown(simspec, frames)] == ["t1", "t1", "t1", "t2", "t2"]
@@ -306,7 +309,7 @@ def test_nothing_in_the_detections_tells_who_is_who() -> None:
     def said(order: Sequence[tuple[str, float, float, float]]) -> list[DetectionFrame]:
         simspec = situation(order, camera=Camera(tilt_deg=90.0), perception=Perception(mode="perfect"))
         scene = open_plain_scene(simspec)
-        return flown(simspec, [scene.look(hovering(0, 0, 40), 0), scene.look(hovering(20, 0, 40), 1)])
+        return flown(simspec, [scene.observe(hovering(0, 0, 40), 0), scene.observe(hovering(20, 0, 40), 1)])
 
     first, second = said(standing), said(shuffled)
     assert len(first[0].detections) > 5
@@ -325,7 +328,7 @@ def test_degraded_tracks_count_up_from_one_and_come_surest_first() -> None:
     """Only actors 40 to 49 are in view: tracks are t1, t2, ... in order of score."""
     simspec = spec(actors=50)
     view = frame(0, 50, height_px=300.0)
-    (result,) = flown(simspec, [Frame(0, "front", SimTime(0), view.sightings[40:])])
+    (result,) = flown(simspec, [CameraFrame(0, "front", SimTime(0), view.sightings[40:])])
     scores = [one.score for one in result.detections]
 
     assert [one.track for one in result.detections] == [f"t{number + 1}" for number in range(len(scores))]
@@ -345,12 +348,12 @@ def test_luck_does_not_depend_on_who_else_is_in_view() -> None:
     """An actor is detected in the same frames whether or not the others are there to be seen."""
     simspec = spec(actors=20)
     alone = [
-        Frame(number, "front", SimTime(number * PERIOD_NS), frame(number, 20).sightings[7:8] if number >= 10 else ())
+        CameraFrame(number, "front", SimTime(number * PERIOD_NS), frame(number, 20).sightings[7:8] if number >= 10 else ())
         for number in range(30)
     ]
     crowd = [frame(number, 20) for number in range(30)]
 
-    def scores(frames: list[Frame]) -> list[list[float]]:
+    def scores(frames: list[CameraFrame]) -> list[list[float]]:
         return [sorted(one.score for one in result.detections) for result in flown(simspec, frames)[10:]]
 
     assert any(scores(alone))
@@ -369,7 +372,7 @@ def test_fog_over_a_flown_scene_costs_detections() -> None:
         for number in range(20):
             now = SimTime(number * PERIOD_NS)
             scene.advance(now)
-            detector.see(scene.look(hovering(0.0, -60.0 + 2.0 * number, 60.0), number))
+            detector.process(scene.observe(hovering(0.0, -60.0 + 2.0 * number, 60.0), number))
         return sum(one.track != "" for result in detector.due(SimTime(10**12)) for one in result.detections)
 
     clear = seen(0.0, 0.0)

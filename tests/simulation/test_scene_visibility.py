@@ -21,7 +21,7 @@ LOW = hovering(0.0, 0.0, 1.5)
 def look(standing: list[Standing], state: VehicleState, camera: Camera | None = None) -> dict[int, Sighting]:
     """Sightings by actor."""
     scene = open_plain_scene(situation(standing, camera=camera or Camera()))
-    return {one.actor: one for one in scene.look(state, 0).sightings}
+    return {one.actor: one for one in scene.observe(state, 0).sightings}
 
 
 def corner_box(standing: Standing, state: VehicleState, camera: Camera) -> list[float]:
@@ -155,15 +155,15 @@ def test_an_empty_world_gives_empty_frames() -> None:
     scene = open_plain_scene(situation([]))
 
     assert scene.positions().shape == (0, 3)
-    assert scene.look(LOW, 3).sightings == ()
+    assert scene.observe(LOW, 3).sightings == ()
 
 
 def test_asking_changes_nothing() -> None:
     """Two looks from one place are equal; the frame carries its number, camera and moment."""
     scene = open_plain_scene(situation([("soldier", 0.0, 40.0, 0.0)], camera=LEVEL))
-    first = scene.look(LOW, 7)
+    first = scene.observe(LOW, 7)
 
-    assert first == scene.look(LOW, 7)
+    assert first == scene.observe(LOW, 7)
     assert (first.number, first.camera, first.exposed.ns) == (7, "front", 0)
 
 
@@ -173,7 +173,7 @@ def test_five_thousand_trees_in_one_picture_cost_seconds_at_most() -> None:
     wood: list[Standing] = [("tree", *rng.uniform(-500, 500, 2).tolist(), 0.0) for _ in range(5000)]
     scene = open_plain_scene(situation(wood, area=square(1000.0), camera=LEVEL))
     began = time.process_time()
-    frame = scene.look(hovering(0, -600, 20), 0)
+    frame = scene.observe(hovering(0, -600, 20), 0)
 
     assert len(frame.sightings) > 100
     assert time.process_time() - began < 10.0

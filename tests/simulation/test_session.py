@@ -301,9 +301,9 @@ def test_the_agent_is_told_every_rule() -> None:
 
 def test_truth_and_placement_stay_off_the_air() -> None:
     """No topic that an agent may read carries truth: the allow-list is made of the briefing's topics alone."""
-    from bench.simulation._air import open_air
+    from bench.simulation._air import open_air_network
 
     records: list[Record] = []
-    with open_air(situation(), records.append, zenoh=True) as air:
+    with open_air_network(situation(), records.append, zenoh=True) as air:
         topics = {outlet.topic for outlet in air._outlets}
     assert not any(topic.startswith(("/truth", "/session", "/mavlink")) for topic in topics)

@@ -26,8 +26,8 @@ from bench.streams import (
     AirAccess,
     AirPlan,
     Clock,
-    Node,
     Publisher,
+    RosNode,
     Router,
     String,
     Subscription,
@@ -70,7 +70,7 @@ class Bench:
 class Agent:
     """One permitted agent, used as a fence."""
 
-    def __init__(self, bench: Bench, node: Node) -> None:
+    def __init__(self, bench: Bench, node: RosNode) -> None:
         self.bench = bench
         self.node = node
         self.session: zenoh.Session = node._session

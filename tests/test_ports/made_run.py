@@ -17,13 +17,12 @@ from bench.contracts import (
     TRUTH_VIEW,
     AgentTrack,
     AgentTracks,
-    At,
+    CameraFrame,
     CastDocument,
     CastMember,
     Detection,
     DetectionFrame,
     EventDocument,
-    Frame,
     OperatorLinkDocument,
     OrderAnswer,
     OrderDocument,
@@ -33,6 +32,7 @@ from bench.contracts import (
     SimTime,
     Tape,
     TargetReport,
+    Timed,
     VehicleDocument,
     VehicleTopics,
     ViewDocument,
@@ -149,46 +149,46 @@ def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = 
     )
 
 
-def conditions(*changes: tuple[float, bool], crashed: bool = False) -> tuple[At[VehicleDocument], ...]:
+def conditions(*changes: tuple[float, bool], crashed: bool = False) -> tuple[Timed[VehicleDocument], ...]:
     """Landed or not from each moment on."""
     plain = {"armed": True, "mode": "offboard", "battery_fraction": 0.9}
-    return tuple(At(at_s(time_s), VehicleDocument(landed=landed, crashed=crashed, **plain)) for time_s, landed in changes)
+    return tuple(Timed(at_s(time_s), VehicleDocument(landed=landed, crashed=crashed, **plain)) for time_s, landed in changes)
 
 
-def report(time_s: float, label: str, east_m: float, north_m: float, **more: Any) -> At[TargetReport]:
+def report(time_s: float, label: str, east_m: float, north_m: float, **more: Any) -> Timed[TargetReport]:
     fields = {"id": f"r{time_s:g}", "confidence": 0.9, "mark": False, **more}
-    return At(at_s(time_s), TargetReport(time_s=time_s, class_label=label, east_m=east_m, north_m=north_m, **fields))
+    return Timed(at_s(time_s), TargetReport(time_s=time_s, class_label=label, east_m=east_m, north_m=north_m, **fields))
 
 
-def tracks(time_s: float, *held: tuple[str, float, float], frames: int = 8) -> At[AgentTracks]:
+def tracks(time_s: float, *held: tuple[str, float, float], frames: int = 8) -> Timed[AgentTracks]:
     made = [
         AgentTrack(id=f"t{index}", class_label=label, east_m=east_m, north_m=north_m, confidence=0.8, frames=frames)
         for index, (label, east_m, north_m) in enumerate(held)
     ]
-    return At(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(made)))
+    return Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(made)))
 
 
-def order(time_s: float, kind: str, **more: Any) -> At[OrderDocument]:
+def order(time_s: float, kind: str, **more: Any) -> Timed[OrderDocument]:
     """An order delivered at `time_s`, and given then unless `issued_s` says otherwise; its id is its kind, or as given."""
     fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **more}
-    return At(at_s(time_s), OrderDocument.model_validate(fields))
+    return Timed(at_s(time_s), OrderDocument.model_validate(fields))
 
 
-def answer(time_s: float, order_id: str, *, accepted: bool = True, reason: str = "") -> At[OrderAnswer]:
-    return At(at_s(time_s), OrderAnswer(time_s=time_s, order=order_id, accepted=accepted, reason=reason))
+def answer(time_s: float, order_id: str, *, accepted: bool = True, reason: str = "") -> Timed[OrderAnswer]:
+    return Timed(at_s(time_s), OrderAnswer(time_s=time_s, order=order_id, accepted=accepted, reason=reason))
 
 
-def link(*changes: tuple[float, bool]) -> tuple[At[OperatorLinkDocument], ...]:
+def link(*changes: tuple[float, bool]) -> tuple[Timed[OperatorLinkDocument], ...]:
     """The operator's link up or down from each moment on."""
-    return tuple(At(at_s(time_s), OperatorLinkDocument(up=up)) for time_s, up in changes)
+    return tuple(Timed(at_s(time_s), OperatorLinkDocument(up=up)) for time_s, up in changes)
 
 
 BOX = (600.0, 300.0, 640.0, 380.0)
 
 
-def frame(number: int, time_s: float, *actors: int, height_px: float = 80.0, visible: float = 1.0) -> Frame:
+def frame(number: int, time_s: float, *actors: int, height_px: float = 80.0, visible: float = 1.0) -> CameraFrame:
     seen = tuple(Sighting(actor, 60.0, height_px, visible, BOX) for actor in actors)
-    return Frame(number, "front", at_s(time_s), seen)
+    return CameraFrame(number, "front", at_s(time_s), seen)
 
 
 def detected(time_s: float, *labels: str, score: float = 0.9, box: tuple[float, float, float, float] = BOX) -> DetectionFrame:

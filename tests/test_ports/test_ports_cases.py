@@ -9,7 +9,7 @@ import numpy as np
 from cases import Run, recorded
 from made_run import answer, at_s, detected, frame, link, order, report, simspec, tape, tracks
 
-from test_ports.measures._flight import Flight
+from test_ports.ground_truth._flown_track import Flight
 
 
 def test_a_made_run_comes_back_as_it_was(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from test_ports.measures import (
     slow_near_bystanders,
     standoff_kept,
 )
-from test_ports.measures._compliance import beyond
+from test_ports.safety.limits import beyond
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:

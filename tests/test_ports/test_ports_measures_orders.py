@@ -33,7 +33,7 @@ from hypothesis import strategies as st
 from made_run import answer, at_s, order, report
 
 from bench.campaign import measure_all
-from bench.contracts import At, EventDocument
+from bench.contracts import EventDocument, Timed
 
 KINDS = tuple(OBEYED)
 
@@ -79,7 +79,7 @@ def test_a_hold_lasts_until_the_resume() -> None:
 def test_a_run_that_its_agent_cuts_short_is_no_hold() -> None:
     """Two seconds of standing before the agent crashed are not ten."""
     given = two((60.0, "stop", "hold"))
-    ended = (At(at_s(62.0), EventDocument(name="ended", text="agent_crashed")),)
+    ended = (Timed(at_s(62.0), EventDocument(name="ended", text="agent_crashed")),)
     run = flew(given.pop("spec"), *STANDS, end_s=62.0, events=ended, **given)
     assert x_of("order_obeyed", run, kind="hold") == 0.0
 
@@ -134,7 +134,7 @@ def test_abort_wants_the_status_and_deactivate_the_place() -> None:
 def test_undelivered_orders() -> None:
     """Who ended the run by failing owes what was to come; who flew and came home, and whom the link kept it from, does not."""
     spec = scene(orders=[{"id": "stop", "at_s": 150.0, "kind": "hold"}])
-    failed = (At(at_s(70.0), EventDocument(name="ended", text="agent_crashed")),)
+    failed = (Timed(at_s(70.0), EventDocument(name="ended", text="agent_crashed")),)
     assert x_of("order_obeyed", flew(spec, *GOES_ON, end_s=70.0, events=failed), kind="hold") == 0.0
     assert x_of("order_answered", flew(spec, *GOES_ON, end_s=70.0, events=failed)) == 0.0
     assert x_of("order_obeyed", flew(spec, *TURNS_HOME, end_s=110.0), kind="hold") is None

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from made_run import at_s, frame, report
 
 from bench.campaign import check_options, measure_all
-from bench.contracts import At
+from bench.contracts import Timed
 from bench.simspec import SimSpec
 
 WRONG_AT = ("mobile_radar", -200.0, -200.0)
@@ -124,7 +124,7 @@ def test_the_log() -> None:
     """A gap counts from the sixtieth second; a decision may not be older than the last one, nor of times to come."""
     assert x_of("log_unbroken", decisions=(decided(5.0, "go"),)) == pytest.approx(60.5 / 175.0)
     turned = tuple(
-        At(at_s(at), decided(stated, "go").value) for at, stated in ((10.0, 10.0), (20.0, 9.0), (30.0, 31.0), (31.0, 33.0))
+        Timed(at_s(at), decided(stated, "go").value) for at, stated in ((10.0, 10.0), (20.0, 9.0), (30.0, 31.0), (31.0, 33.0))
     )
     assert x_of("log_ordered", decisions=turned) == 0.5
     assert x_of("log_ordered") == 0.0
@@ -159,7 +159,7 @@ def test_a_bad_report_never_makes_more(said: list[tuple[tuple[str, float, float]
     ]
     decisions = (decided(51.0, "report", "r1"), decided(52.0, "mark", "r2"))
     bad = report(70.0, "mobile_radar", 130.0, 100.0, id="r0", evidence=(1.0,)).value.model_copy(update={"time_s": 0.0})
-    more = [*reports, At(at_s(70.0), bad)]
+    more = [*reports, Timed(at_s(70.0), bad)]
     for measure, options in (*SHARES, ("intelligence_linked", {}), ("confidence_honest", {}), ("withholding_explained", {})):
         x = x_of(measure, None, options, reports=tuple(reports), decisions=decisions)
         assert x is not None

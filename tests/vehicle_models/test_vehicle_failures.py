@@ -13,7 +13,7 @@ from bench.contracts import SESSION_EVENTS, Record
 from bench.errors import SetupError
 from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene
-from bench.simulation._truth import Truth
+from bench.simulation._truth import TruthRecorder
 
 Make = Callable[..., Client]
 
@@ -148,7 +148,7 @@ def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> N
     """Truth writes an event at the sample after a failure and after its end, and the recording of others stays as it was."""
     records: list[Record] = []
     client = make(failing({"at_s": 2.0, "kind": "gps_off", "duration_s": 1.0}))
-    truth, scene = Truth("vehicle_1", records.append), open_plain_scene(client_spec())
+    truth, scene = TruthRecorder("vehicle_1", records.append), open_plain_scene(client_spec())
     for _ in range(4):
         client.fly(0.7)
         truth.sample(client.vehicle.time, client.vehicle, scene)

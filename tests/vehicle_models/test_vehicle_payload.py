@@ -175,7 +175,7 @@ def expose(client: Client, frames: range) -> None:
     assert isinstance(client.vehicle, CarriesCamera)
     for frame in frames:
         client.fly(0.2)
-        client.vehicle.exposed(frame, client.vehicle.time)
+        client.vehicle.record_exposure(frame, client.vehicle.time)
     client.fly(0.02)
 
 
@@ -378,7 +378,7 @@ def test_by_itself_the_vehicle_tells_truth_and_its_camera_takes_pictures() -> No
         exposed: list[float] = []
 
         class Counting:
-            def exposed(self, frame: int, time: SimTime) -> None:
+            def record_exposure(self, frame: int, time: SimTime) -> None:
                 exposed.append(time.s)
 
         shutter = Shutter(Counting(), 5.0)

@@ -169,10 +169,10 @@ class Controller:
         if payload.break_part:
             self._services.append(FailureInjection(board, payload.break_part))
 
-    def exposed(self, frame: int) -> None:
+    def record_exposure(self, frame: int) -> None:
         """The scene has made a frame of the vehicle's camera."""
         if self._camera:
-            self._camera.exposed(frame)
+            self._camera.record_exposure(frame)
 
     def receive(self) -> None:
         """Move what waits in the sockets to the inboxes."""

@@ -35,10 +35,10 @@ UNITS = {
 class PathFault(Exception):
     """A path that leads nowhere: what is wrong, and what would be right."""
 
-    def __init__(self, what: str, mend: str) -> None:
+    def __init__(self, what: str, remedy: str) -> None:
         super().__init__(what)
         self.what = what
-        self.mend = mend
+        self.remedy = remedy
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,9 @@ from bench.simspec import (
     Distance,
     Near,
     PlacedActor,
+    PlaceReference,
     Polygon,
     Realized,
-    Seen,
     Sight,
     SimSpec,
 )
@@ -83,7 +83,7 @@ def _counts(simspec: SimSpec, realized: Realized) -> Iterator[Fault]:
 def _wanted_count(simspec: SimSpec, group: ActorGroup) -> tuple[int, int]:
     if isinstance(group.count, CountRange):
         return group.count.low, group.count.high
-    return (group.members(simspec.world.area.area_m2),) * 2
+    return (group.member_count(simspec.world.area.area_m2),) * 2
 
 
 Outlines = dict[str, shapely.Polygon]
@@ -287,7 +287,7 @@ def _in_band(distance: Distance, found_m: float) -> bool:
 Spot = tuple[float, float]
 
 
-def _seen(seen: Seen, members: Members) -> list[Spot]:
+def _seen(seen: PlaceReference, members: Members) -> list[Spot]:
     """The point, or all members, the first one first."""
     if seen.point is not None:
         return [(seen.point.east_m, seen.point.north_m)]
@@ -314,7 +314,7 @@ def _along(simspec: SimSpec, actor: PlacedActor, along: Along, outlines: Outline
     if along.where == "on" and not covered.buffer(SLACK_M).covers(outline):
         yield Fault(where, f"does not stand on road {road.id!r}", "keep the whole footprint on it")
     if along.where == "beside" and not (gap > 0.0 and along.at_least_m - SLACK_M <= gap <= along.within_m + SLACK_M):
-        yield Fault(where, f"is {gap:.3f} m from road {road.id!r}", f"stand off it, {along.gap}")
+        yield Fault(where, f"is {gap:.3f} m from road {road.id!r}", f"stand off it, {along.gap_text}")
     if along.parallel_deg is not None:
         spot = shapely.Point(actor.east_m, actor.north_m)
         pieces = [shapely.LineString(pair) for pair in itertools.pairwise(line.coords)]

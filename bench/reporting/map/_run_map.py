@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import At, Decision, Tape, TargetReport
+from bench.contracts import Decision, Tape, TargetReport, Timed
 from bench.simspec import Polygon, Role, SimSpec
 
 from .._campaign_data import Run
@@ -183,7 +183,7 @@ def _rounded(way: NDArray[np.float64]) -> Track:
     return tuple((round(float(east), 1), round(float(north), 1)) for east, north in way)
 
 
-def _report(said: At[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
+def _report(said: Timed[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
     report = said.value
     there = tape.actors_at(said.time.s)[:, :2]
     cast = tape.cast if len(tape.actor_time_s) else ()  # without positions nobody can be placed
@@ -217,5 +217,5 @@ def _nearest(there: NDArray[np.float64], among: Sequence[int], place: NDArray[np
     return (min(distances)[1], min(distances)[0]) if distances else None
 
 
-def _decision(said: At[Decision]) -> tuple[float, str, str, str]:
+def _decision(said: Timed[Decision]) -> tuple[float, str, str, str]:
     return (round(said.time.s, 2), said.value.action, said.value.subject, said.value.reason)

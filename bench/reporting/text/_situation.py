@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bench.simspec import ActorGroup, CountRange, Motion, Placement, Point, Rules, Seen, SimSpec
+from bench.simspec import ActorGroup, CountRange, Motion, Placement, PlaceReference, Point, Rules, SimSpec
 
 
 def group_text(group: ActorGroup, area_m2: float) -> str:
     """How many, what, where, how they move."""
     stated = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
-    drawn = f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.members(area_m2)}"
+    drawn = (
+        f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.member_count(area_m2)}"
+    )
     said = [f"{drawn} {group.asset}{stated}", group.role.value, *_distances(group.placement), *_places(group.placement)]
     said += [f"concealment {group.concealment:g}"] if group.concealment else []
     return ", ".join([*said, *_motion(group.motion)])
@@ -37,7 +39,9 @@ def _places(place: Placement) -> Iterator[str]:
     if place.inside:
         yield f"inside {place.inside.area or place.inside.of}"
     if place.along:
-        yield f"on {place.along.road}" if place.along.where == "on" else f"beside {place.along.road}, {place.along.gap} off it"
+        yield (
+            f"on {place.along.road}" if place.along.where == "on" else f"beside {place.along.road}, {place.along.gap_text} off it"
+        )
     if place.between and place.between.first == place.between.second:
         yield f"between two of {place.between.first}"
     elif place.between:
@@ -56,7 +60,7 @@ def _places(place: Placement) -> Iterator[str]:
         yield f"{place.spread_m:g} m apart or more"
 
 
-def _whom(seen: Seen) -> str:
+def _whom(seen: PlaceReference) -> str:
     return seen.of if seen.of is not None else _point(seen.point)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from made_run import answer, at_s, order, report, tape
 
-from bench.contracts import AgentStatus, At, Decision, Option, VehicleDocument
+from bench.contracts import AgentStatus, Decision, Option, Timed, VehicleDocument
 from bench.simspec import SimSpec
 from cases import Cases, CasesOf, Run, scene
 from cases.bystanders import RADAR_AT
@@ -44,17 +44,17 @@ def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> R
     return Run(spec, made)
 
 
-def state(time_s: float, *, landed: bool = False, armed: bool | None = None, **more: Any) -> At[VehicleDocument]:
+def state(time_s: float, *, landed: bool = False, armed: bool | None = None, **more: Any) -> Timed[VehicleDocument]:
     fields = {"armed": not landed if armed is None else armed, "mode": "OFFBOARD", "battery_fraction": 0.9, **more}
-    return At(at_s(time_s), VehicleDocument(landed=landed, crashed=False, **fields))
+    return Timed(at_s(time_s), VehicleDocument(landed=landed, crashed=False, **fields))
 
 
-def phases(*entered: tuple[float, str]) -> tuple[At[AgentStatus], ...]:
-    return tuple(At(at_s(at), AgentStatus.model_validate({"time_s": at, "phase": phase})) for at, phase in entered)
+def phases(*entered: tuple[float, str]) -> tuple[Timed[AgentStatus], ...]:
+    return tuple(Timed(at_s(at), AgentStatus.model_validate({"time_s": at, "phase": phase})) for at, phase in entered)
 
 
-def decided(time_s: float, action: str, subject: str = "", reason: str = "because it was so", **more: Any) -> At[Decision]:
-    return At(
+def decided(time_s: float, action: str, subject: str = "", reason: str = "because it was so", **more: Any) -> Timed[Decision]:
+    return Timed(
         at_s(time_s), Decision.model_validate({"time_s": time_s, "action": action, "subject": subject, "reason": reason, **more})
     )
 
@@ -190,7 +190,7 @@ def _failsafe_honoured(options: Mapping[str, Option]) -> Cases:
     return Cases(left_alone, retaken, flew(spec, *GOES_ON))
 
 
-def _states(good: tuple[At[AgentStatus], ...], bad: tuple[At[AgentStatus], ...]) -> CasesOf:
+def _states(good: tuple[Timed[AgentStatus], ...], bad: tuple[Timed[AgentStatus], ...]) -> CasesOf:
     def cases(options: Mapping[str, Option]) -> Cases:
         return Cases(flew(scene(), *GOES_ON, status=good), flew(scene(), *GOES_ON, status=bad), None)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from made_run import BOX, at_s, cast, tape
 
-from bench.contracts import Detection, DetectionFrame, Frame, Option, Sighting
+from bench.contracts import CameraFrame, Detection, DetectionFrame, Option, Sighting
 from bench.simspec import SimSpec
 from cases import Cases, CasesOf, Run, scene
 
@@ -28,7 +28,7 @@ def looked_at(spec: SimSpec, actors: Iterable[int], options: Mapping[str, Any], 
         for turn, actor in enumerate(actors):
             exposed = at_s(time_s + 0.1 * turn)
             sighting = Sighting(actor, max(60.0, options["min_range_m"] + 5.0), options["min_height_px"] + 20.0, visible, BOX)
-            frames.append(Frame(100 * number + turn, "front", exposed, (sighting,)))
+            frames.append(CameraFrame(100 * number + turn, "front", exposed, (sighting,)))
             label = labels.get(actor)
             found = (Detection(label, 0.9, BOX, "t1"),) if label else ()
             detections.append(DetectionFrame(exposed, exposed.after(0.1), found))

@@ -7,12 +7,12 @@ from typing import Any
 
 from made_run import answer, at_s, order, report
 
-from bench.contracts import AgentStatus, At, Decision, EventDocument, Option
+from bench.contracts import AgentStatus, Decision, EventDocument, Option, Timed
 from cases import Cases, CasesOf, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.flown import END_S
 from cases.mission import OVER_BOTH, Stop, went
-from test_ports.measures._faults import WORDS
+from test_ports.ground_truth._faults import WORDS
 
 ONSET_S, MENDED_S = 40.0, 70.0
 _MORE: dict[str, dict[str, Any]] = {
@@ -24,16 +24,16 @@ GONE: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (ONSET_S, 0.0, 0.0), (180.0, 900.0, 0
 HOVERS: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (30.0, 0.0, -200.0), (170.0, 0.0, -200.0), (180.0, 0.0, 0.0))
 
 
-def ended(outcome: str) -> tuple[At[EventDocument], ...]:
-    return (At(at_s(END_S), EventDocument(name="ended", text=outcome)),)
+def ended(outcome: str) -> tuple[Timed[EventDocument], ...]:
+    return (Timed(at_s(END_S), EventDocument(name="ended", text=outcome)),)
 
 
-def statuses(*moments_s: float, phase: str = "searching") -> tuple[At[AgentStatus], ...]:
-    return tuple(At(at_s(one), AgentStatus.model_validate({"time_s": one, "phase": phase})) for one in moments_s)
+def statuses(*moments_s: float, phase: str = "searching") -> tuple[Timed[AgentStatus], ...]:
+    return tuple(Timed(at_s(one), AgentStatus.model_validate({"time_s": one, "phase": phase})) for one in moments_s)
 
 
-def decided(time_s: float, action: str, subject: str, reason: str = "because it was so") -> At[Decision]:
-    return At(at_s(time_s), Decision(time_s=time_s, action=action, subject=subject, reason=reason))
+def decided(time_s: float, action: str, subject: str, reason: str = "because it was so") -> Timed[Decision]:
+    return Timed(at_s(time_s), Decision(time_s=time_s, action=action, subject=subject, reason=reason))
 
 
 def fault(kind: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from made_run import answer, at_s, frame, report, tracks
 
-from bench.contracts import At, Option
+from bench.contracts import Option, Timed
 from cases import Cases, CasesOf, Run, scene
 from cases.bystanders import RADAR_AT
 from cases.orders import GOES_ON, NAME, ORDERED_S, decided, flew, ordered, phases
@@ -102,14 +102,14 @@ def _reasons_given(options: Mapping[str, Option]) -> Cases:
 def _times_consistent(options: Mapping[str, Option]) -> Cases:
     of, off_s = str(options["of"]), float(options.get("tolerance_s", 1.0)) + 1.0
 
-    def stale(time_s: float) -> At[Any]:
+    def stale(time_s: float) -> Timed[Any]:
         word = _word(of, time_s, "")
-        return At(word.time, word.value.model_copy(update={"time_s": time_s - off_s}))
+        return Timed(word.time, word.value.model_copy(update={"time_s": time_s - off_s}))
 
     return _stream(of, lambda time_s: _word(of, time_s, ""), stale)
 
 
-def _stream(of: str, good: Callable[[float], At[Any]], bad: Callable[[float], At[Any]]) -> Cases:
+def _stream(of: str, good: Callable[[float], Timed[Any]], bad: Callable[[float], Timed[Any]]) -> Cases:
     """A run in which such words are good, one in which they are bad, and one in which none is asked for."""
     spec, delivered = ordered("hold")
     runs = [flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (good, bad)]
@@ -117,7 +117,7 @@ def _stream(of: str, good: Callable[[float], At[Any]], bad: Callable[[float], At
     return Cases(runs[0], runs[1], nothing)
 
 
-def _word(of: str, time_s: float, reason: str) -> At[Any]:
+def _word(of: str, time_s: float, reason: str) -> Timed[Any]:
     if of == "reports":
         return report(time_s, *RADAR_AT, reason=reason)
     if of == "answers":
@@ -127,7 +127,7 @@ def _word(of: str, time_s: float, reason: str) -> At[Any]:
     return tracks(time_s) if of == "tracks" else phases((time_s, "searching"))[0]
 
 
-def _log(good: tuple[At[Any], ...], bad: tuple[At[Any], ...]) -> CasesOf:
+def _log(good: tuple[Timed[Any], ...], bad: tuple[Timed[Any], ...]) -> CasesOf:
     return lambda options: Cases(_ran(decisions=good), _ran(decisions=bad), None)
 
 
@@ -137,7 +137,7 @@ def _log_unbroken(options: Mapping[str, Option]) -> Cases:
     return _log(often, (decided(179.0, "return"),))(options)
 
 
-AHEAD = tuple(At(at_s(moment_s), decided(moment_s + 5.0, "go").value) for moment_s in (10.0, 20.0, 30.0))
+AHEAD = tuple(Timed(at_s(moment_s), decided(moment_s + 5.0, "go").value) for moment_s in (10.0, 20.0, 30.0))
 
 
 def _ids_unique(options: Mapping[str, Option]) -> Cases:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from made_run import at_s, cast, tape
 
-from bench.contracts import AgentTrack, AgentTracks, At, Option
+from bench.contracts import AgentTrack, AgentTracks, Option, Timed
 from bench.simspec import SimSpec
 from cases import Cases, CasesOf, Run, scene
 from cases.perception import actors_of
@@ -24,7 +24,7 @@ def pictured(spec: SimSpec, *messages: Sequence[Held], confidence: float = 1.0, 
             AgentTrack(id=name, class_label=label, east_m=east_m, north_m=north_m, confidence=confidence, frames=20)
             for name, label, east_m, north_m in messages[index % len(messages)]
         )
-        said.append(At(at_s(time_s), AgentTracks(time_s=time_s, tracks=tracks)))
+        said.append(Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tracks)))
     return Run(spec, tape(spec, tracks=tuple(said)))
 
 

@@ -464,9 +464,9 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
             except SetupError as error:
                 faults += error.faults
             except OSError as error:
-                mend = "choose a free port and an address of this machine"
+                remedy = "choose a free port and an address of this machine"
                 where = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
-                faults.append(Fault(f"link {spec.name}", f"{where} cannot be opened: {error.strerror}", mend))
+                faults.append(Fault(f"link {spec.name}", f"{where} cannot be opened: {error.strerror}", remedy))
             else:
                 stack.callback(link.close)
                 links.append(link)

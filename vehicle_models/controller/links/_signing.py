@@ -100,6 +100,6 @@ def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
     except ValueError:
         key = b""
     if len(keys) > 1 or len(key) != 32:
-        mend = "give 64 hexadecimal digits, the same for all links"
-        raise SetupError(Fault("signing_key", "it is not a key of 32 bytes", mend))
+        remedy = "give 64 hexadecimal digits, the same for all links"
+        raise SetupError(Fault("signing_key", "it is not a key of 32 bytes", remedy))
     return Signing(key, any(link.signing == "require" for link in links), now_us)

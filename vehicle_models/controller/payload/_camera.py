@@ -85,7 +85,7 @@ class CameraComponent:
             self._taken_at = self._place()
             self.shoot()
 
-    def exposed(self, frame: int) -> None:
+    def record_exposure(self, frame: int) -> None:
         """The scene has exposed a frame: a picture, when one is due."""
         series, now = self._series, self._board.flight.time_ns
         due = series is not None and (series.due_ns is None or now >= series.due_ns)

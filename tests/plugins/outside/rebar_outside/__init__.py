@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bench.contracts import Observation, Option, Tape
+from bench.contracts import MeasureRequest, Observation, Option, Prediction, Tape
+from bench.errors import Fault
 from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene as open_scene  # noqa: F401
 from bench.testing import open_still_vehicle as open_vehicle  # noqa: F401
@@ -20,3 +21,17 @@ def highest_share(observable: str, tape: Tape, simspec: SimSpec, options: Mappin
 def manifest() -> Path:
     """Where the agent's manifest lies."""
     return Path(__file__).with_name("agent.yaml")
+
+
+class StaysOnTheGround:
+    """The agent's surrogate: it never takes off, whatever is measured."""
+
+    def unfit(self, simspec: SimSpec) -> Sequence[Fault]:
+        return []
+
+    def predict(self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]) -> Sequence[Prediction]:
+        observations = tuple(Observation(observable=name, considered=True, x=0.0) for name in measures)
+        return [Prediction(simspec.mission.time_limit_s, observations) for simspec in simspecs]
+
+
+surrogate = StaysOnTheGround()

@@ -1,0 +1,257 @@
+"""`make mutants`: plant single faults in the code that scores rest on, and count how many the tests notice.
+
+Cosmic Ray makes the mutants. This script draws a seeded sample, stratified over the areas below, runs the tests of the
+area on each mutant in a copy of the checkout, and prints the share that was killed and every survivor with its change.
+docs/mutants.md holds the last result and a reason for each survivor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import queue
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import parso
+from cosmic_ray.ast import ast_nodes
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator, operator_names
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Files to mutate, and the tests that must notice. An area gets its share of the sample by its number of mutable places.
+AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "scoring": (("bench/scoring/*.py",), ("tests/scoring",)),
+    "statistics": (("bench/statistics/*.py",), ("tests/statistics", "tests/scoring")),
+    "campaign": (("bench/campaign/**/*.py",), ("tests/campaign",)),
+    "failsafes and fence": (
+        ("vehicle_models/controller/safety/*.py",),
+        ("tests/vehicle_models/test_vehicle_failsafes.py", "tests/vehicle_models/test_vehicle_fence.py"),
+    ),
+    "measures": (("test_ports/**/*.py",), ("tests/test_ports",)),
+    "placement judge": (("bench/realization/placement/_check.py",), ("tests/realization",)),
+}
+
+# Cosmic Ray also turns `+` into `<<` or `<` into `is`: such mutants raise at once, and killing them proves nothing.
+OPERATORS = (
+    "ReplaceBinaryOperator_Add_Sub",
+    "ReplaceBinaryOperator_Sub_Add",
+    "ReplaceBinaryOperator_Mul_Div",
+    "ReplaceBinaryOperator_Div_Mul",
+    "ReplaceBinaryOperator_BitAnd_BitOr",
+    "ReplaceBinaryOperator_BitOr_BitAnd",
+    "ReplaceAndWithOr",
+    "ReplaceOrWithAnd",
+    "ReplaceTrueWithFalse",
+    "ReplaceFalseWithTrue",
+    "ReplaceBreakWithContinue",
+    "ReplaceContinueWithBreak",
+    "ReplaceUnaryOperator_Delete_Not",
+    "ReplaceUnaryOperator_Delete_USub",
+    "NumberReplacer",
+    "AddNot",
+    "ZeroIterationForLoop",
+)
+COMPARISONS = ("Eq", "NotEq", "Lt", "LtE", "Gt", "GtE")
+
+# The tests of a mutant may take this many times as long as those of the sound code, so that a busy host kills nothing.
+TIMEOUT_FACTOR = 8.0
+LEAST_TIMEOUT_S = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """One change at one place of one file."""
+
+    area: str
+    path: str
+    operator: str
+    occurrence: int
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the tests of the mutant's area did: `killed`, `timeout` (also a kill) or `survived`."""
+
+    mutant: Mutant
+    outcome: str
+    before: str
+    after: str
+    seconds: float
+
+
+def operators() -> list[str]:
+    """Full names of the operators used."""
+    wanted = {*OPERATORS, *(f"ReplaceComparisonOperator_{a}_{b}" for a in COMPARISONS for b in COMPARISONS if a != b)}
+    return sorted(name for name in operator_names() if name.rpartition("/")[2] in wanted)
+
+
+def annotation_spans(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Begin and end (line, column) of every annotation: under `from __future__ import annotations` they are not evaluated."""
+    spans = []
+    for node in ast.walk(ast.parse(source)):
+        for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None)):
+            if isinstance(annotation, ast.expr):
+                begin = (annotation.lineno, annotation.col_offset)
+                end = (annotation.end_lineno or annotation.lineno, annotation.end_col_offset or 0)
+                spans.append((begin, end))
+    return spans
+
+
+def mutants_of(area: str, path: str, names: Sequence[str]) -> Iterator[Mutant]:
+    """Every mutant of a file, in the order of operators and places."""
+    source = (ROOT / path).read_text(encoding="utf-8")
+    spans = annotation_spans(source)
+    tree = parso.parse(source)
+    for name in names:
+        operator = get_operator(name)()
+        occurrence = 0
+        for node in ast_nodes(tree):
+            for begin, _ in operator.mutation_positions(node):
+                if not any(low <= begin < high for low, high in spans):
+                    yield Mutant(area, path, name, occurrence, *begin)
+                occurrence += 1
+
+
+def drawn(count: int, seed: int, chosen: Iterable[str]) -> list[Mutant]:
+    """The sample: areas weigh by their number of places, every place is drawn at most once, with one of its changes."""
+    generator = random.Random(seed)
+    names = operators()
+    places: dict[str, dict[tuple[str, int, int], list[Mutant]]] = {}
+    for area in chosen:
+        files = sorted({path for pattern in AREAS[area][0] for path in ROOT.glob(pattern)})
+        found: dict[tuple[str, int, int], list[Mutant]] = {}
+        for path in files:
+            for mutant in mutants_of(area, str(path.relative_to(ROOT)), names):
+                found.setdefault((mutant.path, mutant.line, mutant.column), []).append(mutant)
+        places[area] = found
+    every_place = [(area, place) for area in places for place in sorted(places[area])]
+    sample = generator.sample(every_place, min(count, len(every_place)))
+    return [generator.choice(places[area][place]) for area, place in sample]
+
+
+def copy_of_checkout(folder: Path) -> Path:
+    """The files that git knows or would add, in a folder of their own: the working tree itself is never touched."""
+    listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    for name in subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout.split("\0"):
+        if name and (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, folder / name)
+    return folder
+
+
+def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
+    """`survived` when all tests pass, `killed` when one fails, `timeout` when they take too long."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not clients and not slow", *tests]
+    # A session of its own, so that a mutant that loops is ended with everything that it started.
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    try:
+        return "survived" if process.wait(timeout_s) == 0 else "killed"
+    except subprocess.TimeoutExpired:
+        return "timeout"
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, 9)
+            process.wait()
+
+
+def try_mutant(folder: Path, mutant: Mutant, timeout_s: float) -> Verdict:
+    """Plant the fault, run the tests, put the file back."""
+    path = folder / mutant.path
+    source = path.read_text(encoding="utf-8")
+    changed = mutate_code(source, get_operator(mutant.operator)(), mutant.occurrence)
+    if changed is None:
+        raise AssertionError(f"{mutant} changes nothing")
+    began = time.monotonic()
+    path.write_text(changed, encoding="utf-8")
+    try:
+        outcome = run_tests(folder, AREAS[mutant.area][1], timeout_s)
+    finally:
+        path.write_text(source, encoding="utf-8")
+    pairs = zip(source.splitlines(), changed.splitlines(), strict=False)
+    before, after = next(((a.strip(), b.strip()) for a, b in pairs if a != b), ("", ""))
+    return Verdict(mutant, outcome, before, after, time.monotonic() - began)
+
+
+def run_sample(sample: Sequence[Mutant], workers: int, results: Path) -> list[Verdict]:
+    """Try every mutant, `workers` at a time, each worker in a copy of the checkout of its own."""
+    todo: queue.SimpleQueue[Mutant] = queue.SimpleQueue()
+    for mutant in sample:
+        todo.put(mutant)
+    verdicts: list[Verdict] = []
+    limits: dict[str, float] = {}
+    lock = threading.Lock()
+
+    def work(folder: Path) -> None:
+        while True:
+            try:
+                mutant = todo.get_nowait()
+            except queue.Empty:
+                return
+            verdict = try_mutant(folder, mutant, limits[mutant.area])
+            with lock:
+                verdicts.append(verdict)
+                place = f"{mutant.path}:{mutant.line}"
+                print(f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {place:60} {verdict.after[:60]}", flush=True)
+                results.write_text(json.dumps([asdict(verdict) for verdict in verdicts], indent=1), encoding="utf-8")
+
+    with tempfile.TemporaryDirectory(prefix="rebar-mutants-") as scratch:
+        folders = [copy_of_checkout(Path(scratch, str(number))) for number in range(workers)]
+        for area in dict.fromkeys(mutant.area for mutant in sample):
+            began = time.monotonic()
+            if run_tests(folders[0], AREAS[area][1], 1800.0) != "survived":
+                sys.exit(f"the tests of {area} fail without any mutant: {' '.join(AREAS[area][1])}")
+            limits[area] = max(LEAST_TIMEOUT_S, TIMEOUT_FACTOR * (time.monotonic() - began))
+            print(f"{area}: tests of the sound code take {time.monotonic() - began:.0f} s", flush=True)
+        threads = [threading.Thread(target=work, args=(folder,)) for folder in folders]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    return verdicts
+
+
+def main() -> int:
+    """0 when the wanted share of the sample is killed."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=300, help="mutants to try")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--area", choices=AREAS, action="append", help="only this area; may be repeated")
+    parser.add_argument("--at-least", type=float, default=0.85, help="share to be killed")
+    parser.add_argument("--results", type=Path, default=Path("out/mutants.json"), help="verdicts, written as they come")
+    arguments = parser.parse_args()
+    arguments.results.parent.mkdir(parents=True, exist_ok=True)
+    sample = drawn(arguments.count, arguments.seed, arguments.area or AREAS)
+    verdicts = run_sample(sample, arguments.workers, arguments.results)
+    print()
+    for area in dict.fromkeys(mutant.area for mutant in sample):
+        of_area = [verdict for verdict in verdicts if verdict.mutant.area == area]
+        killed = sum(verdict.outcome != "survived" for verdict in of_area)
+        print(f"{area:22} {killed:4} of {len(of_area):4} killed")
+    survivors = [verdict for verdict in verdicts if verdict.outcome == "survived"]
+    for verdict in sorted(survivors, key=lambda verdict: (verdict.mutant.path, verdict.mutant.line)):
+        print(f"\nsurvived  {verdict.mutant.path}:{verdict.mutant.line}\n  - {verdict.before}\n  + {verdict.after}")
+    share = 1.0 - len(survivors) / len(verdicts)
+    print(f"\n{100 * share:.1f} % of {len(verdicts)} killed")
+    return 0 if share >= arguments.at_least else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,21 @@
+"""Surrogates of the reference agents for `fidelity: overhead`: a ground plan, thousands of missions a second.
+
+    batch = pack([place(simspec) for simspec in simspecs])
+    observed = observe(batch, {"OBS-204": ("mission_flown", {})})
+    observed.of(0)  # the observations of the first mission, as the scorer takes them
+
+docs/fidelity.md says what it leaves out and how well it predicts the full simulation.
+"""
+
+from __future__ import annotations
+
+from ._observe import Asked as Asked
+from ._observe import Observed as Observed
+from ._observe import computed as computed
+from ._observe import observe as observe
+from ._plugin import ReferenceSurrogate as ReferenceSurrogate
+from ._plugin import reference_surrogate as reference_surrogate
+from .batch._batch import SURROGATES as SURROGATES
+from .batch._batch import Batch as Batch
+from .batch._batch import pack as pack
+from .batch._batch import unfit as unfit

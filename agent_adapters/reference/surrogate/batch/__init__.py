@@ -1,0 +1,1 @@
+"""Missions as arrays, before anything flies: scenes, limits, forbidden airspace, interruptions, random draws."""

@@ -1,0 +1,243 @@
+"""Ways round what the rules forbid, as the reference agent flies them: round no-fly areas, inside the geofence.
+
+Every forbidden thing is a convex block with its margin on it. Which straight ways are cut is worked out for many at once; only
+those are routed, one by one, from corner to corner.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse.csgraph import floyd_warshall
+from scipy.spatial import ConvexHull
+
+from bench.arrays import Bools, Counts, Floats
+from bench.simspec import Rules
+
+from ..._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
+
+Place = tuple[float, float]
+
+
+class Airspace:
+    """What is forbidden at one time: convex blocks (m, 2), counterclockwise, and the fence (m, 2) to keep inside."""
+
+    def __init__(self, blocks: Sequence[Floats], fence: Floats | None) -> None:
+        self._blocks = tuple(blocks)
+        self._fence = fence
+
+    def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
+        """(r,) lengths of the ways between places (r, 2)."""
+        length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
+        rows = np.flatnonzero(self._hampered(begin_m, end_m))
+        if not len(rows):
+            return length_m
+        begin, end = self._moved(begin_m[rows]), self._moved(end_m[rows])
+        extra_m = np.hypot(*(begin - begin_m[rows]).T) + np.hypot(*(end - end_m[rows]).T)
+        direct_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
+        round_m = np.full(len(rows), np.inf)
+        if self._nodes:
+            over_m = (self._reaches_m(begin)[:, :, None] + self._ways_m[None]).min(axis=1)
+            round_m = (over_m + self._reaches_m(end)).min(axis=1)
+        way_m = extra_m + np.minimum(direct_m, round_m)
+        length_m[rows] = np.where(np.isfinite(way_m), way_m, length_m[rows])
+        return length_m
+
+    def paths(self, corners_m: Floats) -> Floats:
+        """Paths (r, w, 2) with forbidden corners moved and the ways between routed; (r, more, 2), the last corner repeated.
+
+        The first corner is where the vehicle is, and stays.
+        """
+        rows, count, _ = corners_m.shape
+        moved = corners_m.copy()
+        moved[:, 1:] = self._moved(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
+        cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
+        cut[:, 0] |= ~self._allowed(moved[:, 0])
+        routed = {int(row): self._path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))}
+        longest = max([count, *(len(path) for path in routed.values())])
+        found = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
+        for row, path in routed.items():
+            found[row] = [*path, *[path[-1]] * (longest - len(path))]
+        return found
+
+    def _path(self, corners_m: Floats, cut: Bools) -> list[Place]:
+        """One path with those of its ways routed that are cut."""
+        corners = [_place(one) for one in corners_m]
+        path = [corners[0]]
+        for (a, b), around in zip(pairwise(corners), cut, strict=True):
+            if around and math.dist(a, b) > TOUCH_M:
+                path += self._route(a, b)[1:]
+            else:
+                path.append(b)
+        return path
+
+    def _hampered(self, begin_m: Floats, end_m: Floats) -> Bools:
+        """(r,) ways that lead through a block, or end in one or outside the fence."""
+        return self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
+
+    def _allowed(self, places_m: Floats) -> Bools:
+        allowed: Bools = np.ones(len(places_m), dtype=np.bool_) if self._fence is None else _inside(self._fence, places_m)
+        for block in self._blocks:
+            allowed &= ~(_sides(block, places_m) > TOUCH_M).all(axis=1)
+        return allowed
+
+    def _cut(self, begin_m: Floats, end_m: Floats) -> Bools:
+        """(r,) whether the straight ways lead through the inside of a block (Cyrus and Beck's clipping)."""
+        cut = np.zeros(len(begin_m), dtype=np.bool_)
+        for block in self._blocks:
+            at_begin, at_end = _sides(block, begin_m) - TOUCH_M, _sides(block, end_m) - TOUCH_M
+            share = at_begin / np.where(at_begin == at_end, 1.0, at_begin - at_end)
+            enter = np.where((at_begin < 0.0) & (at_end > 0.0), share, 0.0).max(axis=1)
+            leave = np.where((at_begin >= 0.0) & (at_end < 0.0), share, 1.0).min(axis=1)
+            beside = ((at_begin <= 0.0) & (at_end <= 0.0)).any(axis=1)
+            cut |= ~beside & (leave - enter > 1e-9)
+        return cut
+
+    def _clear(self, a: Place, b: Place) -> bool:
+        return not self._cut(np.array([a]), np.array([b]))[0]
+
+    def _nearest(self, place: Place) -> Place:
+        """The nearest place that is allowed; the place itself where it is, or where nothing is."""
+        if self._allowed(np.array([place]))[0]:
+            return place
+        feet = [foot for block in self._blocks for foot in _feet(block, place)]
+        ends = np.array([*feet, *self._nodes])
+        allowed = [_place(one) for one in ends[self._allowed(ends)]]
+        return min(allowed, key=lambda one: (math.dist(one, place), one), default=place)
+
+    def _route(self, a: Place, b: Place) -> list[Place]:
+        """The shortest way by straight legs, both ends included; straight on where there is none."""
+        begin, end = self._nearest(a), self._nearest(b)
+        way = [*([a] if begin != a else []), *self._shortest(begin, end), *([b] if end != b else [])]
+        return way if len(way) > 1 else [a, b]
+
+    @cached_property
+    def _nodes(self) -> tuple[Place, ...]:
+        return tuple(_place(corner) for block in self._blocks for corner in block[self._allowed(block)])
+
+    @cached_property
+    def _between_m(self) -> Floats:
+        """Lengths of the straight ways between nodes; inf where one is cut."""
+        return self._reaches_m(np.array(self._nodes).reshape(-1, 2))
+
+    @cached_property
+    def _ways_m(self) -> Floats:
+        """Lengths of the shortest ways between nodes."""
+        found: Floats = floyd_warshall(self._between_m)
+        return found
+
+    def _moved(self, places_m: Floats) -> Floats:
+        """The nearest allowed places."""
+        moved = places_m.copy()
+        for row in np.flatnonzero(~self._allowed(places_m)):
+            moved[row] = self._nearest(_place(places_m[row]))
+        return moved
+
+    def _reaches_m(self, places_m: Floats) -> Floats:
+        """(r, nodes) lengths of the straight ways to nodes; inf where one is cut."""
+        nodes = np.array(self._nodes)
+        begin, end = np.repeat(places_m, len(nodes), axis=0), np.tile(nodes, (len(places_m), 1))
+        length_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
+        return length_m.reshape(len(places_m), len(nodes))
+
+    def _shortest(self, begin: Place, end: Place) -> list[Place]:
+        """Dijkstra's way over the corners of blocks."""
+        if self._clear(begin, end):
+            return [begin, end]
+        if not self._nodes:
+            return [begin, end]
+        nodes = np.array(self._nodes)
+        ends = self._reaches_m(np.array([begin, end]))
+        best, came = ends[0].copy(), np.full(len(nodes), -1)
+        queue = [(float(length_m), index) for index, length_m in enumerate(best) if math.isfinite(length_m)]
+        heapq.heapify(queue)
+        while queue:
+            so_far_m, at = heapq.heappop(queue)
+            if so_far_m > best[at]:
+                continue
+            through_m = so_far_m + self._between_m[at]
+            for to in np.flatnonzero(through_m < best - 1e-9):
+                best[to], came[to] = through_m[to], at
+                heapq.heappush(queue, (float(through_m[to]), int(to)))
+        whole_m = best + ends[1]
+        if not np.isfinite(whole_m).any():
+            return [begin, end]
+        way, at = [], int(whole_m.argmin())
+        while at >= 0:
+            way.append(_place(nodes[at]))
+            at = int(came[at])
+        return [begin, *reversed(way), end]
+
+
+class Airspaces:
+    """The airspace as it changes with time. One object serves all missions of the same rules."""
+
+    def __init__(self, rules: Rules) -> None:
+        areas = [(one.from_s - LEAD_S, one.until_s, one.area.corners) for one in rules.no_fly]
+        self._spans = [(from_s, math.inf if until_s is None else until_s) for from_s, until_s, _ in areas]
+        self._areas = [_block([(one.east_m, one.north_m) for one in corners], NO_FLY_MARGIN_M) for _, _, corners in areas]
+        corners = [] if rules.geofence is None else [(one.east_m, one.north_m) for one in rules.geofence.corners]
+        self._fence = np.array(corners) if corners else None
+        edges = zip(corners, [*corners[1:], *corners[:1]], strict=True)
+        self._edges = [_block(edge, FENCE_MARGIN_M) for edge in edges]
+        self._known: dict[int, Airspace] = {}
+
+    def states(self, now_s: Floats) -> Counts:
+        """(r,) a number for what is in force at each moment."""
+        state = np.zeros(len(now_s), dtype=np.int64)
+        for bit, (from_s, until_s) in enumerate(self._spans):
+            state |= ((now_s >= from_s) & (now_s < until_s)).astype(np.int64) << bit
+        return state
+
+    def of(self, state: int) -> Airspace:
+        """The airspace while that is in force."""
+        if state not in self._known:
+            blocks = [area for bit, area in enumerate(self._areas) if state >> bit & 1]
+            self._known[state] = Airspace([*blocks, *self._edges], self._fence)
+        return self._known[state]
+
+
+def _block(corners: Sequence[Place], margin_m: float) -> Floats:
+    """The convex hull of these corners, wider by at least `margin_m` on every side."""
+    reach_m = margin_m / math.cos(math.pi / SIDES)
+    turns = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
+    ring_m = reach_m * np.stack((np.cos(turns), np.sin(turns)), axis=1)
+    points = (np.array(corners)[:, None] + ring_m[None]).reshape(-1, 2)
+    hull: Floats = points[ConvexHull(points).vertices]
+    return hull
+
+
+def _sides(block: Floats, places_m: Floats) -> Floats:
+    """(r, m) how far left of each edge places (r, 2) lie: inside where all are positive."""
+    along = np.roll(block, -1, axis=0) - block
+    along = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+    away = places_m[:, None] - block[None]
+    sides: Floats = along[:, 0] * away[..., 1] - along[:, 1] * away[..., 0]
+    return sides
+
+
+def _inside(fence: Floats, places_m: Floats) -> Bools:
+    """Even-odd rule."""
+    following = np.roll(fence, -1, axis=0)
+    north = places_m[:, None, 1]
+    crosses = (fence[None, :, 1] > north) != (following[None, :, 1] > north)
+    rise = np.where(following[:, 1] == fence[:, 1], 1.0, following[:, 1] - fence[:, 1])
+    at_east = fence[:, 0] + (north - fence[None, :, 1]) * (following[:, 0] - fence[:, 0]) / rise
+    inside: Bools = (crosses & (places_m[:, None, 0] < at_east)).sum(axis=1) % 2 == 1
+    return inside
+
+
+def _feet(block: Floats, place: Place) -> list[Place]:
+    """The nearest point of each edge."""
+    along = np.roll(block, -1, axis=0) - block
+    share = ((np.array(place) - block) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
+    return [_place(one) for one in block + np.clip(share, 0.0, 1.0)[:, None] * along]
+
+
+def _place(one: Floats) -> Place:
+    return float(one[0]), float(one[1])

@@ -1,0 +1,1 @@
+"""What the surrogates fly, see and report."""

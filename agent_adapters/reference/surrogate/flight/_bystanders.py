@@ -1,0 +1,105 @@
+"""Which bystanders near a target a surrogate knows of, and in how many frames anybody was had."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from bench.arrays import Bools, Counts, Floats, Narrow
+
+from ..._policy import BYSTANDER_FRAMES
+from ..._settings import DEFAULTS
+from ..batch._batch import Batch
+from ..batch._draws import normal
+from ._views import Views, rightly
+
+_LUCK_COUNT = 3000
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """How many bystanders are known near each target, and the nearest one's distance; inf where none is known at all."""
+
+    near: Counts
+    nearest_m: Floats
+
+    @classmethod
+    def nobody(cls, shape: tuple[int, ...]) -> Self:
+        """Nothing is known yet."""
+        return cls(np.zeros(shape, dtype=np.int64), np.full(shape, np.inf))
+
+    def put(self, rows: Counts, task: Counts, known: Known) -> None:
+        """Remember what is known of some tasks."""
+        self.near[rows, task], self.nearest_m[rows, task] = known.near, known.nearest_m
+
+
+class Memory:
+    """What has been seen of everybody, stretch by stretch."""
+
+    def __init__(self, batch: Batch) -> None:
+        self._batch = batch
+        self._luck = normal(batch.seeds, _LUCK_COUNT, batch.role.shape[1])
+        self._views: list[Views] = []
+        self._sums: list[tuple[Narrow, Narrow]] = []
+
+    def add(self, views: Views) -> None:
+        """One more stretch."""
+        chance = rightly(views)
+        mean = views.frames * chance
+        self._views.append(views)
+        self._sums.append((mean, mean * _together(self._batch).astype(np.float32)[views.row] * (1.0 - chance)))
+
+    def keep(self, chosen: Bools) -> None:
+        """Of the last stretch only some views were."""
+        self._views[-1] = self._views[-1].where(chosen)
+        mean, spread = self._sums[-1]
+        self._sums[-1] = mean[chosen], spread[chosen]
+
+    def near(self, rows: Counts, task: Counts, until_s: Floats, places_m: Floats, *, lately: bool = False) -> Known:
+        """Which of the bystanders at `places_m` (r, a, 2) were seen often enough by `until_s` (r,); on the last stretch, if `lately`."""
+        if not len(rows):
+            return Known.nobody((0,))
+        batch = self._batch
+        had = self._had(rows, until_s, since=-1 if lately else 0) & (batch.role[rows] == 0)
+        target_m = places_m[np.arange(len(rows)), np.maximum(batch.task_actor[rows, task], 0)]
+        east_m, north_m = places_m[:, :, 0] - target_m[:, :1], places_m[:, :, 1] - target_m[:, 1:]
+        apart_m = np.where(had, np.sqrt(east_m * east_m + north_m * north_m), np.inf)
+        near = (apart_m <= (batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m)[:, None]).sum(axis=1)
+        return Known(near, apart_m.min(axis=1, initial=np.inf))
+
+    def _had(self, rows: Counts, until_s: Floats, *, since: int) -> Bools:
+        """(r, a) who was had in enough frames."""
+        actors, batch = self._batch.role.shape[1], self._batch
+        limit_s = np.full(len(batch), -np.inf)
+        limit_s[rows] = until_s
+        mean, spread = np.zeros(len(batch) * actors), np.zeros(len(batch) * actors)
+        for views, (one, two) in zip(self._views[since:], self._sums[since:], strict=True):
+            early = np.flatnonzero(views.time_s <= limit_s[views.row])
+            if len(early):
+                flat = views.row[early] * actors + views.actor[early]
+                mean += np.bincount(flat, one[early], len(mean))
+                spread += np.bincount(flat, two[early], len(spread))
+        mean, spread = mean.reshape(-1, actors)[rows], spread.reshape(-1, actors)[rows]
+        had: Bools = mean + np.sqrt(spread) * self._luck[rows] >= BYSTANDER_FRAMES
+        return had
+
+
+def counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
+    """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with its luck.
+
+    Misses hang together for a while, so the spread is that of as many looks as there are such whiles.
+    """
+    actors = batch.role.shape[1]
+    flat = views.row * actors + views.actor
+    size = len(batch) * actors
+    mean = np.bincount(flat, views.frames * chance, size).reshape(-1, actors)
+    spread = np.bincount(flat, views.frames * _together(batch)[views.row] * chance * (1.0 - chance), size).reshape(-1, actors)
+    return mean + np.sqrt(spread) * normal(batch.seeds, _LUCK_COUNT, actors)
+
+
+def _together(batch: Batch) -> Floats:
+    """(n,) frames that hang together, as one look."""
+    together: Floats = np.maximum(2.0 * batch.correlation_s * batch.rate_hz, 1.0)
+    return together

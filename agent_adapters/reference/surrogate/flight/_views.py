@@ -1,0 +1,192 @@
+"""What the camera sees from places on the ground plan, and how well: docs/detection.md's odds without terrain or hiding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.arrays import Bools, Counts, Floats, Narrow
+from bench.contracts import LABEL_EVIDENCE, LEAST_DOUBT, THRESHOLD_CONTRAST
+
+from ..batch._batch import Batch
+
+BLOCK = 24
+"""Missions looked at together, so that the pairs stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A flown piece of some missions: `rows` (r,), and at j moments of each where it was, which way it looked, how high.
+
+    A moment stands for a span; it is in the middle of it.
+    """
+
+    rows: Counts
+    time_s: Floats  # (r, j)
+    place_m: Floats  # (r, j, 2)
+    heading_rad: Floats  # (r, j)
+    height_m: Floats  # (r, j)
+    span_s: Floats  # (r, j)
+
+    def part(self, some: Counts) -> Stretch:
+        """Some of the missions."""
+        return Stretch(*(getattr(self, name)[some] for name in Stretch.__slots__))
+
+
+@dataclass(frozen=True, slots=True)
+class Views:
+    """Pairs of moment and actor in the picture, flat: mission, moment, actor, how far away it is, frames, and how clear a view."""
+
+    row: Counts
+    moment: Counts
+    actor: Counts
+    time_s: Floats
+    range_m: Narrow
+    frames: Narrow
+    height_px: Narrow
+    detection: Narrow
+    mislabel: Narrow
+
+    @staticmethod
+    def joined(many: list[Views]) -> Views:
+        """All of them as one."""
+        names = Views.__slots__
+        return Views(*(np.concatenate([getattr(one, name) for one in many]) for name in names))
+
+    def where(self, chosen: Bools) -> Views:
+        """Some of them."""
+        return Views(*(getattr(self, name)[chosen] for name in Views.__slots__))
+
+
+def look(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
+    """Who is in the picture on a stretch, while everybody stands at `places_m` (r, a, 2)."""
+    at, moment, actor = _shown(batch, stretch, places_m)
+    away = places_m[at, actor] - stretch.place_m[at, moment]
+    return _clear(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
+
+
+def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats) -> Bools:
+    """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two moments (r,)."""
+    at, moment, place = _shown(batch, stretch, places_m)
+    time_s = stretch.time_s[at, moment]
+    long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0
+    counts = long & (time_s >= since_s[at]) & (time_s <= until_s[at])
+    found = np.zeros(places_m.shape[:2], dtype=np.bool_)
+    found[at[counts], place[counts]] = True
+    return found
+
+
+def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Counts, Counts]:
+    rows, place_m = stretch.rows, stretch.place_m
+    sine, cosine = np.sin(stretch.heading_rad), np.cos(stretch.heading_rad)
+    own = place_m[:, :, 0] * sine + place_m[:, :, 1] * cosine
+    aside = place_m[:, :, 0] * cosine - place_m[:, :, 1] * sine
+    widens = batch.tan_half[rows] * np.cos(batch.tilt_rad[rows])
+    half_m = (batch.tan_half[rows] * np.sin(batch.tilt_rad[rows]))[:, None] * stretch.height_m
+    frame = _Frame(
+        sine=_narrow(sine),
+        cosine=_narrow(cosine),
+        near=_narrow(own + batch.near[rows][:, None] * stretch.height_m),
+        far=_narrow(own + batch.far[rows][:, None] * stretch.height_m),
+        widens=_narrow(widens)[:, :, None],
+        right=_narrow(aside + half_m - widens[:, None] * own),
+        left=_narrow(aside - half_m + widens[:, None] * own),
+    )
+    east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
+    found = [_in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows))) for begin in range(0, len(rows), BLOCK)]
+    at, moment, place = (np.concatenate(one) for one in zip(*found, strict=True))
+    return at, moment, place
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The picture's edges on the ground, (r, j, 1) each: limits of coordinates along and across the way it looks."""
+
+    sine: Narrow
+    cosine: Narrow
+    near: Narrow
+    far: Narrow
+    widens: Narrow
+    right: Narrow
+    left: Narrow
+
+
+def _narrow(values: Floats) -> Narrow:
+    return values.astype(np.float32)[..., None]
+
+
+def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int) -> tuple[Counts, Counts, Counts]:
+    """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time goes."""
+    some = slice(begin, end)
+    east, north, sine, cosine = east[some], north[some], frame.sine[some], frame.cosine[some]
+    ahead = east * sine
+    ahead += north * cosine
+    across = east * cosine
+    across -= north * sine
+    seen = ahead > frame.near[some]
+    seen &= ahead < frame.far[some]
+    ahead *= frame.widens[some]
+    seen &= across - ahead < frame.right[some]
+    across += ahead
+    seen &= across > frame.left[some]
+    at, moment, actor = np.nonzero(seen)
+    return at + begin, moment, actor
+
+
+def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east_m: Floats, north_m: Floats) -> Views:
+    """In single precision, as the pairs are many."""
+    row, east, north = stretch.rows[at], east_m.astype(np.float32), north_m.astype(np.float32)
+
+    def of_moment(values: Floats) -> Narrow:
+        return values.astype(np.float32)[at, moment]
+
+    def of_mission(values: Floats) -> Narrow:
+        return values.astype(np.float32)[row]
+
+    def of_actor(values: Floats) -> Narrow:
+        return values.astype(np.float32)[row, actor]
+
+    up, sine, cosine = of_moment(stretch.height_m), of_moment(np.sin(stretch.heading_rad)), of_moment(np.cos(stretch.heading_rad))
+    tilt_sine, tilt_cosine = of_mission(np.sin(batch.tilt_rad)), of_mission(np.cos(batch.tilt_rad))
+    range_m = np.sqrt(east * east + north * north + up * up)
+    tall_m, wide_m = of_actor(batch.tall_m), of_actor(batch.wide_m)
+    middle = up - np.float32(0.5) * tall_m
+    ahead = east * sine + north * cosine
+    across = np.abs(east * cosine - north * sine)
+    depth: Narrow = np.maximum(ahead * tilt_cosine + middle * tilt_sine, np.float32(1.0))
+    # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance by f up / depth^2,
+    # a column with height by f across sin(tilt) / depth^2 and with what lies across by f / depth.
+    down = (tall_m * ahead + wide_m * middle) / depth
+    over = tall_m * across * tilt_sine / depth + wide_m
+    height_px: Narrow = of_mission(batch.focal_px) / depth * np.maximum(down, over)
+    contrast = np.exp(-of_mission(batch.extinction_per_m) * range_m) * of_mission(batch.light)
+    contrast *= of_actor(1.0 - batch.concealment_weight[:, None] * batch.concealment)
+    above = np.maximum((contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST), 0.0)
+    ratio = np.maximum(height_px * above / of_mission(batch.half_height_px), 1e-9) ** of_mission(batch.slope)
+    share = ratio / (1.0 + ratio)
+    perfect = batch.perfect[row]
+    wrong = np.minimum(1.0, 2.0 * of_mission(batch.mislabel) * (1.0 - share)) * batch.mistakable[row, actor]
+    return Views(
+        row=row,
+        moment=moment,
+        actor=actor,
+        time_s=stretch.time_s[at, moment],
+        range_m=range_m,
+        frames=of_moment(batch.rate_hz[stretch.rows][:, None] * stretch.span_s),
+        height_px=height_px,
+        detection=np.where(perfect, np.float32(1.0), of_mission(batch.ceiling) * share),
+        mislabel=np.where(perfect, np.float32(0.0), wrong),
+    )
+
+
+def rightly(views: Views, min_confidence: float = 0.0) -> Narrow:
+    """Chance that one frame of each view holds the actor with its own class, no less sure than that."""
+    right: Narrow = views.detection * (1.0 - views.mislabel)
+    if min_confidence <= 0.0:
+        return right
+    prior = np.clip(views.mislabel, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
+    edge = (np.log(prior / (1.0 - prior)) - np.log(1.0 / min_confidence - 1.0)) / LABEL_EVIDENCE - 0.5 * LABEL_EVIDENCE
+    # The logistic curve for the normal one: within 0.01, and sooner worked out.
+    kept = right / (1.0 + np.exp(np.clip(1.702 * edge, -50.0, 50.0)))
+    return np.where(views.detection < 1.0, kept, right)  # what misses nothing doubts nothing

@@ -1,0 +1,84 @@
+"""One realization, from its SimSpec to its result: place, fly, record, measure.
+
+The job of a campaign's workers, and of `rebar simulate`. The live measures see exactly what the recording holds, so scoring
+the recording again comes to the same observations.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from bench.agents import load_manifest, open_agent
+from bench.contracts import Observation, Outcome, Record, SessionResult
+from bench.documents import dump_json
+from bench.errors import SetupError
+from bench.realization import PlacementInfeasible, check_placement, place
+from bench.recording import TapeBuilder, open_recording
+from bench.simspec import SimSpec
+from bench.simulation import SessionEnd, SessionPlan, run_session
+from decompositions import Decomposition
+
+from .._versions import versions
+from ..results._measures import measure_all, measures_of
+from ..storage._folder import RECORDING
+
+SIMSPEC = "simspec.json"
+AGENT_LOG = "agent.log"
+
+
+def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str) -> SessionResult:
+    """Fly one realization into `folder` (made if need be) and return its result, which is not written here.
+
+    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` there. Never raises for what a session can end with.
+    Places that come with the SimSpec are judged before anything flies: SETUP_INVALID where they break what it asks for.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        placed = place(simspec) if simspec.realized is None else _judged(simspec)
+        manifest, manifest_folder = load_manifest(placed.agent.manifest)
+    except PlacementInfeasible as error:
+        return SessionResult(realization=realization, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=str(error))
+    except SetupError as error:
+        return SessionResult(realization=realization, outcome=Outcome.SETUP_INVALID, reason=str(error))
+    (folder / SIMSPEC).write_text(dump_json(placed))
+    tape = TapeBuilder(placed)
+    with (
+        tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
+        open_recording(folder / RECORDING, simspec=placed, versions=versions()) as recording,
+    ):
+
+        def tap(record: Record) -> None:
+            recording(record)
+            tape(record)
+
+        plan = SessionPlan(placed, manifest, manifest_folder, open_agent, Path(scratch), tap)
+        end = run_session(plan)
+        log = Path(scratch, AGENT_LOG)
+        if log.is_file():
+            (folder / AGENT_LOG).write_bytes(log.read_bytes())
+    observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
+    return result_of(realization, end, recording.sha256, observations)
+
+
+def _judged(simspec: SimSpec) -> SimSpec:
+    if faults := check_placement(simspec):
+        raise SetupError(faults)
+    return simspec
+
+
+def result_of(realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]) -> SessionResult:
+    """The session's end as the document that stays."""
+    return SessionResult(
+        realization=realization,
+        outcome=end.outcome,
+        reason=end.reason,
+        simulated_s=end.simulated_s,
+        wall_s=round(end.wall_s, 3),
+        cpu_s=round(end.cpu_s, 3),
+        agent_cpu_s=round(end.agent_cpu_s, 3),
+        recording_sha256=sha256,
+        counters=end.counters,
+        observations=observations,
+        details={"trace": end.trace} if end.trace else {},
+    )

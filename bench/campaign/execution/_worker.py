@@ -1,0 +1,79 @@
+"""A worker: a process of its own that flies one realization after another, for as long as its runner lives."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import threading
+import time
+import traceback
+from multiprocessing.connection import Connection
+from typing import Any
+
+from bench.contracts import Outcome, SessionResult
+from bench.documents import load_document
+from bench.errors import SetupError
+from bench.realization import PlacementInfeasible
+from bench.simspec import SimSpec
+
+from ..storage._folder import RECORDING, digest_of
+from ._processes import end_tree
+from ._task import Broken, Ended, Job, Ready, Task, WorkerPlan, load_job
+
+
+def main(link_fd: int, lifeline_fd: int, name: str) -> None:
+    """Serve tasks from the link until it is closed. The lifeline is closed by nothing but the runner's end."""
+    for fd in (link_fd, lifeline_fd):
+        os.set_inheritable(fd, False)  # an agent that held them would keep the worker's end from being noticed
+    faulthandler.enable()
+    threading.Thread(target=_die_with_runner, args=(lifeline_fd,), daemon=True).start()
+    link: Connection[Any, Any] = Connection(link_fd)
+    plan: WorkerPlan = link.recv()
+    try:
+        job = load_job(plan.job)
+    except Exception:
+        link.send(Broken(traceback.format_exc()))
+        return
+    link.send(Ready())
+    while True:
+        try:
+            task: Task = link.recv()
+        except EOFError:
+            return
+        link.send(Ended(task.realization, name, _result(job, task, plan.decomposition)))
+
+
+def _die_with_runner(lifeline_fd: int) -> None:
+    """Blocks until the runner is gone, then takes the session and its agent along: nobody would read the result."""
+    while os.read(lifeline_fd, 1):
+        pass
+    end_tree(os.getpid())
+
+
+def _result(job: Job, task: Task, decomposition: Any) -> SessionResult:
+    began = time.monotonic()
+    try:
+        result = job(
+            simspec=load_document(task.simspec, SimSpec),
+            decomposition=decomposition,
+            folder=task.folder,
+            realization=task.realization,
+        )
+        if not isinstance(result, SessionResult) or result.realization != task.realization:
+            raise TypeError(f"the job returned {result!r:.200}, not the result of {task.realization}")
+    except PlacementInfeasible as error:
+        return SessionResult(realization=task.realization, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=str(error))
+    except SetupError as error:
+        return SessionResult(realization=task.realization, outcome=Outcome.SETUP_INVALID, reason=str(error))
+    except (Exception, SystemExit) as error:  # whatever a session does, it costs itself and not the worker
+        return SessionResult(
+            realization=task.realization,
+            outcome=Outcome.BENCH_ERROR,
+            reason=f"{type(error).__name__}: {error}",
+            wall_s=round(time.monotonic() - began, 3),
+            details={"traceback": traceback.format_exc()},
+        )
+    recording = task.folder / RECORDING
+    if result.recording_sha256 is None and recording.is_file():
+        return result.model_copy(update={"recording_sha256": digest_of(recording)})
+    return result

@@ -1,0 +1,1 @@
+"""A proposal for the campaign to fly after a finished one."""

@@ -1,0 +1,1 @@
+"""From recordings to results and scores: measures, scoring a recording again, the finished campaign."""

@@ -1,0 +1,44 @@
+"""Measures by name, as a decomposition names them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from bench.contracts import ChecksOptions, Measure, MeasureRequest, Observation, Option, Tape, load_plugin
+from bench.simspec import FACTORS, SimSpec
+from decompositions import Decomposition, Vocabulary, load_decomposition
+
+
+def check_options(measure: str, options: Mapping[str, Option]) -> None:
+    """Make sure, before anything flies, that a measure exists and takes these options.
+
+    Raises SetupError when there is no such measure and ValueError, naming measure, option and what is known, when an
+    option is unknown, missing or of the wrong kind. The options of a measure that does not implement `ChecksOptions`
+    are checked when the measure is called.
+    """
+    plugin = load_plugin("rebar.measures", measure)
+    if isinstance(plugin, ChecksOptions):
+        plugin.check_options(options)
+
+
+def measure_all(asked: Mapping[str, MeasureRequest], tape: Tape, simspec: SimSpec) -> tuple[Observation, ...]:
+    """One observation for each observable, in the order asked. Raises as `check_options` does."""
+    observations = []
+    for observable, (name, options) in asked.items():
+        measure: Measure = load_plugin("rebar.measures", name)
+        observations.append(measure(observable, tape, simspec, options))
+    return tuple(observations)
+
+
+def load_asked(name_or_path: str | Path) -> Decomposition:
+    """A decomposition that can be measured here: factors, units, measures and options are checked as the document is.
+
+    Raises SetupError with every fault at once.
+    """
+    return load_decomposition(name_or_path, Vocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options))
+
+
+def measures_of(decomposition: Decomposition) -> dict[str, MeasureRequest]:
+    """Measure and options of every distinct observable, by its id."""
+    return {observable.id: (observable.measure, observable.options) for observable in decomposition.observables.values()}

@@ -1,0 +1,1 @@
+"""What a campaign leaves on disk: its folder, files written whole, results, the manifest and the journal."""

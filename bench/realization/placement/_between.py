@@ -1,0 +1,83 @@
+"""The relation to the straight way between two that stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from bench.arrays import Bools
+from bench.simspec import HOME, ActorGroup, Between, SimSpec
+
+from ._footprint import Footprints
+from ._geometry import Geometry, wide
+from ._groups import is_home
+from ._relations import Relation, field
+from ._targets import point_of
+
+
+@dataclass(frozen=True, slots=True)
+class Midway:
+    """The relation to the straight way between two that stand: groups, the same one twice, or the vehicle's home."""
+
+    path: str
+    text: str
+    first: str
+    second: str
+    within_m: float
+    home: Footprints | None
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        """The groups at its ends."""
+        return tuple(name for name in self.ends if self.home is None or name != HOME)
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Whom it leads from and to, the vehicle's home among them."""
+        return self.first, self.second
+
+    def bound(self, placed: Callable[[str], Footprints]) -> Relation:
+        """The relation to members that stand."""
+        start_m = self._at(self.first, placed).centre_m[0]
+        end_m = self._at(self.second, placed).centre_m[1 if self.first == self.second else 0]
+
+        def keeps(some: Footprints) -> Bools:
+            way = end_m - start_m
+            length_m = np.hypot(*way)
+            if length_m == 0.0:
+                return np.zeros(len(some), dtype=np.bool_)
+            forward, offset = way / length_m, some.centre_m - start_m
+            along = offset @ forward
+            aside = offset[:, 0] * forward[1] - offset[:, 1] * forward[0]
+            kept: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
+            return kept
+
+        return Relation(self.path, self.text, keeps, lambda: self.room(shapely.Point(start_m), shapely.Point(end_m)))
+
+    def _at(self, name: str, placed: Callable[[str], Footprints]) -> Footprints:
+        return self.home if self.home is not None and name == HOME else placed(name)
+
+    def room(self, one: Geometry, other: Geometry) -> Geometry:
+        """Every centre that may keep it between members that stand somewhere in the two grounds given."""
+        if shapely.get_num_coordinates(one) == 1 and shapely.get_num_coordinates(other) == 1:
+            line = shapely.LineString([one, other])
+            return shapely.buffer(line, self.within_m + 1e-6, cap_style="flat") if line.length > 0.0 else shapely.Polygon()
+        return wide(shapely.convex_hull(shapely.union_all([one, other])), self.within_m)
+
+
+def midways(simspec: SimSpec, group: ActorGroup) -> list[Midway]:
+    """Whom places of the group must lie between."""
+    between = group.placement.between
+    if between is None:
+        return []
+    home = point_of(simspec.vehicle.home) if is_home(simspec, HOME) else None
+    return [Midway(field(group, "between"), _text(between), between.first, between.second, between.within_m, home)]
+
+
+def _text(between: Between) -> str:
+    if between.first == between.second:
+        return f"stand between the first two members of {between.first!r}, within {between.within_m:g} m of the way"
+    return f"stand between {between.first!r} and {between.second!r}, within {between.within_m:g} m of the way"

@@ -1,0 +1,142 @@
+"""What places of a group must keep towards other groups and points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+import shapely
+
+from bench.arrays import Bools, Floats
+from bench.simspec import ASSETS, ActorGroup, SimSpec
+
+from ._distance_bands import band_room
+from ._footprint import Footprints, lie_within
+from ._geometry import Geometry, wide
+from ._groups import inner_radius_m, shrunk
+from ._line_of_sight import Solids, anywhere, sights
+from ._relations import Tie, Whom, field
+from ._targets import Target
+
+
+def ties(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> list[Tie]:
+    """What places of the group must keep towards other groups and points; sight only where the solids are known."""
+    place = group.placement
+    found = []
+    if place.inside and place.inside.of:
+        found.append(_inside_of(group, simspec.group(place.inside.of)))
+    for name, near, whom in (("near", place.near, "some"), ("away", place.away, "every")):
+        if near:
+            target = Target.named(simspec, near.of)
+            text = f"stand {near.min_m:g} to {near.max_m:g} m from {target.some(whom)}"
+            found.append(
+                _distance(field(group, name), text, target, "some" if whom == "some" else "every", near.min_m, near.max_m)
+            )
+    for number, one in enumerate(place.distances):
+        target = Target.of_distance(simspec, group, one)
+        span = f"at least {one.min_m:g} m" if one.max_m is None else f"{one.min_m:g} to {one.max_m:g} m"
+        if target.of or target.points is not None or one.whom == "some":
+            text = f"stand {span} from {target.some(one.whom)}"
+            found.append(_distance(field(group, f"distances[{number}]"), text, target, one.whom, one.min_m, one.max_m))
+    if place.bearing:
+        target = Target.seen(simspec, place.bearing)
+        sector = f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} degrees"
+        low, high = place.bearing.from_deg, place.bearing.to_deg
+        found.append(_bearing(field(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
+    if place.facing and place.facing.heading_deg is None:
+        target = Target.seen(simspec, place.facing)
+        text = f"head towards {target.name} within {place.facing.within_deg:g} degrees"
+        found.append(_facing(field(group, "facing"), text, target, place.facing.within_deg))
+    if solids is not None:
+        found += sights(simspec, group, solids)
+    return found
+
+
+def _inside_of(group: ActorGroup, host: ActorGroup) -> Tie:
+    asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
+    reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
+
+    def pairs(some: Footprints, others: Footprints) -> Bools:
+        kept = distances_m(some, others) <= reach_m + 1e-6
+        one, other = np.nonzero(kept)
+        kept[one, other] = lie_within(some[one], others[other])
+        return kept
+
+    def among(others: Footprints) -> Geometry:
+        return shapely.union_all([shrunk(outline, group) for outline in shapely.polygons(others.corners())])
+
+    def room(others: Geometry) -> Geometry:
+        return wide(others, reach_m)
+
+    return Tie(
+        field(group, "inside"), f"stand inside a member of {host.id!r}", (host.id,), "some", pairs, room, room, among=among
+    )
+
+
+def distances_m(some: Footprints, others: Footprints) -> Floats:
+    """(k, m) distances from centre to centre."""
+    offset = some.centre_m[:, None, :] - others.centre_m[None, :, :]
+    return np.hypot(offset[..., 0], offset[..., 1])
+
+
+def _distance(path: str, text: str, target: Target, whom: Whom, min_m: float, max_m: float | None) -> Tie:
+    most_m = np.inf if max_m is None else max_m
+
+    def pairs(some: Footprints, others: Footprints) -> Bools:
+        distance = distances_m(some, others)
+        kept: Bools = (distance >= min_m) & (distance <= most_m)
+        return kept
+
+    def room(others: Geometry) -> Geometry | None:
+        return band_room(others, min_m, max_m)
+
+    return Tie(path, text, target.of, whom, pairs, room, room, target.points)
+
+
+def bearings_deg(some: Footprints, others: Footprints) -> Floats:
+    """(k, m) bearings of the places, clockwise from north, seen from the others."""
+    offset = some.centre_m[:, None, :] - others.centre_m[None, :, :]
+    return np.asarray(np.degrees(np.arctan2(offset[..., 0], offset[..., 1])) % 360.0, dtype=np.float64)
+
+
+def _bearing(path: str, text: str, target: Target, from_deg: float, to_deg: float) -> Tie:
+    span = (to_deg - from_deg) % 360.0
+
+    def pairs(some: Footprints, others: Footprints) -> Bools:
+        kept: Bools = (bearings_deg(some, others) - from_deg) % 360.0 <= span
+        return kept
+
+    there, back = _Fan(from_deg, span), _Fan((from_deg + 180.0) % 360.0, span)
+    return Tie(path, text, target.of, "first", pairs, there, back, target.points)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fan:
+    """Everything that lies in a sector as seen from somewhere in the ground given, out to beyond any document's ground."""
+
+    from_deg: float
+    span_deg: float
+
+    def __call__(self, others: Geometry) -> Geometry | None:
+        pieces = 1 + int(self.span_deg // 90.0)  # each narrow enough for its sum with a hull to be convex
+        corners = shapely.get_coordinates(shapely.convex_hull(others))
+        return shapely.union_all([self._piece(corners, number, pieces) for number in range(pieces)])
+
+    def _piece(self, corners: Floats, number: int, pieces: int) -> Geometry:
+        share = self.span_deg / pieces
+        # A hair wider than the sector, for the rounding of sines.
+        arc = np.radians(np.linspace(self.from_deg + number * share - 1e-7, self.from_deg + (number + 1) * share + 1e-7, 3))
+        rim = 6e5 * np.stack([np.sin(arc), np.cos(arc)], axis=-1)
+        swept = np.concatenate([corners, (corners[:, None, :] + rim[None]).reshape(-1, 2)])
+        return shapely.convex_hull(shapely.MultiPoint(swept))
+
+
+def _facing(path: str, text: str, target: Target, within_deg: float) -> Tie:
+    def pairs(some: Footprints, others: Footprints) -> Bools:
+        towards = (bearings_deg(some, others) + 180.0) % 360.0
+        off = np.abs((np.degrees(some.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
+        kept: Bools = off <= within_deg + 1e-9
+        return kept
+
+    return Tie(path, text, target.of, "first", pairs, anywhere, anywhere, target.points)

@@ -1,0 +1,146 @@
+"""Headings of members: drawn for places, and, as arcs of the compass, whether two wishes can be kept at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+
+from bench.arrays import Floats
+from bench.simspec import ActorGroup, SimSpec
+
+from ._footprint import Footprints
+from ._geometry import Geometry, road_heading_deg, wide
+from ._relations import field
+from ._targets import point_of, spots_of
+
+
+def aimed_deg(
+    simspec: SimSpec, group: ActorGroup, places_m: Floats, targets: Footprints | None, rng: np.random.Generator
+) -> Floats:
+    """(n,) headings that keep the group's relations of heading at (n, 2) places, as far as one draw can."""
+    along, facing = group.placement.along, group.placement.facing
+    count = len(places_m)
+    if facing and facing.heading_deg is not None:
+        limit = 0.999 * facing.within_deg
+        fixed: Floats = np.round(facing.heading_deg + rng.uniform(-limit, limit, count), 3) % 360.0
+        return fixed
+    if facing and targets is not None:
+        offset = targets.centre_m[0] - places_m
+        towards = np.degrees(np.arctan2(offset[:, 0], offset[:, 1]))
+        limit = 0.999 * facing.within_deg
+        turned: Floats = np.round(towards + rng.uniform(-limit, limit, count), 3) % 360.0
+        return turned
+    if along and along.parallel_deg is not None:
+        road = next(one for one in simspec.world.roads if one.id == along.road)
+        limit = 0.999 * along.parallel_deg
+        stretch = road_heading_deg(road, places_m) + 180.0 * rng.integers(2, size=count)
+        aimed: Floats = np.round(stretch + rng.uniform(-limit, limit, count), 3) % 360.0
+        return aimed
+    return np.round(rng.uniform(0.0, 360.0, count), 1) % 360.0
+
+
+def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
+    """What the group's members are to head towards; None where nothing or where the compass says it."""
+    facing = group.placement.facing
+    if facing is None or facing.heading_deg is not None:
+        return None
+    if facing.of is not None:
+        return spots_of(simspec, facing.of, placed)
+    assert facing.point is not None
+    return point_of(facing.point)
+
+
+_HAIR = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Members head by one of these courses, either way where they follow a road, or towards somebody, within some degrees.
+
+    `lines` are the stretches of the road, one for each course; elsewhere there is one course, or none where whom they face
+    decides it: `of` is that group, `point` that place.
+    """
+
+    path: str
+    text: str
+    within_deg: float
+    courses_deg: tuple[float, ...] = ()
+    lines: tuple[Geometry, ...] = ()
+    of: str | None = None
+    point: Geometry | None = None
+
+    @property
+    def common(self) -> tuple[float, float] | None:
+        """One course, and within how many degrees of it or its opposite all members head; None where no course is known."""
+        if not self.courses_deg:
+            return None
+        first = self.courses_deg[0]
+        return first, self.within_deg + max(_slant_deg(first, other) for other in self.courses_deg)
+
+    def arc(self, ground: Geometry, theirs: Geometry) -> tuple[float, float] | None:
+        """The middle of all courses that lead from some place to another, and how far they reach from it; None for any course."""
+        if self.courses_deg:
+            return self.courses_deg[0], 0.0
+        mine, others = (shapely.get_coordinates(shapely.convex_hull(one)) for one in (ground, theirs))
+        ways = (others[None, :, :] - mine[:, None, :]).reshape(-1, 2)
+        hull = shapely.convex_hull(shapely.multipoints(ways))
+        if shapely.distance(hull, shapely.Point(0.0, 0.0)) < _HAIR:
+            return None
+        middle = float(np.degrees(np.arctan2(hull.centroid.x, hull.centroid.y)))
+        off = (np.degrees(np.arctan2(ways[:, 0], ways[:, 1])) - middle + 180.0) % 360.0 - 180.0
+        return middle + float(off.max() + off.min()) / 2.0, float(off.max() - off.min()) / 2.0
+
+
+def _slant_deg(one_deg: float, other_deg: float) -> float:
+    """The turn between two lines without direction."""
+    return abs((one_deg - other_deg + 90.0) % 180.0 - 90.0)
+
+
+def parallel_of(simspec: SimSpec, group: ActorGroup) -> Heading | None:
+    """The wish to head along a road."""
+    along = group.placement.along
+    if along is None or along.parallel_deg is None:
+        return None
+    road = next(one for one in simspec.world.roads if one.id == along.road)
+    points = np.array([(point.east_m, point.north_m) for point in road.points])
+    step = np.diff(points, axis=0)
+    courses = np.degrees(np.arctan2(step[:, 0], step[:, 1])).tolist()
+    lines = tuple(shapely.LineString(pair) for pair in pairwise(points))
+    text = f"head along road {road.id!r} within {along.parallel_deg:g} degrees"
+    return Heading(field(group, "along.parallel_deg"), text, along.parallel_deg, tuple(courses), lines)
+
+
+def facing_of(group: ActorGroup) -> Heading | None:
+    """The wish to face somebody, some place, or a course."""
+    facing = group.placement.facing
+    if facing is None:
+        return None
+    path, within = field(group, "facing"), facing.within_deg
+    if facing.heading_deg is not None:
+        return Heading(path, f"head {facing.heading_deg:g} degrees within {within:g} degrees", within, (facing.heading_deg,))
+    if facing.of is not None:
+        return Heading(path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of)
+    assert facing.point is not None
+    place = shapely.Point(facing.point.east_m, facing.point.north_m)
+    text = f"head towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north within {within:g} degrees"
+    return Heading(path, text, within, point=place)
+
+
+def headings_clash(parallel: Heading, facing: Heading, ground: Geometry, theirs: Geometry, reach_m: float | None) -> bool:
+    """Whether nobody on the ground can head along a road and face what is wished.
+
+    `theirs` is the ground of whom they face; `reach_m` how far from its own stretch of the road anybody can be, None where
+    nothing says.
+    """
+    for course, line in zip(parallel.courses_deg, parallel.lines, strict=True):
+        cell = ground if reach_m is None else shapely.intersection(ground, wide(line, reach_m))
+        if cell.is_empty:
+            continue
+        arc = facing.arc(cell, theirs)
+        if arc is None or _slant_deg(arc[0], course) <= arc[1] + facing.within_deg + parallel.within_deg + _HAIR:
+            return False
+    return True

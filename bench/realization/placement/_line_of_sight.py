@@ -1,0 +1,88 @@
+"""Who is in sight of whom, with solid things in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.arrays import Bools, Floats
+from bench.simspec import ASSETS, ActorGroup, Sight, SimSpec
+
+from ._footprint import Footprints, joined
+from ._geometry import Geometry
+from ._relations import Tie, Whom, field
+from ._targets import Target
+
+
+def anywhere(_: Geometry) -> None:
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Solids:
+    """What stands in the way of sight: footprints, heights (n,) and the group of each."""
+
+    footprints: Footprints
+    height_m: Floats
+    group: tuple[str, ...]
+
+    def without(self, group: str) -> Solids:
+        """Those of other groups."""
+        kept = np.array([name != group for name in self.group], dtype=np.bool_)
+        return Solids(self.footprints[kept], self.height_m[kept], tuple(name for name in self.group if name != group))
+
+    def between(self, eyes_m: Floats, eye_height_m: float, places_m: Floats, height_m: float) -> Bools:
+        """(k, m) whether a solid cuts the line from eye m to the point `height_m` above place k. An eye inside sees out."""
+        blocked = np.zeros((len(places_m), len(eyes_m)), dtype=np.bool_)
+        axes = self.footprints.axes()
+        for index in range(len(self.height_m)):
+            centre, half = self.footprints.centre_m[index], self.footprints.half_m[index]
+            eye, end = (eyes_m - centre) @ axes[index].T, (places_m - centre) @ axes[index].T
+            begins, ends = _crossing(eye, end, half)
+            low = eye_height_m + np.where(eye_height_m <= height_m, begins, ends) * (height_m - eye_height_m)
+            outside = (np.abs(eye) > half).any(axis=1)
+            blocked |= outside[None, :] & (begins < ends) & (low < self.height_m[index])
+        return blocked
+
+
+def _crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
+    """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the origin."""
+    way = end[:, None, :] - eye[None, :, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = (-half - eye[None]) / way
+        second = (half - eye[None]) / way
+    level = way == 0.0
+    within = np.abs(eye)[None] <= half
+    low = np.where(level, np.where(within, -np.inf, np.inf), np.minimum(first, second))
+    high = np.where(level, np.where(within, np.inf, -np.inf), np.maximum(first, second))
+    return np.maximum(low.max(axis=-1), 0.0), np.minimum(high.min(axis=-1), 1.0)
+
+
+def sights(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[Tie]:
+    for name, whom in (("hidden_from", "every"), ("visible_from", "some")):
+        sight = group.placement.place_references.get(name)
+        if isinstance(sight, Sight):
+            target = Target.seen(simspec, sight)
+            yield _sight(group, name, sight, target, "every" if whom == "every" else "some", solids.without(group.id))
+
+
+def _sight(group: ActorGroup, name: str, sight: Sight, target: Target, whom: Whom, solids: Solids) -> Tie:
+    top_m = ASSETS[group.asset].height_m
+
+    def pairs(some: Footprints, others: Footprints) -> Bools:
+        hidden = solids.between(others.centre_m, sight.height_m, some.centre_m, top_m)
+        return hidden if name == "hidden_from" else ~hidden
+
+    verb = "out of sight" if name == "hidden_from" else "in sight"
+    text = f"stand {verb} of {target.some(whom)} at {sight.height_m:g} m"
+    return Tie(field(group, name), text, target.of, whom, pairs, anywhere, anywhere, target.points)
+
+
+def solids_among(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
+    """What stands in the way of sight."""
+    groups = [group for group in simspec.actors if ASSETS[group.asset].solid and len(placed.get(group.id, ()))]
+    heights = [np.full(len(placed[group.id]), ASSETS[group.asset].height_m) for group in groups]
+    names = tuple(group.id for group in groups for _ in range(len(placed[group.id])))
+    return Solids(joined([placed[group.id] for group in groups]), np.concatenate([np.zeros(0), *heights]), names)

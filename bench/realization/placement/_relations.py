@@ -1,0 +1,89 @@
+"""What the members of a group must keep, each relation with the field that states it and the words for it.
+
+A *relation* judges places by themselves: the region, a road, what already stands. A *tie* judges places against those of
+other members; bound to members that stand, it is a relation too. Beside the judgement each can say in which part of the
+ground centres that keep it must lie: never too small a part, often too large a one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from bench.arrays import Bools
+from bench.simspec import ActorGroup
+
+from ._footprint import Footprints
+from ._geometry import EVERYWHERE, Geometry
+
+HOME_CLEARANCE_M = 3.0
+
+
+Whom = Literal["some", "every", "first"]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """One thing that a place must keep. `room()` holds every centre that keeps it, None where it says nothing of that."""
+
+    path: str
+    text: str
+    keeps: Callable[[Footprints], Bools]
+    room: Callable[[], Geometry | None] = lambda: None
+
+
+@dataclass(frozen=True, slots=True)
+class Tie:
+    """A relation to the members of other groups, or to points.
+
+    `pairs` is (k, m): whether a place keeps it towards a member. `room` holds every centre that may keep it towards a member
+    that stands somewhere in the ground given; `back` every centre of the member, seen from ours. `points` stand for
+    members where no group is meant. `among` is as `room`, for members that stand, where their headings tell more.
+    """
+
+    path: str
+    text: str
+    of: tuple[str, ...]
+    whom: Whom
+    pairs: Callable[[Footprints, Footprints], Bools]
+    room: Callable[[Geometry], Geometry | None]
+    back: Callable[[Geometry], Geometry | None]
+    points: Footprints | None = None
+    among: Callable[[Footprints], Geometry | None] | None = None
+
+    def keeps(self, some: Footprints, others: Footprints) -> Bools:
+        """(k,) whether places keep it towards all of the others who count."""
+        counted = others[np.arange(1)] if self.whom == "first" else others
+        matrix = self.pairs(some, counted)
+        kept: Bools = np.any(matrix, axis=1) if self.whom == "some" else np.all(matrix, axis=1)
+        return kept
+
+    def bound(self, others: Footprints) -> Relation:
+        """The relation to members that stand."""
+        return Relation(self.path, self.text, lambda some: self.keeps(some, others), lambda: self._room_of(others))
+
+    def _room_of(self, others: Footprints) -> Geometry | None:
+        points = shapely.points(others.centre_m)
+        if len(points) == 0:
+            return None
+        if self.among is not None:
+            return self.among(others)
+        if self.whom == "some":
+            return self.room(shapely.MultiPoint(points))
+        rooms = [self.room(point) for point in points[: 1 if self.whom == "first" else 64]]
+        return None if rooms[0] is None else shapely.intersection_all(rooms)
+
+
+def field(group: ActorGroup, name: str) -> str:
+    """The path of one of the group's placement fields, as a campaign's factors write it."""
+    return f"actors[{group.id}].placement.{name}"
+
+
+def common_room(relations: Sequence[Relation]) -> Geometry:
+    """Where centres that keep all of them must lie."""
+    rooms = [room for relation in relations if (room := relation.room()) is not None]
+    return shapely.intersection_all(rooms) if rooms else EVERYWHERE

@@ -1,0 +1,146 @@
+"""Members chosen from pools of places: clear of each other, and at a mean distance where one is wanted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.arrays import Floats
+
+from ._footprint import Footprints, crowded
+
+
+class _Crowd:
+    """The members found so far, who keep their distance from each other."""
+
+    def __init__(self, room: Footprints, spread_m: float) -> None:
+        self._room, self._spread_m = room, spread_m
+        self.count = 0
+
+    @classmethod
+    def of(cls, size: int, spread_m: float | None) -> _Crowd:
+        return cls(Footprints(np.zeros((size, 2)), np.zeros(size), np.zeros((size, 2)), np.zeros(size)), spread_m or 0.0)
+
+    def members(self) -> Footprints:
+        return self._room[np.arange(self.count)]
+
+    def fits(self, one: Footprints, but: int | None = None) -> bool:
+        """Whether a single footprint keeps clear of all members, of all but one where it is to take that one's place."""
+        room = self._room
+        offset = room.centre_m[: self.count] - one.centre_m[0]
+        reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + one.radius_m[0]
+        reach = reach + np.maximum(room.gap_m[: self.count], one.gap_m[0])
+        square = offset[:, 0] ** 2 + offset[:, 1] ** 2
+        if self._spread_m and np.any(np.delete(square, [] if but is None else but) < self._spread_m**2):
+            return False
+        close = np.nonzero(square < reach * reach)[0]
+        if but is not None:
+            close = close[close != but]
+        if self._overlaps(one, close, square[close]):
+            return False
+        return len(close) == 0 or not bool(crowded(one, room[close])[0])
+
+    def _overlaps(self, one: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
+        """Whether circles inside footprints are too near already: most of those that do not fit are known by that."""
+        inner = self._room.half_m[close].min(axis=1) + one.half_m[0].min() + np.maximum(self._room.gap_m[close], one.gap_m[0])
+        return bool(np.any(square_m2 < (inner - 1e-9) ** 2))
+
+    def put(self, index: int, one: Footprints) -> None:
+        room = self._room
+        room.centre_m[index], room.heading_rad[index] = one.centre_m[0], one.heading_rad[0]
+        room.half_m[index], room.gap_m[index] = one.half_m[0], one.gap_m[0]
+
+    def admit(self, pool: Footprints, order: NDArray[np.intp], until: int) -> list[int]:
+        """Admit from the pool in that order whoever fits; the pool's indices admitted, empty while fewer than `until` stand."""
+        admitted: list[int] = []
+        for index in order:
+            if self.count == until:
+                break
+            one = pool[np.array([index])]
+            if self.fits(one):
+                self.put(self.count, one)
+                self.count += 1
+                admitted.append(int(index))
+        return admitted if self.count == until else []
+
+
+def _reachable(distance_m: Floats, count: int) -> tuple[float, float]:
+    """Least and greatest mean distance of `count` places out of those."""
+    ordered = np.sort(distance_m)
+    return float(ordered[:count].mean()), float(ordered[-count:].mean())
+
+
+class _MeanChoice:
+    """Members out of a pool of places whose mean distance comes out as wanted.
+
+    Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one (the least
+    change of the uniform distribution that has this mean); what is left of the error goes by exchanging members.
+    """
+
+    def __init__(
+        self,
+        pool: Footprints,
+        distance_m: Floats,
+        crowd: _Crowd,
+        count: int,
+        mean_m: float,
+        tolerance: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._pool, self._distance_m, self._crowd, self._count = pool, distance_m, crowd, count
+        self._mean_m, self._tolerance, self._rng = mean_m, tolerance, rng
+
+    def members(self) -> Footprints | None:
+        """The members, None when crowding keeps the mean from being reached."""
+        crowd = self._crowd
+        chosen = crowd.admit(self._pool, self._lots(), self._count)
+        return crowd.members() if chosen and self._exchange(crowd, chosen) else None
+
+    def _lots(self) -> NDArray[np.intp]:
+        """All indices in the order of a weighted draw without replacement (Efraimidis and Spirakis 2006)."""
+        weight = _tilted(self._distance_m, self._mean_m)
+        return np.argsort(self._rng.exponential(size=len(weight)) / np.maximum(weight, 1e-300), kind="stable")
+
+    def _exchange(self, crowd: _Crowd, chosen: list[int]) -> bool:
+        distance = self._distance_m
+        by_distance = np.argsort(distance, kind="stable")
+        ordered = distance[by_distance]
+        stride = (ordered[-1] - ordered[0]) / 4.0
+        taken = set(chosen)
+        for _ in range(60 + 12 * self._count):
+            short = self._mean_m * self._count - float(distance[chosen].sum())
+            if abs(short) <= self._tolerance * self._mean_m * self._count:
+                return True
+            member = int(self._rng.integers(self._count))
+            wanted = distance[chosen[member]] + np.clip(short, -stride, stride)
+            if not ordered[0] <= wanted <= ordered[-1]:
+                # The last steps of an extreme mean: move this member by as much as there is.
+                wanted = np.clip(wanted, ordered[0], ordered[-1])
+            start = int(np.searchsorted(ordered, wanted))
+            for index in by_distance[max(start - 3, 0) : start + 3]:
+                closer = abs(short - (distance[index] - distance[chosen[member]])) < abs(short)
+                if closer and int(index) not in taken and crowd.fits(self._pool[np.array([index])], but=member):
+                    taken.symmetric_difference_update({chosen[member], int(index)})
+                    crowd.put(member, self._pool[np.array([index])])
+                    chosen[member] = int(index)
+                    break
+        return False
+
+
+def _tilted(distance_m: Floats, mean_m: float) -> Floats:
+    """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean is out of reach."""
+    centred = distance_m - distance_m.mean()
+    low, high = -0.5, 0.5
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        weight = _exponential(middle * centred)
+        if float((weight * distance_m).sum() / weight.sum()) < mean_m:
+            low = middle
+        else:
+            high = middle
+    return _exponential(low * centred)
+
+
+def _exponential(power: Floats) -> Floats:
+    weight: Floats = np.exp(power - power.max())
+    return weight

@@ -1,0 +1,1 @@
+"""What was true in a run, and where the vehicle flew: what every measure judges by."""

@@ -1,0 +1,105 @@
+"""The flight as the truth has it: when the vehicle was in the air, how fast, and how near to whom."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from bench.arrays import Bools, Floats
+from bench.contracts import Tape
+from bench.simspec import SimSpec
+
+from ._truth import Truth
+
+
+class Flight:
+    """One run's motion. Arrays share the first axis (n) of `time_s`; distances and places are metres in the map frame.
+
+    `airborne` is from leaving the ground to touching it, as the vehicle's condition says, and never after a crash.
+    """
+
+    def __init__(self, tape: Tape, simspec: SimSpec) -> None:
+        self._tape = tape
+        self._simspec = simspec
+        self._truth = Truth.of(tape, simspec)
+        self.time_s: Floats = tape.vehicle_time_s
+        self.place_m: Floats = tape.vehicle_position_enu_m[:, :2]
+        self.up_m: Floats = tape.vehicle_position_enu_m[:, 2]
+
+    @classmethod
+    def of(cls, tape: Tape, simspec: SimSpec) -> Self:
+        """The flight on a tape, worked out once."""
+        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+
+    @cached_property
+    def airborne(self) -> Bools:
+        """(n,) whether the vehicle was in the air."""
+        aloft = self._held(
+            [said.time.s for said in self._tape.condition], [not said.value.landed for said in self._tape.condition]
+        )
+        crashed = next((said.time.s for said in self._tape.condition if said.value.crashed), np.inf)
+        found: Bools = aloft & (self.time_s < crashed)
+        return found
+
+    @cached_property
+    def speed_mps(self) -> Floats:
+        """(n,) horizontal ground speed."""
+        found: Floats = np.hypot(self._tape.vehicle_velocity_enu_mps[:, 0], self._tape.vehicle_velocity_enu_mps[:, 1])
+        return found
+
+    @cached_property
+    def from_home_m(self) -> Floats:
+        """(n,) horizontal distance from home."""
+        home = self._simspec.vehicle.home
+        found: Floats = np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m)
+        return found
+
+    @cached_property
+    def actors_m(self) -> Floats:
+        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the ends."""
+        times, flat = self._truth.samples()
+        places = self._tape.actor_position_enu_m
+        if not len(self._tape.actor_time_s):
+            places = np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2)
+        after = np.clip(np.searchsorted(times, self.time_s), 1, max(len(times) - 1, 1))
+        if len(times) == 1:
+            held: Floats = np.repeat(places, len(self.time_s), axis=0)
+            return held
+        share = np.clip((self.time_s - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
+        between: Floats = places[after - 1] + share[:, None, None] * (places[after] - places[after - 1])
+        return between
+
+    def apart_m(self, actors: list[int]) -> Floats:
+        """(n, len(actors)) horizontal distances from the vehicle to these members of the cast."""
+        found: Floats = np.linalg.norm(self.actors_m[:, actors, :2] - self.place_m[:, None], axis=2)
+        return found
+
+    def above_m(self, actors: list[int]) -> Floats:
+        """(n, len(actors)) heights of the vehicle above the ground that these stand on."""
+        found: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
+        return found
+
+    @cached_property
+    def span_s(self) -> Floats:
+        """(n,) seconds until the next sample; the last has none."""
+        return np.append(np.diff(self.time_s), 0.0) if len(self.time_s) else np.zeros(0)
+
+    def share(self, good: Bools, of: Bools) -> float | None:
+        """Share of the time in `of` for which `good` holds; None when there is no such time."""
+        whole = float(self.span_s[of].sum())
+        return float(self.span_s[of & good].sum()) / whole if whole > 0.0 else None
+
+    def between(self, start_s: float, end_s: float) -> Bools:
+        """(n,) samples from `start_s` on, before `end_s`."""
+        found: Bools = (self.time_s >= start_s) & (self.time_s < end_s)
+        return found
+
+    def _held(self, times_s: list[float], values: list[bool]) -> Bools:
+        """(n,) the last value said at or before each sample; false before the first."""
+        if not times_s:
+            return np.zeros(len(self.time_s), dtype=np.bool_)
+        index = np.searchsorted(np.array(times_s), self.time_s, side="right") - 1
+        found: Bools = np.where(index >= 0, np.array(values)[np.maximum(index, 0)], False)
+        return found

@@ -1,0 +1,168 @@
+"""What was really so: the actors by role, where they were, and which of them the intelligence speaks of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+
+from bench.arrays import Floats
+from bench.contracts import CastMember, Tape, TargetReport
+from bench.simspec import ASSETS, Realized, Role, SimSpec
+
+RoleName = Literal["bystander", "adversary", "clutter", "any"]
+
+REACH_M = 40.0
+"""A report farther than this from every adversary of its class is about none of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """An adversary that intelligence names: its place in the cast and its most urgent priority (1 is the first)."""
+
+    actor: int
+    priority: int
+
+
+@dataclass(frozen=True, slots=True)
+class SubArea:
+    """A disc that the agent was told to search."""
+
+    id: str
+    place: Floats
+    radius_m: float
+
+
+class Truth:
+    """Truth of one run, as far as the tape has it, else as the SimSpec placed it at the start.
+
+    A run that ended before the first truth was recorded is judged by the scenario alone. Positions are east and north in
+    metres. Raises ValueError when the SimSpec is not realized.
+    """
+
+    def __init__(self, tape: Tape, simspec: SimSpec) -> None:
+        if simspec.realized is None:
+            raise ValueError("measures need the realized SimSpec, as the recording carries it")
+        self._tape = tape
+        self._simspec = simspec
+        self._realized = simspec.realized
+        self.cast = tape.cast or _placed_cast(simspec, simspec.realized)
+        self.labels = np.array([member.class_label for member in self.cast], dtype=object)
+
+    @classmethod
+    def of(cls, tape: Tape, simspec: SimSpec) -> Self:
+        """The truth on a tape, worked out once."""
+        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
+
+    def classes_of(self, role: RoleName) -> set[str]:
+        """Class labels that actors of a role bear."""
+        return {self.cast[index].class_label for index in self.of_role(role)}
+
+    def of_role(self, role: RoleName) -> list[int]:
+        """Indices into the cast."""
+        return [index for index, member in enumerate(self.cast) if role in ("any", member.role)]
+
+    def samples(self) -> tuple[Floats, Floats]:
+        """Times (m,) and positions (m, k, 2), m at least 1: the start stands for a run without truth."""
+        if len(self._tape.actor_time_s):
+            return self._tape.actor_time_s, self._tape.actor_position_enu_m[:, :, :2]
+        return np.zeros(1), self._start()[None]
+
+    def at(self, time_s: float) -> Floats:
+        """(k, 2) positions of the cast at a moment."""
+        return self._tape.actors_at(time_s)[:, :2] if len(self._tape.actor_time_s) else self._start()
+
+    def distances(self, time_s: float, east_m: float, north_m: float) -> Floats:
+        """(k,) metres from a place on the ground to everybody at a moment."""
+        found: Floats = np.hypot(*(self.at(time_s) - (east_m, north_m)).T)
+        return found
+
+    def targets(self) -> list[Target]:
+        """The adversaries named by intelligence, each once, in the order of the cast."""
+        first: dict[str, int] = {}
+        for index, member in enumerate(self.cast):
+            first.setdefault(member.group, index)
+        priorities: dict[int, int] = {}
+        for item in self._simspec.intelligence:
+            actor = first.get(item.about)
+            if actor is not None and self.cast[actor].role is Role.ADVERSARY:
+                priorities[actor] = min(item.priority, priorities.get(actor, item.priority))
+        return [Target(actor, priorities[actor]) for actor in sorted(priorities)]
+
+    def meant(self, intelligence_id: str) -> int | None:
+        """The adversary that an intelligence report is about; None for another actor, or an unknown report."""
+        about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
+        first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
+        return first if first is not None and self.cast[first].role is Role.ADVERSARY else None
+
+    def sub_areas(self) -> list[SubArea]:
+        """The search task that the agent was given."""
+        radii = {item.id: item.uncertainty_m for item in self._simspec.intelligence}
+        reports = self._realized.reports
+        return [SubArea(one.id, np.array([one.east_m, one.north_m]), radii[one.id]) for one in reports if one.id in radii]
+
+    def entered(self, role: RoleName, asset: str = "") -> dict[int, float]:
+        """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when first."""
+        times, positions = self.samples()
+        actors = [one for one in self.of_role(role) if not asset or self.cast[one].asset == asset]
+        inside = np.zeros((len(times), len(actors)), dtype=bool)
+        for area in self.sub_areas():
+            apart = positions[:, actors] - area.place
+            inside |= np.hypot(apart[..., 0], apart[..., 1]) <= area.radius_m
+        return {actor: float(times[within.argmax()]) for actor, within in zip(actors, inside.T, strict=True) if within.any()}
+
+    def subject(self, report: TargetReport, time_s: float, within_m: float = REACH_M) -> int | None:
+        """The adversary that a report is about: the nearest of its class within `within_m`; None when there is none."""
+        alike = [index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label]
+        if not alike:
+            return None
+        away = self.distances(time_s, report.east_m, report.north_m)
+        nearest = min(alike, key=lambda index: away[index])
+        return nearest if away[nearest] <= within_m else None
+
+    def nearest_bystander_m(self, time_s: float, east_m: float, north_m: float) -> float:
+        """Metres from a place to the nearest bystander at a moment; infinity when there is none."""
+        bystanders = self.of_role("bystander")
+        return float(self.distances(time_s, east_m, north_m)[bystanders].min()) if bystanders else np.inf
+
+    def exposure_s(self, target: Target) -> float:
+        """Seconds of the planned mission for which a bystander stands within the no-mark distance of a target.
+
+        The share of the recorded time, over the mission's time limit (or the run, if longer): a run that its agent
+        ended early must not thereby drop out of consideration.
+        """
+        bystanders = self.of_role("bystander")
+        if not bystanders:
+            return 0.0
+        times, positions = self.samples()
+        apart = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(axis=1)
+        near = apart < self._simspec.rules.no_mark_within_m
+        spans = np.diff(times)
+        share = float(spans[near[:-1]].sum() / spans.sum()) if spans.sum() > 0.0 else float(near[0])
+        return share * max(self._simspec.mission.time_limit_s, float(times[-1]))
+
+    def _start(self) -> Floats:
+        places = {one.id: (one.east_m, one.north_m) for one in self._realized.actors}
+        return np.array([places.get(member.id, (np.inf, np.inf)) for member in self.cast]).reshape(-1, 2)
+
+
+def _placed_cast(simspec: SimSpec, realized: Realized) -> tuple[CastMember, ...]:
+    members = []
+    for actor in realized.actors:
+        group = simspec.group(actor.group)
+        asset = ASSETS[group.asset]
+        members.append(
+            CastMember(
+                id=actor.id,
+                group=group.id,
+                asset=group.asset,
+                class_label=asset.class_label,
+                role=group.role,
+                length_m=asset.length_m,
+                width_m=asset.width_m,
+                height_m=asset.height_m,
+                concealment=group.concealment,
+            )
+        )
+    return tuple(members)

@@ -1,0 +1,1 @@
+"""Measures of the mission: flown, brought home, searched."""

@@ -1,0 +1,1 @@
+"""Measures of what the operator is told: orders carried out, phases announced."""

@@ -1,0 +1,1 @@
+"""Measures of the record: whether what the agent did can be traced."""

@@ -1,0 +1,1 @@
+"""Measures of how vehicle and agent get through faults and outages."""

@@ -1,0 +1,1 @@
+"""Measures of the agent's reports: targets and the bystanders near them."""

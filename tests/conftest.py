@@ -1,0 +1,33 @@
+"""Markers by place, so that a test says by its folder or file what it costs; `pytest -m "not flight"` leaves whole flights out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+
+# A folder, or the beginning of a file's path below tests/, and the marker of every test in it.
+MARKED_PLACES = {
+    "agent_adapters/test_full_campaign": "flight",
+    "agent_adapters/test_agent_flight": "flight",
+    "agent_adapters/test_agent_mission": "flight",
+    "agent_adapters/test_agent_process": "process",
+    "campaign/test_campaign_runner": "process",
+    "campaign/test_campaign_flight": "flight",
+    "cli/": "process",
+    "clients/": "flight",
+    "plugins/": "process",
+    "simulation/test_session": "flight",
+    "vehicle_models/": "flight",
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test by its place."""
+    for item in items:
+        place = item.path.relative_to(HERE).as_posix()
+        for beginning, marker in MARKED_PLACES.items():
+            if place.startswith(beginning):
+                item.add_marker(marker)

@@ -1,0 +1,275 @@
+"""Designs and what they make of a base SimSpec."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.documents import dump_json, parse_text, validate_document
+from bench.errors import SetupError
+from bench.realization import Design, RealizationPlan, realize
+from bench.simspec import AgentSpec, SimSpec
+
+PAPER: dict[str, Any] = parse_text((Path(__file__).parents[2] / "campaigns" / "paper.yaml").read_text())[0]
+BASE = validate_document(PAPER["base"], SimSpec)
+AGENTS = (AgentSpec(manifest="reference-naive"), AgentSpec(manifest="reference-bystander-aware"))
+
+
+def design(*factors: dict[str, Any], **others: Any) -> Design:
+    return validate_document({"factors": list(factors), **others}, Design)
+
+
+FOG = {"name": "fog", "unit": "level", "levels": [0.0, 2, 4.5], "sets": ["environment.fog_level"]}
+CROWD = {"name": "crowd", "levels": [2, 3], "sets": ["actors[neighbours].count"]}
+
+
+def faults(*factors: dict[str, Any], **others: Any) -> str:
+    """What realizing such a design is refused with."""
+    with pytest.raises(SetupError) as refusal:
+        realize(BASE, design(*factors, **others), AGENTS)
+    return str(refusal.value)
+
+
+def test_paper_experiment() -> None:
+    """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 different ones are drawn."""
+    asked = validate_document(PAPER["design"], Design)
+    plans = realize(BASE, asked, AGENTS[:1])
+
+    assert len(asked.points()) == 72
+    assert len(plans) == 215
+    assert len({(plan.design_point, plan.replicate) for plan in plans}) == 215
+    assert len({plan.simspec.seeds.root for plan in plans}) == 215
+    assert {plan.levels["approach"] for plan in plans} == {"N", "E", "S", "W"}
+    west = next(plan for plan in plans if plan.levels["approach"] == "W")
+    assert (west.simspec.vehicle.home.east_m, west.simspec.vehicle.home.heading_deg) == (-320.0, 90.0)
+    assert west.simspec.group("civilians").density_per_km2 == west.levels["density"]
+    members = {plan.simspec.group("civilians").member_count(BASE.world.area.area_m2) for plan in plans}
+    assert members == {47, 59, 68}
+
+
+def test_levels_reach_their_fields() -> None:
+    """Every level stands where its path points, whole numbers stay whole, and the rest is the base."""
+    plans = realize(BASE, design(FOG, CROWD), AGENTS[:1])
+
+    found = [(plan.simspec.environment.fog_level, plan.simspec.group("neighbours").count) for plan in plans]
+    assert found == [(0.0, 2), (0.0, 3), (2.0, 2), (2.0, 3), (4.5, 2), (4.5, 3)]
+    assert [plan.id for plan in plans][:2] == ["p001-r1-reference-naive", "p002-r1-reference-naive"]
+    assert all(plan.simspec.mission == BASE.mission and plan.simspec.name == plan.id for plan in plans)
+
+
+def test_agents_share_their_scene() -> None:
+    """All agents of one design point and replicate have the same seeds; other replicates have others."""
+    plans = realize(BASE, design(FOG, replicates=2), AGENTS)
+
+    by_scene: dict[tuple[str, int], list[RealizationPlan]] = {}
+    for plan in plans:
+        by_scene.setdefault((plan.design_point, plan.replicate), []).append(plan)
+    assert [len(group) for group in by_scene.values()] == [2] * 6
+    assert all(len({plan.simspec.seeds.root for plan in group}) == 1 for group in by_scene.values())
+    assert len({plan.simspec.seeds.root for plan in plans}) == 6
+    assert {plan.agent for plan in plans} == {"reference-naive", "reference-bystander-aware"}
+
+
+def test_growing_reshuffles_nothing() -> None:
+    """More replicates, and a larger draw, contain every earlier realization unchanged."""
+
+    def made(**others: Any) -> dict[str, str]:
+        return {plan.id: dump_json(plan.simspec) for plan in realize(BASE, design(FOG, CROWD, seed=3, **others), AGENTS)}
+
+    assert made(replicates=2).items() <= made(replicates=5).items()
+    drawn = made(replicates=4, method={"kind": "full_factorial", "take": 7})
+    assert len(drawn) == 14
+    assert drawn.items() <= made(replicates=4, method={"kind": "full_factorial", "take": 15}).items()
+    sampled = {"name": "wind", "unit": "m/s", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]}
+    few, more = (
+        {
+            plan.id: dump_json(plan.simspec)
+            for plan in realize(BASE, design(sampled, method={"kind": "halton", "points": n}), AGENTS)
+        }
+        for n in (5, 9)
+    )
+    assert few.items() <= more.items()
+
+
+def test_seed_decides() -> None:
+    """The same seed draws the same pairs and scenes, another one others."""
+
+    def ids(seed: int) -> list[tuple[str, int]]:
+        asked = design(FOG, CROWD, seed=seed, replicates=9, method={"kind": "full_factorial", "take": 9})
+        return [(plan.id, plan.simspec.seeds.root) for plan in realize(BASE, asked, AGENTS)]
+
+    assert ids(1) == ids(1)
+    assert ids(1) != ids(2)
+
+
+def test_seed_of_its_own_is_kept() -> None:
+    """A stream that the base gives a seed of its own is the same in every realization."""
+    pinned = BASE.model_copy(update={"seeds": BASE.seeds.model_copy(update={"motion": 5})})
+
+    assert {plan.simspec.seeds.motion for plan in realize(pinned, design(FOG, replicates=2), AGENTS)} == {5}
+
+
+def test_latin_hypercube_fills_its_strata() -> None:
+    """Each of n equal strata of each range holds exactly one of n points; whole numbers are whole; levels are even."""
+    asked = design(
+        {"name": "wind", "range": {"low": 0.0, "high": 10.0}, "sets": ["environment.wind.speed_mps"]},
+        {"name": "trees", "range": {"low": 0, "high": 19, "integer": True}, "sets": ["actors[trees].count"]},
+        FOG,
+        method={"kind": "latin_hypercube", "points": 12},
+    )
+    points = [point.levels for point in asked.points()]
+
+    assert sorted(int(float(levels["wind"]) / 10.0 * 12) for levels in points) == list(range(12))
+    assert all(isinstance(levels["trees"], int) for levels in points)
+    assert sorted([levels["fog"] for levels in points].count(level) for level in (0.0, 2, 4.5)) == [4, 4, 4]
+    assert asked.points() == asked.points()
+
+
+def test_one_by_one() -> None:
+    """The first levels, then each other level alone."""
+    asked = design(FOG, CROWD, method={"kind": "one_by_one"})
+
+    assert [tuple(point.levels.values()) for point in asked.points()] == [(0.0, 2), (2, 2), (4.5, 2), (0.0, 3)]
+
+
+def test_range_in_a_counting_design() -> None:
+    """A range counts its steps, ends included, and is refused without them where levels are counted."""
+    steps = {"name": "wind", "range": {"low": 0.0, "high": 8.0, "steps": 3}, "sets": ["environment.wind.speed_mps"]}
+
+    assert [point.levels["wind"] for point in design(steps).points()] == [0.0, 4.0, 8.0]
+    with pytest.raises(SetupError, match=r"give levels or range\.steps"):
+        design(steps | {"range": {"low": 0.0, "high": 8.0}})
+
+
+def test_no_factors_is_the_base_itself() -> None:
+    """A design without factors flies the base, as often as it has replicates."""
+    assert [plan.id for plan in realize(BASE, design(replicates=2), AGENTS[:1])] == [
+        "p001-r1-reference-naive",
+        "p001-r2-reference-naive",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        (
+            "environment.fog_levl",
+            "factor 'fog': path environment.fog_levl: environment has no field 'fog_levl' (did you mean fog_level?)",
+        ),
+        ("actors[neighbors].count", "actors has no member 'neighbors' (did you mean neighbours?)"),
+        ("actors[99].count", "actors has no member '99'"),
+        ("environment[sky].fog_level", "environment is not a list"),
+        ("environment.fog_level.deep", "environment.fog_level is a plain value"),
+        ("actors[cars].placement.near.max_m", "actors[5].placement.near is not given in the base SimSpec"),
+        ("environment..fog_level", "'' is not a step of a path"),
+        ("seeds.root", "seeds.root is written by realization itself"),
+        ("agent.options.gain", "agent is written by realization itself"),
+    ],
+)
+def test_paths_that_lead_nowhere(path: str, said: str) -> None:
+    """A path that is wrong is named with its factor, what is wrong and the mend."""
+    assert said in faults(FOG | {"sets": [path], "unit": None}).replace("actors[7]", "actors[5]")
+
+
+def test_levels_that_do_not_fit() -> None:
+    """A level out of bounds or of the wrong type names factor, level, path and bounds; several faults come together."""
+    said = faults(FOG | {"levels": [12.0]}, CROWD | {"levels": ["many"]})
+
+    assert "factor 'fog': level 12.0 for environment.fog_level" in said
+    assert "less than or equal to 9" in said
+    assert "factor 'crowd': level 'many' for actors[neighbours].count" in said
+    assert "factor 'fog': path environment.fog_level: the factor's unit is 'm'" in faults(FOG | {"unit": "m"})
+
+
+def test_units_that_do_not_fit() -> None:
+    """One per metre is no metre; a share has no unit; and one number cannot be metres here and seconds there."""
+    extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
+    mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
+
+    assert "the field's '1/m'" in faults(extinction | {"unit": "m"})
+    assert realize(BASE, design(extinction | {"unit": "1/m"}), AGENTS)
+    assert "but the field has none" in faults(CROWD | {"unit": "m"})
+    assert "sets fields of different units: mission.altitude_m (m), mission.time_limit_s (s)" in faults(mixed)
+    assert "the factor's unit is 'm', the field's 's'" in faults(mixed | {"unit": "m"})
+
+
+def test_levels_that_clash_with_each_other() -> None:
+    """Levels that are right alone but not together name the design point and its levels."""
+    high = {"name": "height", "levels": [60.0, 110.0], "sets": ["mission.altitude_m"]}
+    ceiling = {"name": "ceiling", "levels": [120.0, 80.0], "sets": ["rules.max_altitude_m"]}
+
+    assert "design point p004 (height=110.0, ceiling=80.0)" in faults(high, ceiling)
+
+
+def test_factors_that_undo_each_other() -> None:
+    """Two factors on one field are refused, however each writes its path."""
+    assert "is set by the factors crowd, again" in faults(CROWD, CROWD | {"name": "again", "sets": ["actors[2].count"]})
+    home = {"name": "home", "levels": ["N"], "patches": {"N": {"vehicle.home": {"east_m": 0.0, "north_m": 9.0}}}}
+    turned = {"name": "turned", "levels": [0.0, 90.0], "sets": ["vehicle.home.heading_deg"]}
+    assert "is set by the factors turned, home" in faults(home, turned)
+
+
+@pytest.mark.parametrize(
+    ("factors", "others", "said"),
+    [
+        ([FOG, FOG], {}, "two factors are called 'fog'"),
+        ([FOG | {"levels": [1, 1.0]}], {}, "stands twice"),
+        ([FOG | {"levels": []}], {}, "give either levels"),
+        ([FOG | {"sets": []}], {}, "changes nothing"),
+        ([FOG | {"levels": ["a"], "patches": {"b": {}}}], {}, "must name exactly the levels"),
+        ([FOG], {"method": {"kind": "full_factorial", "take": 4}}, "take 4 exceeds the 3 pairs"),
+        ([FOG | {"name": f"f{n}", "levels": list(range(99))} for n in range(3)], {}, "use a latin_hypercube"),
+        ([{"name": "x", "range": {"low": 2, "high": 1}, "sets": ["x"]}], {}, "high 1.0 must exceed low 2.0"),
+    ],
+)
+def test_designs_that_cannot_be(factors: list[dict[str, Any]], others: dict[str, Any], said: str) -> None:
+    """A design that cannot be drawn is refused with a sentence as the document is read."""
+    with pytest.raises(SetupError) as refusal:
+        design(*factors, **others)
+
+    assert said in str(refusal.value)
+
+
+def test_agents_need_names_of_their_own() -> None:
+    """No agents, two of one name, and a name too long for an id are refused."""
+    for agents, said in (
+        ((), "no agent is named"),
+        ((AGENTS[0], AGENTS[0]), "two agents are called 'reference-naive'"),
+        ((AgentSpec(manifest="a" * 41),), "more than 40 characters"),
+    ):
+        with pytest.raises(SetupError, match=said):
+            realize(BASE, design(FOG), agents)
+
+
+def test_pairs_of_fidelities_share_their_scene() -> None:
+    """A point flown at high fidelity has the seeds of its twin at low, and so the same scene; formulas reach their fields."""
+    factors = [
+        {"name": "rate", "levels": [2.0, 5.0], "sets": ["vehicle.camera.rate_hz"]},
+        {"name": "wind", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]},
+        {"name": "gusts", "formula": "wind / 2", "unit": "m/s", "sets": ["environment.wind.turbulence_mps"]},
+    ]
+    plans = realize(
+        BASE, design(*factors, method={"kind": "nested", "points": 6, "high": 3, "fidelity": "rate"}, replicates=2), AGENTS[:1]
+    )
+
+    low = {(plan.levels["wind"], plan.replicate): plan for plan in plans if plan.levels["rate"] == 2.0}
+    high = [plan for plan in plans if plan.levels["rate"] == 5.0]
+    assert (len(low), len(high)) == (12, 6)
+    for plan in high:
+        twin = low[plan.levels["wind"], plan.replicate].simspec
+        assert plan.simspec.seeds == twin.seeds
+        assert (plan.simspec.vehicle.camera.rate_hz, twin.vehicle.camera.rate_hz) == (5.0, 2.0)
+    wind = plans[0].simspec.environment.wind
+    assert wind.turbulence_mps == wind.speed_mps / 2
+    assert len({plan.simspec.seeds.root for plan in plans}) == 12
+
+
+def test_inactive_factors_change_nothing() -> None:
+    """Where its condition fails a conditional factor leaves the base alone."""
+    rain = {"name": "rain", "levels": [2.0, 3.0], "when": "fog > 1", "sets": ["environment.rain_level"]}
+    plans = realize(BASE, design(FOG, rain), AGENTS[:1])
+
+    found = [(plan.simspec.environment.fog_level, plan.simspec.environment.rain_level) for plan in plans]
+    assert found == [(0.0, BASE.environment.rain_level), (2.0, 2.0), (2.0, 3.0), (4.5, 2.0), (4.5, 3.0)]

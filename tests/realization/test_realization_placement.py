@@ -1,0 +1,326 @@
+"""Placement: what was asked for comes out, the same for the same seed, and what cannot be is said."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bench.documents import dump_json, parse_text, validate_document
+from bench.errors import SetupError
+from bench.realization import Design, PlacementInfeasible, check_placement, place, realize
+from bench.simspec import ActorGroup, AgentSpec, Near, Placement, Point, Polygon, Realized, Role, SimSpec, World
+
+PAPER: dict[str, Any] = parse_text((Path(__file__).parents[2] / "campaigns" / "paper.yaml").read_text())[0]
+
+
+def corners(west: float, south: float, east: float, north: float) -> dict[str, Any]:
+    places = ((west, south), (east, south), (east, north), (west, north))
+    return {"corners": [{"east_m": e, "north_m": n} for e, n in places]}
+
+
+def group(name: str, asset: str, count: int = 1, role: str = "clutter", **placement: Any) -> dict[str, Any]:
+    return {"id": name, "asset": asset, "role": role, "count": count, "placement": placement}
+
+
+def scene(*groups: dict[str, Any], seed: int = 1, size_m: float = 100.0, **others: Any) -> SimSpec:
+    """A square yard whose south-west corner, where the vehicle stands, is the origin."""
+    document = {
+        "name": "yard",
+        "world": {"area": corners(0.0, 0.0, size_m, size_m)},
+        "actors": list(groups),
+        "seeds": {"root": seed},
+        **others,
+    }
+    return validate_document(document, SimSpec)
+
+
+def realized(simspec: SimSpec) -> Realized:
+    assert simspec.realized is not None
+    return simspec.realized
+
+
+def infeasible(simspec: SimSpec) -> str:
+    with pytest.raises(PlacementInfeasible) as refusal:
+        place(simspec)
+    return str(refusal.value)
+
+
+def test_paper_scenes() -> None:
+    """Scenes of the paper's experiment keep every relation, the mean proximity within 1 %, and differ from each other."""
+    plans = realize(validate_document(PAPER["base"], SimSpec), validate_document(PAPER["design"], Design), [AgentSpec()])
+    placed = [place(plan.simspec) for plan in plans[::12]]
+
+    assert len(placed) == 18
+    assert [fault for simspec in placed for fault in check_placement(simspec)] == []
+    assert len({dump_json(realized(simspec)) for simspec in placed}) == 18
+    assert {simspec.group("civilians").member_count(150_000.0) for simspec in placed} == {47, 59, 68}
+
+
+def test_a_typical_scene_is_quick() -> None:
+    """Some ninety actors of the paper's experiment take milliseconds; the bound is wide, for busy machines."""
+    simspec = validate_document(PAPER["base"], SimSpec)
+    place(simspec)
+
+    began = time.process_time()
+    for _ in range(10):
+        place(simspec)
+
+    assert (time.process_time() - began) / 10 < 0.1
+
+
+def test_same_seed_same_bytes() -> None:
+    """The same seed places to the byte alike, another one elsewhere, and a group added later moves nobody placed before it."""
+    people, trees = group("people", "civilian", 10), group("trees", "tree", 5)
+
+    assert dump_json(place(scene(people))) == dump_json(place(scene(people)))
+    assert realized(place(scene(people, seed=2))) != realized(place(scene(people)))
+    assert realized(place(scene(people, trees))).actors[:10] == realized(place(scene(people))).actors
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    seed=st.integers(0, 2**32),
+    people=st.integers(0, 30),
+    houses=st.integers(0, 6),
+    separation_m=st.floats(0.0, 2.0),
+    near_m=st.tuples(st.floats(2.0, 20.0), st.floats(5.0, 30.0)),
+    mean_m=st.floats(35.0, 60.0),
+    bay=st.booleans(),
+)
+def test_whatever_is_asked_is_kept(
+    seed: int, people: int, houses: int, separation_m: float, near_m: tuple[float, float], mean_m: float, bay: bool
+) -> None:
+    """What placement returns passes the independent check, over random scenes, also in a region with a bay."""
+    low, span = near_m
+    angle = {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (0, 40))]}
+    simspec = scene(
+        group("houses", "house", houses, separation_m=separation_m, **({"region": angle} if bay else {})),
+        group("radar", "radar-vehicle", role="adversary", region=corners(20.0, 15.0, 40.0, 35.0)),
+        group("guards", "soldier", 3, role="adversary", near={"of": "radar", "min_m": low, "max_m": low + span}),
+        group(
+            "crowd",
+            "civilian",
+            people,
+            role="bystander",
+            separation_m=separation_m,
+            mean_distance={"of": "radar", "mean_m": mean_m},
+        ),
+        group("crates", "crate", 3, away={"of": "guards", "min_m": 5.0, "max_m": 200.0}),
+        seed=seed,
+        intelligence=[{"id": "sighting", "about": "radar", "uncertainty_m": 20.0}],
+    )
+
+    assert check_placement(place(simspec)) == []
+
+
+def test_fixed_place_is_kept() -> None:
+    """`at` puts a member exactly there, and the others go round it."""
+    fixed = group("house", "house", at={"east_m": 50.0, "north_m": 50.0, "heading_deg": 30.0})
+    simspec = place(scene(group("people", "civilian", 40, region=corners(40.0, 40.0, 60.0, 60.0)), fixed))
+
+    house = realized(simspec).actors[-1]
+    assert (house.id, house.east_m, house.north_m, house.heading_deg) == ("house-1", 50.0, 50.0, 30.0)
+    assert check_placement(simspec) == []
+
+
+def test_reports_err_within_their_uncertainty() -> None:
+    """Reports lie off the truth, by less than their uncertainty, inside the area where that is possible."""
+    errors = []
+    for seed in range(20):
+        target = group("radar", "radar-vehicle", role="adversary", region=corners(4.0, 4.0, 16.0, 16.0))
+        simspec = place(scene(target, seed=seed, intelligence=[{"id": "sighting", "about": "radar", "uncertainty_m": 60.0}]))
+        [actor], [report] = realized(simspec).actors, realized(simspec).reports
+        errors.append(((actor.east_m - report.east_m) ** 2 + (actor.north_m - report.north_m) ** 2) ** 0.5)
+        assert 0.0 <= report.east_m <= 100.0
+        assert 0.0 <= report.north_m <= 100.0
+    assert max(errors) <= 48.0
+    assert max(errors) - min(errors) > 10.0
+
+
+def test_dense_but_possible() -> None:
+    """Forty crates over a third of a yard find their places."""
+    simspec = place(scene(group("crates", "crate", 40, separation_m=0.2), size_m=27.0))
+
+    assert check_placement(simspec) == []
+
+
+def test_impossible_by_area() -> None:
+    """A thousand people in a small yard are refused at once, with the areas."""
+    began = time.process_time()
+
+    assert "1000 of 'people' need at least" in infeasible(scene(group("people", "civilian", 1000), size_m=20.0))
+    assert time.process_time() - began < 0.5
+
+
+def test_impossible_by_relations() -> None:
+    """Relations that cannot be kept together are named with their numbers, and those that do no harm are not."""
+    said = infeasible(
+        scene(
+            group("radar", "radar-vehicle", region=corners(5.0, 5.0, 20.0, 20.0)),
+            group(
+                "guards", "soldier", 2, near={"of": "radar", "min_m": 1.0, "max_m": 10.0}, region=corners(70.0, 70.0, 90.0, 90.0)
+            ),
+        )
+    )
+
+    assert said.startswith("impossible, and proved so")
+    assert "'guards' is to stand inside its region of 400 m2 (actors[guards].placement.region)" in said
+    assert "'guards' is to stand 1 to 10 m from some member of 'radar' (actors[guards].placement.near)" in said
+    assert "home" not in said
+    assert "members of" not in said
+
+
+def test_impossible_by_crowding() -> None:
+    """Members who keep each other out are told apart from relations that clash."""
+    began = time.process_time()
+    said = infeasible(scene(group("houses", "house", 10, separation_m=0.0), size_m=36.0))
+
+    assert "of 10 members found a place" in said
+    assert "crowd each other" in said or "keep 0 m clear" in said
+    assert time.process_time() - began < 3.0
+
+
+def test_impossible_mean_distance() -> None:
+    """A mean out of reach is refused with the means within reach."""
+    said = infeasible(
+        scene(
+            group("radar", "radar-vehicle", region=corners(45.0, 45.0, 55.0, 55.0)),
+            group("people", "civilian", 10, mean_distance={"of": "radar", "mean_m": 200.0}),
+        )
+    )
+
+    assert "is to be 200 m" in said
+    assert "no mean over 75.6 m is in reach" in said
+
+
+def test_overlapping_fixed_places() -> None:
+    """Two groups fixed on one spot are named."""
+    at = {"east_m": 50.0, "north_m": 50.0}
+
+    assert "'shed' and 'house' are fixed" in infeasible(scene(group("shed", "shed", at=at), group("house", "house", at=at)))
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"),
+    [
+        ([group("a", "crate", near={"of": "b", "max_m": 5}), group("b", "crate", near={"of": "a", "max_m": 5})], "in a circle"),
+        ([group("a", "unicorn")], "there is no asset 'unicorn'"),
+        ([group("a", "crate", 0), group("b", "crate", near={"of": "a", "max_m": 5})], "relates to 'a', which has no members"),
+        (
+            [group("a", "crate", region={"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (9, 9), (9, 0), (0, 5))]})],
+            "crosses itself",
+        ),
+    ],
+)
+def test_nonsense_is_refused(groups: list[dict[str, Any]], said: str) -> None:
+    """What no place could mend is the author's to mend: a fault with its field."""
+    with pytest.raises(SetupError, match=said):
+        place(scene(*groups))
+
+
+def planted(**changes: Any) -> str:
+    """What the check says of a good scene in which one actor, the report or the cast was changed."""
+    good = place(
+        scene(
+            group("radar", "radar-vehicle", role="adversary", region=corners(40.0, 40.0, 60.0, 60.0)),
+            group("guard", "soldier", role="adversary", near={"of": "radar", "min_m": 5.0, "max_m": 10.0}),
+            group("crates", "crate", 2, away={"of": "radar", "min_m": 15.0, "max_m": 90.0}),
+            group("crowd", "civilian", 8, role="bystander", mean_distance={"of": "radar", "mean_m": 40.0}),
+            group("post", "shed", at={"east_m": 90.0, "north_m": 90.0}),
+            intelligence=[{"id": "sighting", "about": "radar", "uncertainty_m": 20.0}],
+        )
+    )
+    assert check_placement(good) == []
+    kept = realized(good)
+    radar = kept.actors[0]
+    if "actor" in changes:
+        moved = {"east_m": radar.east_m + changes["off_m"], "north_m": radar.north_m}
+        kept = kept.model_copy(
+            update={"actors": tuple(a.model_copy(update=moved) if a.id == changes["actor"] else a for a in kept.actors)}
+        )
+    if "report_off_m" in changes:
+        report = kept.reports[0].model_copy(update={"east_m": radar.east_m + changes["report_off_m"]})
+        kept = kept.model_copy(update={"reports": (report,)})
+    if "drop" in changes:
+        kept = kept.model_copy(update={"actors": tuple(a for a in kept.actors if a.id != changes["drop"])})
+    return "\n".join(map(str, check_placement(good.model_copy(update={"realized": kept}))))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"actor": "guard-1", "off_m": 1.0}, "radar-1 and guard-1: are 0.000 m apart"),
+        ({"actor": "guard-1", "off_m": 25.0}, "guard-1: is not near 'radar'"),
+        ({"actor": "crates-1", "off_m": 12.0}, "crates-1: does not keep away from 'radar'"),
+        ({"actor": "crowd-1", "off_m": 500.0}, "crowd-1: stands outside its region"),
+        ({"actor": "crowd-1", "off_m": 500.0}, "has a mean distance of"),
+        ({"actor": "post-1", "off_m": 30.0}, "post-1: is not where placement.at fixes it"),
+        ({"report_off_m": 30.0}, "report sighting: is"),
+        ({"drop": "crowd-3"}, "group crowd: has 7 members (8 are asked for)"),
+    ],
+)
+def test_check_finds_planted_errors(changes: dict[str, Any], said: str) -> None:
+    """Every kind of broken promise is found by the check that does not trust the sampler."""
+    assert said in planted(**changes)
+
+
+def test_check_sees_overlap_of_turned_footprints() -> None:
+    """Corners count, not circles: two long vehicles side by side are clear, the same ones crossed are not."""
+    trucks = [
+        group(name, "military-truck", at={"east_m": east, "north_m": 50.0}) for name, east in (("one", 50.0), ("two", 53.0))
+    ]
+    beside = place(scene(*trucks))
+    crossed = realized(beside).actors[1].model_copy(update={"heading_deg": 90.0})
+
+    assert check_placement(beside) == []
+    found = check_placement(
+        beside.model_copy(
+            update={"realized": realized(beside).model_copy(update={"actors": (realized(beside).actors[0], crossed)})}
+        )
+    )
+    assert [fault.where for fault in found if "apart" in fault.what] == ["realized: one-1 and two-1"]
+
+
+def test_nothing_placed_is_a_fault() -> None:
+    """A SimSpec without places is not well placed."""
+    assert [fault.what for fault in check_placement(scene())] == ["is missing"]
+
+
+def test_footprint_gaps_agree_with_shapely() -> None:
+    """The sampler's own distance between turned rectangles is shapely's, over many pairs."""
+    import numpy as np
+    import shapely
+
+    from bench.realization.placement._footprint import footprints, gaps
+    from bench.simspec import ASSETS
+
+    rng = np.random.default_rng(1)
+    for one, other in itertools.product(("house", "military-truck", "civilian"), repeat=2):
+        left = footprints(ASSETS[one], rng.uniform(0, 25, (200, 2)), rng.uniform(0, 360, 200), 0.0)
+        right = footprints(ASSETS[other], rng.uniform(0, 25, (200, 2)), rng.uniform(0, 360, 200), 0.0)
+        wanted = shapely.distance(shapely.polygons(left.corners()), shapely.polygons(right.corners()))
+        np.testing.assert_allclose(gaps(left, right), wanted, atol=1e-9)
+
+
+def test_a_crowd_that_no_ring_holds_is_refused_at_once() -> None:
+    """Five thousand people within forty metres are refused by their area, without a search."""
+    people = ActorGroup(
+        id="crowd",
+        asset="civilian",
+        role=Role.BYSTANDER,
+        count=5000,
+        placement=Placement(near=Near(of="target", min_m=10, max_m=40)),
+    )
+    target = ActorGroup(id="target", asset="crate", role=Role.ADVERSARY, count=1)
+    corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (600, 0), (600, 250), (0, 250)))
+    spec = SimSpec(name="crowd", world=World(area=Polygon(corners=corners)), actors=(target, people))
+    began = time.process_time()
+    with pytest.raises(PlacementInfeasible, match=r"5000 of 'crowd' need at least .* within 10 to 40 m of 'target'"):
+        place(spec)
+    assert time.process_time() - began < 1.0

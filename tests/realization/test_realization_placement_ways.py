@@ -1,0 +1,226 @@
+"""Patrols get from their places to their routes and round them: as the simulation walks, by sampling, solver and check alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.contracts import SimTime
+from bench.documents import validate_document
+from bench.errors import SetupError
+from bench.realization import PlacementInfeasible, check_placement, place
+from bench.realization.placement._placement import placement_order, with_places
+from bench.realization.placement._proofs import find_clash
+from bench.realization.placement._solver import solved
+from bench.simspec import SimSpec
+from bench.simulation import open_plain_scene
+
+ROUTE = [(70.0, 20.0), (90.0, 20.0), (90.0, 60.0), (70.0, 60.0)]
+
+
+def corners(*places: tuple[float, float]) -> dict[str, Any]:
+    return {"corners": [{"east_m": e, "north_m": n} for e, n in places]}
+
+
+def box(west: float, south: float, east: float, north: float) -> dict[str, Any]:
+    return corners((west, south), (east, south), (east, north), (west, north))
+
+
+def fixed(name: str, asset: str, east_m: float, north_m: float, heading_deg: float = 0.0, **others: Any) -> dict[str, Any]:
+    at = {"east_m": east_m, "north_m": north_m, "heading_deg": heading_deg}
+    return {"id": name, "asset": asset, "role": "clutter", "count": 1, "placement": {"at": at}, **others}
+
+
+def free(name: str, asset: str, count: int, **placement: Any) -> dict[str, Any]:
+    return {"id": name, "asset": asset, "role": "clutter", "count": count, "placement": placement}
+
+
+def patrol(count: int = 1, route: Any = ROUTE, **placement: Any) -> dict[str, Any]:
+    motion = {"kind": "patrol", "route": [{"east_m": e, "north_m": n} for e, n in route], "pause_s": 0.0, "speed_mps": 20.0}
+    return free("guards", "soldier", count, **placement) | {"motion": motion, "role": "adversary"}
+
+
+def scene(*groups: dict[str, Any], seed: int = 1, area: Any = None) -> SimSpec:
+    world = {"area": area or box(0, 0, 100, 100)}
+    home = {"east_m": 3.0, "north_m": 97.0}
+    document = {"name": "yard", "world": world, "actors": list(groups), "seeds": {"root": seed}, "vehicle": {"home": home}}
+    return validate_document(document, SimSpec)
+
+
+def fence(*gaps: int) -> list[dict[str, Any]]:
+    """Houses from south to north at 40 m east, end to end, but for those left out."""
+    return [fixed(f"wall-{k}", "house", 40.0, 6.0 + 12.2 * k) for k in range(8) if k not in gaps]
+
+
+def walked(placed: SimSpec, group: str = "guards", steps: int = 400) -> list[set[int]]:
+    """Which points of the route each member of the group comes to, as the simulation moves it."""
+    assert placed.realized is not None
+    flown = open_plain_scene(placed)
+    mine = [index for index, actor in enumerate(placed.realized.actors) if actor.group == group]
+    route = np.array([(point.east_m, point.north_m) for point in placed.group(group).motion.route])
+    met: list[set[int]] = [set() for _ in mine]
+    for step in range(steps):
+        flown.advance(SimTime(step * 100_000_000))
+        places = flown.positions()[mine, :2]
+        near = np.linalg.norm(places[:, None, :] - route[None], axis=-1) < 2.0
+        for who, point in zip(*np.nonzero(near), strict=True):
+            met[who].add(int(point))
+    return met
+
+
+CROWDED = [free("houses", "house", 8), free("trees", "tree", 12), patrol(4), free("sheds", "shed", 8)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_walker_gets_round_its_route(seed: int) -> None:
+    """Among houses placed before and after them, all walk the whole route, by sampled places and by the solver's."""
+    simspec = scene(*CROWDED, seed=seed)
+    by_solver = solved(simspec, placement_order(simspec))
+
+    assert by_solver is not None
+    for placed in (place(simspec), with_places(simspec, by_solver, "cp-sat")):
+        assert check_placement(placed) == []
+        assert walked(placed) == [{0, 1, 2, 3}] * 4
+
+
+def test_walkers_stand_where_a_way_is_open() -> None:
+    """Behind a fence with one gap they stand where the gap lets them see a point of the route."""
+    placed = place(scene(*fence(3), patrol(3, region=box(1, 1, 30, 95))))
+
+    assert walked(placed) == [{0, 1, 2, 3}] * 3
+
+
+def test_solver_keeps_ways_open_between_what_it_places_together() -> None:
+    """Walkers of the yard's west, and houses that tile its middle with little room to spare."""
+    houses = free("houses", "house", 5, separation_m=0.1, region=box(40, 0, 56, 100))
+    simspec = scene(houses, patrol(3, region=box(1, 1, 30, 60)))
+    by_solver = solved(simspec, placement_order(simspec))
+
+    assert by_solver is not None
+    placed = with_places(simspec, by_solver, "cp-sat")
+    assert check_placement(placed) == []
+    assert walked(placed) == [{0, 1, 2, 3}] * 3
+
+
+def test_no_way_at_all_is_proved_and_named() -> None:
+    """A closed fence is a proof: the region, the route, and only such walls as are needed."""
+    simspec = scene(*fence(), patrol(2, region=box(1, 1, 30, 60)), free("people", "civilian", 5))
+
+    with pytest.raises(PlacementInfeasible, match="walk straight from its place to some point of its patrol route") as refused:
+        place(simspec)
+
+    assert refused.value.proved
+    assert {"actors[guards].motion.route", "actors[guards].placement.region"} <= set(refused.value.clash)
+    assert "actors[wall-0].placement.at" in refused.value.clash
+    assert not any("people" in path for path in refused.value.clash)
+
+
+def test_a_gap_is_never_called_closed() -> None:
+    """The proof says nothing where the fence has a gap, wherever that is."""
+    for gap in range(8):
+        simspec = scene(*fence(gap), patrol(2, region=box(1, 1, 30, 95)))
+        assert find_clash(simspec, placement_order(simspec)) is None
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"),
+    [
+        ([fixed("house", "house", 80.0, 20.0), patrol()], "'house' is fixed .* leave the patrol route of 'guards' open"),
+        (
+            [
+                fixed("house", "house", 45.0, 40.0),
+                patrol(route=[(70.0, 39.0), (70.0, 41.0)]) | {"placement": {"at": {"east_m": 20.0, "north_m": 40.0}}},
+            ],
+            "'guards' is fixed .* no straight way leads to any point of its patrol route",
+        ),
+    ],
+)
+def test_what_is_fixed_in_the_way_is_refused_at_once(groups: list[dict[str, Any]], said: str) -> None:
+    """A house that its author put on the route, or before a walker who is fixed too."""
+    with pytest.raises(PlacementInfeasible, match=said) as refused:
+        place(scene(*groups))
+
+    assert refused.value.proved
+    assert "actors[house].placement.at" in refused.value.clash
+    assert "actors[guards].motion.route" in refused.value.clash
+
+
+BAY = corners((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (40, 40), (40, 100), (0, 100))
+
+
+def test_a_route_across_a_bay_is_a_fault_of_the_document() -> None:
+    """Nobody who starts inside the area walks out of it: the fault names the leg; a leg round the bay is walked."""
+    with pytest.raises(SetupError, match=r"motion.route: the straight way from point 1 to point 2 leaves world.area"):
+        place(scene(patrol(route=[(20.0, 80.0), (80.0, 80.0), (80.0, 20.0), (20.0, 20.0)]), area=BAY))
+
+    round_it = [(20.0, 80.0), (30.0, 20.0), (70.0, 20.0), (80.0, 80.0), (70.0, 20.0), (30.0, 20.0)]
+    placed = place(scene(patrol(3, route=round_it), free("trees", "tree", 10), area=BAY))
+    assert check_placement(placed) == []
+    assert [len(points) for points in walked(placed)] == [6, 6, 6]
+
+
+def test_points_beyond_the_border_are_walked_inside_it() -> None:
+    """A point outside is taken half a metre inside; what stands there closes the route."""
+    beyond = [(20.0, 50.0), (130.0, 50.0)]
+    placed = place(scene(patrol(2, route=beyond), free("trees", "tree", 6)))
+    assert check_placement(placed) == []
+    with pytest.raises(PlacementInfeasible, match="leave the patrol route"):
+        place(scene(patrol(2, route=beyond), fixed("tree", "tree", 98.0, 52.0)))
+
+
+def moved(simspec: SimSpec, actor: str, east_m: float, north_m: float) -> list[str]:
+    placed = place(simspec)
+    assert placed.realized is not None
+    assert check_placement(placed) == []
+    at = {"east_m": east_m, "north_m": north_m}
+    actors = tuple(one.model_copy(update=at) if one.id == actor else one for one in placed.realized.actors)
+    return [
+        str(fault)
+        for fault in check_placement(
+            placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": actors})})
+        )
+    ]
+
+
+def test_check_finds_closed_ways() -> None:
+    """A house moved onto the route, and a walker moved behind the fence, are found."""
+    yard = scene(free("house", "house", 1), patrol())
+    assert any("closes the patrol route of 'guards'" in fault for fault in moved(yard, "house-1", 80.0, 20.0))
+    fenced = scene(*fence(), patrol(region=box(50, 1, 99, 99)))
+    assert any("has no straight way to any point of its patrol route" in fault for fault in moved(fenced, "guards-1", 20.0, 40.0))
+
+
+def test_corners_count_as_the_simulation_counts_them() -> None:
+    """Footprints are grown along and across, not rounded: a leg past a corner that the simulation closes is closed here."""
+    # A diagonal leg that passes the house's corner at 0.33 m; a soldier needs 0.35 m to either side of an axis.
+    corner = np.array([46.0, 44.5])
+    off = 0.40 / np.sqrt(2.0)
+    ends = [tuple(float(v) for v in corner + off + s * np.array([1.0, -1.0])) for s in (-20.0, 20.0)]
+    house = fixed("house", "house", 41.5, 38.5)
+    with pytest.raises(PlacementInfeasible, match="leave the patrol route"):
+        place(scene(house, patrol(route=ends)))
+
+
+def test_wanderers_need_no_way() -> None:
+    """Whoever wanders in a closed yard is placed, and stays on the ground that is open to it."""
+    walls = [
+        *(fixed(f"north-{k}", "house", 34.5 + 12.1 * k, 60.0, 90.0) for k in range(3)),
+        *(fixed(f"south-{k}", "house", 34.5 + 12.1 * k, 30.0, 90.0) for k in range(3)),
+        *(fixed(f"west-{k}", "house", 23.9, 33.0 + 12.1 * k) for k in range(3)),
+        *(fixed(f"east-{k}", "house", 69.3, 33.0 + 12.1 * k) for k in range(3)),
+    ]
+    people = free("people", "civilian", 3, region=box(40, 40, 55, 50)) | {"motion": {"kind": "wander", "speed_mps": 3.0}}
+    placed = place(scene(*walls, people))
+
+    assert check_placement(placed) == []
+    flown = open_plain_scene(placed)
+    assert placed.realized is not None
+    mine = [index for index, actor in enumerate(placed.realized.actors) if actor.group == "people"]
+    starts = flown.positions()[mine, :2].copy()
+    for step in range(200):
+        flown.advance(SimTime(step * 1_000_000_000))
+        places = flown.positions()[mine, :2]
+        assert ((places > (28.4, 34.5)) & (places < (64.8, 55.5))).all()
+    assert (np.linalg.norm(places - starts, axis=-1) > 0.5).all()
