@@ -17,5 +17,7 @@ from ._environment import read_environment as read_environment
 from ._link import MavlinkFrame as MavlinkFrame
 from ._link import MavlinkLink as MavlinkLink
 from ._link import open_link as open_link
+from ._protocol import End as End
+from ._protocol import Tick as Tick
 from ._ticks import TickLine as TickLine
 from ._ticks import open_tick_line as open_tick_line

@@ -8,12 +8,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bench.contracts import CLOCK, End, SimTime, Tick
+from bench.clock import CLOCK, SimTime
 from bench.errors import Fault, LinkLost, SetupError
 from bench.streams import AirAccess, Clock, String, open_client
 
 from ._environment import AgentEnvironment
 from ._link import MavlinkFrame, MavlinkLink, open_link
+from ._protocol import End, Tick
 from ._ticks import TickLine, open_tick_line
 
 if TYPE_CHECKING:

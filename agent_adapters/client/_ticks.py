@@ -1,4 +1,4 @@
-"""The agent's side of the lockstep protocol; bench/contracts/_tick.py is the contract."""
+"""The agent's connection to the session's clock, in lockstep."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Tick, read_line, write_line
 from bench.errors import LinkLost
+
+from ._protocol import MAX_LINE_BYTES, End, Tick, ack_line, hello_line, read_line
 
 SILENCE_S = 600.0  # the bench may take long to start a heavy world; it never falls silent for good without closing
 
@@ -22,7 +23,7 @@ class TickLine:
 
     def hello(self, agent: str, subscribes: Sequence[str]) -> None:
         """Say that everything is bound and subscribed."""
-        self._send(write_line(Hello(agent=agent, subscribes=tuple(subscribes))))
+        self._send(hello_line(agent, subscribes))
 
     def next(self) -> Tick | End:
         """Wait for the bench. A line that is not of the protocol is counted and passed over.
@@ -43,7 +44,7 @@ class TickLine:
 
     def ack(self, tick: Tick, topics: dict[str, int], links: dict[str, int]) -> None:
         """Tick dealt with; `topics` and `links` count what was sent since the start."""
-        self._send(write_line(Ack(number=tick.number, topics=topics, links=links)))
+        self._send(ack_line(tick.number, topics, links))
 
     def close(self) -> None:
         self._lines.close()

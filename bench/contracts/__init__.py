@@ -5,6 +5,10 @@ A vehicle, a scene, an agent, a measure or a surrogate is a protocol of this pac
 
 from __future__ import annotations
 
+from bench.clock import CLOCK as CLOCK
+from bench.clock import START as START
+from bench.clock import SimTime as SimTime
+
 from ._agent import AgentEndpoints as AgentEndpoints
 from ._agent import AgentManifest as AgentManifest
 from ._agent import AgentPlan as AgentPlan
@@ -66,9 +70,6 @@ from ._tick import Tick as Tick
 from ._tick import TickMessage as TickMessage
 from ._tick import read_line as read_line
 from ._tick import write_line as write_line
-from ._time import START as START
-from ._time import SimTime as SimTime
-from ._topics import CLOCK as CLOCK
 from ._topics import SESSION_EVENTS as SESSION_EVENTS
 from ._topics import TF as TF
 from ._topics import TF_STATIC as TF_STATIC

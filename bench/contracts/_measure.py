@@ -9,6 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.clock import SimTime
 from bench.simspec import SimSpec
 
 from ._documents import (
@@ -26,7 +27,6 @@ from ._documents import (
 )
 from ._outcome import Observation
 from ._scene import CameraFrame, DetectionFrame
-from ._time import SimTime
 
 T = TypeVar("T")
 

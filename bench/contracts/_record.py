@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ._time import SimTime
+from bench.clock import SimTime
 
 
 @dataclass(frozen=True, slots=True)

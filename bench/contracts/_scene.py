@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.clock import SimTime
 from bench.simspec import SimSpec
 
 from ._documents import CastMember
-from ._time import SimTime
 from ._vehicle import VehicleState
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 # Air network, bench to agent.
-CLOCK = "/clock"  # rosgraph_msgs/msg/Clock, every step of simulated time that the agent may see
 TF = "/tf"  # tf2_msgs/msg/TFMessage, map -> {v}/base_link (and {v}/base_level, its place and yaw alone) as the vehicle itself estimates it
 TF_STATIC = "/tf_static"  # tf2_msgs/msg/TFMessage, latched: what the camera hangs on -> its optical frame; a level mount hangs on base_level
 

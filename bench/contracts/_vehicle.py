@@ -7,9 +7,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
+from bench.clock import SimTime
 from bench.simspec import SimSpec
-
-from ._time import SimTime
 
 Vector = tuple[float, float, float]
 

@@ -1,16 +1,21 @@
-"""geometry_msgs/PoseArray straight from and to arrays: the stream of actors, which is long and frequent."""
+"""geometry_msgs/PoseArray straight from and to arrays: the stream of actors, which is long and frequent.
+
+NumPy is imported where it is used: an agent never meets this stream, and its client starts in half the time without.
+"""
 
 from __future__ import annotations
 
 import struct
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from ._cdr import HEADER, encode
 from ._types import Header, Time
 
-_POSE = np.dtype("<f8")
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_POSE = "<f8"
 _WIDTH = 7  # position x y z, quaternion x y z w
 
 
@@ -21,6 +26,8 @@ def encode_pose_array(
 
     The same bytes as `encode` gives for the same poses. Raises ValueError when the shapes do not fit.
     """
+    import numpy as np
+
     count = len(positions_m)
     head = encode(Header(stamp, frame_id))
     head += bytes(-len(head) % 4) + struct.pack("<I", count)
@@ -37,6 +44,8 @@ def decode_pose_array(data: bytes) -> tuple[int, NDArray[np.float64], NDArray[np
 
     Takes little-endian bytes alone, which is what every known writer sends. The arrays are read-only views of `data`.
     """
+    import numpy as np
+
     if len(data) < 16 or data[:2] != HEADER[:2]:
         return None
     sec, nanosec, length = struct.unpack_from("<iII", data, 4)

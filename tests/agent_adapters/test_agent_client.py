@@ -12,8 +12,17 @@ from dataclasses import replace
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent_adapters.client import AgentEnvironment, MavlinkLink, Wanted, open_bench, open_link, open_tick_line, read_environment
-from bench.contracts import CLOCK, SimTime, Tick
+from agent_adapters.client import (
+    AgentEnvironment,
+    MavlinkLink,
+    Tick,
+    Wanted,
+    open_bench,
+    open_link,
+    open_tick_line,
+    read_environment,
+)
+from bench.contracts import CLOCK, SimTime
 from bench.errors import LinkLost, SetupError
 from bench.streams import AirPlan, Clock, Router, String, Time, open_router
 

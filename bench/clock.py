@@ -1,4 +1,7 @@
-"""The session's clock as a type."""
+"""The session's clock as a type, and the topic on which agents hear it.
+
+It stands outside `bench.contracts` because the agent's client needs it, and must start without pydantic and NumPy.
+"""
 
 from __future__ import annotations
 
@@ -29,3 +32,6 @@ class SimTime:
 
 
 START = SimTime(0)
+
+CLOCK = "/clock"
+"""rosgraph_msgs/msg/Clock on the air network: every step of simulated time that the agent may see."""

@@ -1,0 +1,87 @@
+"""The client is light: what a fresh interpreter loads for it, and how much CPU that takes. And its half of the protocol."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from functools import cache
+
+import pytest
+
+from agent_adapters.client._protocol import MAX_LINE_BYTES, End, Tick, ack_line, hello_line, read_line
+from bench import contracts
+
+MAX_CPU_S = 0.3
+HEAVY = ("jsbsim", "ortools", "statsmodels", "plotly", "scipy", "pydantic", "numpy", "yaml", "networkx", "polars", "pandas")
+
+IMPORT = """
+import json, sys, time
+began_s = time.process_time()
+import agent_adapters.client
+print(json.dumps({"cpu_s": time.process_time() - began_s, "modules": sorted(sys.modules)}))
+"""
+
+
+@cache
+def imported() -> tuple[float, tuple[str, ...]]:
+    """CPU seconds of the import, the least of three so that a busy host does not matter, and the modules that it loads."""
+    runs = [json.loads(subprocess.run([sys.executable, "-c", IMPORT], check=True, capture_output=True).stdout) for _ in range(3)]
+    return min(run["cpu_s"] for run in runs), tuple(runs[0]["modules"])
+
+
+@pytest.mark.parametrize("package", HEAVY)
+def test_the_client_loads_no_heavy_package(package: str) -> None:
+    _, modules = imported()
+
+    assert [name for name in modules if name.split(".")[0] == package] == []
+
+
+def test_the_client_loads_no_room_of_the_bench_but_streams() -> None:
+    _, modules = imported()
+
+    rooms = {name.split(".")[1] for name in modules if name.startswith("bench.")}
+    assert rooms == {"clock", "errors", "streams"}
+
+
+def test_importing_the_client_costs_little_cpu() -> None:
+    cpu_s, _ = imported()
+
+    assert cpu_s <= MAX_CPU_S
+
+
+def test_both_halves_of_the_protocol_agree() -> None:
+    tick = contracts.Tick(number=3, time_ns=300_000_000, topics={"/clock": 4, "/ü": 2}, links={"onboard": 9})
+    end = contracts.End(reason="the session is over")
+
+    assert read_line(contracts.write_line(tick)) == Tick(3, 300_000_000, {"/clock": 4, "/ü": 2}, {"onboard": 9})
+    assert read_line(contracts.write_line(end)) == End("the session is over")
+    hello = contracts.Hello(agent="mine", subscribes=("/clock", "/ü"))
+    ack = contracts.Ack(number=3, topics={"/ü": 1}, links={"onboard": 2})
+    assert hello_line("mine", ("/clock", "/ü")) == contracts.write_line(hello)
+    assert ack_line(3, {"/ü": 1}, {"onboard": 2}) == contracts.write_line(ack)
+    assert contracts.MAX_LINE_BYTES == MAX_LINE_BYTES
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"",
+        b"[]",
+        b'{"kind":"tick"}',
+        b'{"kind":"tick","number":-1,"time_ns":0}',
+        b'{"kind":"tick","number":1,"time_ns":9007199254740992}',
+        b'{"kind":"tick","number":1,"time_ns":0,"topics":[]}',
+        b'{"kind":"tick","number":1,"time_ns":0,"links":{"onboard":-1}}',
+        b'{"kind":"tick","number":1,"time_ns":0,"colour":"red"}',
+        b'{"kind":"tick","number":1.5,"time_ns":0}',
+        b'{"kind":"end","reason":5}',
+        b'{"kind":"end","because":"x"}',
+        b'{"kind":["end"]}',
+        b"\xff\xfe",
+        b"[" * 30_000,
+    ],
+)
+def test_both_halves_refuse_the_same_lines(line: bytes) -> None:
+    assert read_line(line) is None
+    assert contracts.read_line(line) is None
