@@ -105,7 +105,7 @@ def overfull(seed: int) -> str:
 def main(count: int) -> None:
     """Print one line for each kind of scene."""
     began = time.process_time()
-    import bench.realization.placement._solver  # noqa: F401
+    import bench.realization.placement.search._solver  # noqa: F401
 
     print(f"{'import of the solver, once':58} {1e3 * (time.process_time() - began):9.1f} ms")
     paper = load_campaign(PAPER)

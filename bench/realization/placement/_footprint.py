@@ -45,7 +45,7 @@ class Footprints:
         return self.centre_m[:, None, :] + offsets
 
 
-def no_footprints() -> Footprints:
+def empty_footprints() -> Footprints:
     """None at all."""
     return Footprints(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
 
@@ -60,7 +60,7 @@ def footprints(asset: Asset, centre_m: Floats, heading_deg: Floats, gap_m: float
 def joined(parts: Sequence[Footprints]) -> Footprints:
     """Several as one."""
     if not parts:
-        return no_footprints()
+        return empty_footprints()
     return Footprints(
         np.concatenate([part.centre_m for part in parts]),
         np.concatenate([part.heading_rad for part in parts]),
@@ -100,14 +100,14 @@ def _corner_distance(frame: Footprints, other: Footprints) -> Floats:
     return distance
 
 
-def crowded(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
+def too_close(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
     """(k,) whether a candidate comes closer to something placed than either of the two wants."""
     hit = np.zeros(len(candidates), dtype=bool)
-    hit[crowding(candidates, placed)[0]] = True
+    hit[too_close_pairs(candidates, placed)[0]] = True
     return hit
 
 
-def crowding(candidates: Footprints, placed: Footprints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def too_close_pairs(candidates: Footprints, placed: Footprints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The pairs of which one comes closer to the other than either of the two wants, as (m,) indices into both."""
     if len(placed) == 0 or len(candidates) == 0:
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
@@ -123,7 +123,7 @@ def crowding(candidates: Footprints, placed: Footprints) -> tuple[NDArray[np.int
     return one, other
 
 
-def lie_within(some: Footprints, others: Footprints) -> NDArray[np.bool_]:
+def are_inside(some: Footprints, others: Footprints) -> NDArray[np.bool_]:
     """(m,) whether the i-th of one lies wholly inside the i-th of the other."""
     local = np.einsum("nsk,nck->ncs", others.axes(), some.corners() - others.centre_m[:, None, :])
     within: NDArray[np.bool_] = (np.abs(local) <= others.half_m[:, None, :]).all(axis=(1, 2))

@@ -17,10 +17,10 @@ Geometry = Any
 """A shapely geometry; shapely ships no types."""
 
 
-ARC = 16
+QUARTER_SEGMENTS = 16
 
 
-_OUTWARD = 1.0 / cos(pi / (4 * ARC))
+_CIRCUMSCRIBED = 1.0 / cos(pi / (4 * QUARTER_SEGMENTS))
 """By how much a polygon of `ARC` edges for a quarter must be wider than the circle that it is to hold."""
 
 
@@ -28,42 +28,42 @@ EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 """More ground than any document can name."""
 
 
-HAIR_M = 1e-3
+MARGIN_M = 1e-3
 """By how much ground is left too wide, so that what fits exactly is not lost: slivers thinner than some 5e-5 of the distance by
 which a polygon is shrunk are, in GEOS."""
 
 
-SHALLOW = 0.01
+SHALLOW_CORNER = 0.01
 """GEOS leaves out corners that are shallower than this share of the distance by which it grows or shrinks a geometry."""
 
 
-FINE = 64
+MAX_COORDINATES = 64
 
 
-COARSE_M = 0.1
+SIMPLIFY_M = 0.1
 
 
-def ground(polygon: Polygon) -> Geometry:
+def polygon_ground(polygon: Polygon) -> Geometry:
     """The polygon as a shapely one."""
     return shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners])
 
 
-def wide(geometry: Geometry, distance_m: float) -> Geometry:
+def grown_at_least(geometry: Geometry, distance_m: float) -> Geometry:
     """Everything within a distance, rather too much than too little."""
-    return shapely.buffer(geometry, distance_m * _OUTWARD + 1e-6, quad_segs=ARC)
+    return shapely.buffer(geometry, distance_m * _CIRCUMSCRIBED + 1e-6, quad_segs=QUARTER_SEGMENTS)
 
 
-def shrunk_by(geometry: Geometry, distance_m: float) -> Geometry:
+def shrunk_at_most(geometry: Geometry, distance_m: float) -> Geometry:
     """Everything further than a distance from whatever is outside, rather too much than too little."""
-    return shapely.buffer(geometry, HAIR_M - _surely_m(geometry, distance_m), quad_segs=ARC)
+    return shapely.buffer(geometry, MARGIN_M - _reliable_distance_m(geometry, distance_m), quad_segs=QUARTER_SEGMENTS)
 
 
-def grown_by(geometry: Geometry, distance_m: float) -> Geometry:
+def grown_at_most(geometry: Geometry, distance_m: float) -> Geometry:
     """Everything within a distance, rather too little than too much."""
-    return shapely.buffer(geometry, max(_surely_m(geometry, distance_m) - HAIR_M, 0.0), quad_segs=ARC)
+    return shapely.buffer(geometry, max(_reliable_distance_m(geometry, distance_m) - MARGIN_M, 0.0), quad_segs=QUARTER_SEGMENTS)
 
 
-def _surely_m(geometry: Geometry, distance_m: float) -> float:
+def _reliable_distance_m(geometry: Geometry, distance_m: float) -> float:
     """The distance, or less where GEOS would leave out corners."""
     for ring in shapely.get_rings(geometry):
         east, north = shapely.get_coordinates(ring).T
@@ -71,12 +71,12 @@ def _surely_m(geometry: Geometry, distance_m: float) -> float:
         step_e, step_n = np.diff(east[:-1], prepend=east[-2]), np.diff(north[:-1], prepend=north[-2])
         chord_e, chord_n = east[1:] - east[:-1] + step_e, north[1:] - north[:-1] + step_n
         off = np.abs(chord_e * step_n - chord_n * step_e)
-        if (off <= 1.1 * SHALLOW * distance_m * np.hypot(chord_e, chord_n)).any():
-            return (1.0 - 2.0 * SHALLOW) * distance_m
+        if (off <= 1.1 * SHALLOW_CORNER * distance_m * np.hypot(chord_e, chord_n)).any():
+            return (1.0 - 2.0 * SHALLOW_CORNER) * distance_m
     return distance_m
 
 
-def flat(geometry: Geometry) -> Geometry:
+def areal_parts(geometry: Geometry) -> Geometry:
     """The parts that have an area: overlays leave points and lines beside them, on which the next overlay may founder."""
     if shapely.get_type_id(geometry) != shapely.GeometryType.GEOMETRYCOLLECTION:
         return geometry
@@ -84,14 +84,14 @@ def flat(geometry: Geometry) -> Geometry:
     return shapely.union_all(parts[shapely.area(parts) > 0.0])
 
 
-def solid(geometry: Geometry) -> Geometry:
+def thickened(geometry: Geometry) -> Geometry:
     """The geometry, of one dimension: points and lines beside areas become areas a hair wide."""
     if shapely.get_type_id(geometry) != shapely.GeometryType.GEOMETRYCOLLECTION:
         return geometry
-    return shapely.union_all(shapely.buffer(shapely.get_parts(geometry), HAIR_M, quad_segs=2))
+    return shapely.union_all(shapely.buffer(shapely.get_parts(geometry), MARGIN_M, quad_segs=2))
 
 
-def strip(road: Road) -> Geometry:
+def road_ground(road: Road) -> Geometry:
     """The ground that a road covers."""
     line = shapely.LineString([(point.east_m, point.north_m) for point in road.points])
     return shapely.buffer(line, road.width_m / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)
@@ -107,7 +107,7 @@ def road_heading_deg(road: Road, places_m: Floats) -> Floats:
     return np.asarray(heading[nearest], dtype=np.float64)
 
 
-def octagon(geometry: Geometry) -> Geometry:
+def bounding_octagon(geometry: Geometry) -> Geometry:
     """The geometry's hull, or something with at most eight corners that holds it."""
     hull = shapely.convex_hull(geometry)
     if shapely.get_num_coordinates(hull) <= 9:
@@ -119,14 +119,14 @@ def octagon(geometry: Geometry) -> Geometry:
     )
 
 
-def coarse(geometry: Geometry) -> Geometry:
+def simplified(geometry: Geometry) -> Geometry:
     """The geometry, or something with fewer corners that holds it: the time of a proof goes by them."""
-    if shapely.get_num_coordinates(geometry) <= FINE:
+    if shapely.get_num_coordinates(geometry) <= MAX_COORDINATES:
         return geometry
-    return shapely.buffer(shapely.simplify(geometry, COARSE_M), COARSE_M * 1.1, quad_segs=2)
+    return shapely.buffer(shapely.simplify(geometry, SIMPLIFY_M), SIMPLIFY_M * 1.1, quad_segs=2)
 
 
-def drawn_from(room: Geometry, count: int, rng: np.random.Generator) -> Floats:
+def uniform_places(room: Geometry, count: int, rng: np.random.Generator) -> Floats:
     """(count, 2) places, uniform over a polygon or several."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room))
     area = shapely.area(triangles)

@@ -7,7 +7,7 @@ from math import hypot
 
 from bench.simspec import ASSETS, HOME, ActorGroup, CountRange, Polygon, SimSpec, generator
 
-from ._geometry import Geometry, shrunk_by
+from ._geometry import Geometry, shrunk_at_most
 
 
 def is_home(simspec: SimSpec, name: str | None) -> bool:
@@ -15,7 +15,7 @@ def is_home(simspec: SimSpec, name: str | None) -> bool:
     return name == HOME and all(one.id != HOME for one in simspec.actors)
 
 
-def members_of(simspec: SimSpec, group: ActorGroup) -> int:
+def member_count(simspec: SimSpec, group: ActorGroup) -> int:
     """How many members the group has in this scene: drawn from the placement seed where a range is given."""
     if not isinstance(group.count, CountRange):
         return group.member_count(simspec.world.area.area_m2)
@@ -29,7 +29,7 @@ def region_of(simspec: SimSpec, group: ActorGroup) -> Polygon:
     return group.placement.region or simspec.world.area
 
 
-def related(simspec: SimSpec, group: ActorGroup) -> set[str]:
+def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
     """The groups that must stand before this one: those that it relates to and, for sight, whatever is solid."""
     place = group.placement
     found = {relation.of for relation in (place.near, place.away, place.mean_distance) if relation}
@@ -38,7 +38,7 @@ def related(simspec: SimSpec, group: ActorGroup) -> set[str]:
     found |= {place.inside.of} if place.inside and place.inside.of else set()
     found -= {name for name in found if is_home(simspec, name)}
     for distance in place.distances:
-        found |= set(called(simspec, group, distance.of))
+        found |= set(groups_named(simspec, group, distance.of))
     if place.hidden_from or place.visible_from:
         found |= {one.id for one in simspec.actors if one is not group and one.asset in ASSETS and ASSETS[one.asset].solid}
     return found
@@ -54,7 +54,7 @@ def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
     return tuple(found)
 
 
-def called(simspec: SimSpec, group: ActorGroup, name: str | None) -> tuple[str, ...]:
+def groups_named(simspec: SimSpec, group: ActorGroup, name: str | None) -> tuple[str, ...]:
     """The groups of that name, or all others of that role; none for a point and the vehicle's home."""
     if name is None:
         return ()
@@ -75,6 +75,6 @@ def outer_radius_m(group: ActorGroup) -> float:
     return hypot(asset.length_m, asset.width_m) / 2.0
 
 
-def shrunk(geometry: Geometry, group: ActorGroup) -> Geometry:
+def centre_ground(geometry: Geometry, group: ActorGroup) -> Geometry:
     """Where centres may be whose footprint lies inside, rather too much than too little."""
-    return shrunk_by(geometry, inner_radius_m(group))
+    return shrunk_at_most(geometry, inner_radius_m(group))

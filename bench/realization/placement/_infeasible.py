@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from bench.errors import RebarError
 from bench.simspec import ActorGroup
 
-from ._constraints import _Term
-
 
 class PlacementInfeasible(RebarError):
     """No place was found for somebody; the text names the relations that clash and the numbers found.
@@ -22,7 +20,7 @@ class PlacementInfeasible(RebarError):
         self.proved, self.clash = proved, clash
 
 
-def _fewest(groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]) -> list[ActorGroup]:
+def fewest_groups(groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]) -> list[ActorGroup]:
     """Groups that fail together and of which none can be left out."""
     core = list(groups)
     for group in groups:
@@ -30,20 +28,3 @@ def _fewest(groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bo
         if rest and fails(rest):
             core = rest
     return core
-
-
-def _smallest(terms: Sequence[_Term], fails: Callable[[list[_Term]], bool]) -> list[_Term]:
-    """Terms that fail together and of which none can be left out: deleted in ever smaller runs while the rest still fails."""
-    core = list(terms)
-    run = max(1, len(core) // 2)
-    while True:
-        start = 0
-        while start < len(core):
-            rest = core[:start] + core[start + run :]
-            if rest and fails(rest):
-                core = rest
-            else:
-                start += run
-        if run == 1:
-            return core
-        run //= 2

@@ -17,24 +17,24 @@ from bench.arrays import Floats
 from bench.errors import Fault, RebarError, SetupError
 from bench.simspec import ActorGroup, Intelligence, PlacedActor, PlacedReport, Polygon, Realized, SimSpec, asset_fault, generator
 
-from ._capacity import check_areas
 from ._check import check_placement
 from ._footprint import Footprints
-from ._geometry import Geometry, ground
-from ._groups import members_of, related
+from ._geometry import Geometry, polygon_ground
+from ._groups import member_count, prerequisite_groups
 from ._infeasible import PlacementInfeasible
-from ._patrol_routes import check_fixed_ways, route_faults
-from ._proofs import find_clash, narrowed_ground
-from ._sampling import Budget, Placed, Stuck, fixed_places, sampled
+from .proofs._capacity import check_areas
+from .proofs._proof import narrowed_ground, prove_infeasible
+from .relations._patrol_routes import check_fixed_routes, route_faults
+from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
-REPORT_SHARE = 0.8
+REPORT_ERROR_SHARE = 0.8
 """Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies well inside."""
 
 
-ATTEMPTS = 32
+MAX_ATTEMPTS = 32
 
 
-HOPELESS = 0.8
+RETRY_SHARE = 0.8
 """Share of a group's members: where crowding leaves fewer a place, drawing places again will not do."""
 
 
@@ -50,7 +50,7 @@ def place(simspec: SimSpec) -> SimSpec:
     Raises SetupError where the relations make no sense (unknown asset, groups related in a circle, a region that crosses
     itself), PlacementInfeasible where they leave no room, or none was found, and PlacementUnsound.
     """
-    placed = _found(simspec)
+    placed = _searched(simspec)
     if faults := check_placement(placed):
         said = "; ".join(map(str, faults[:5])) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
         raise PlacementUnsound(
@@ -60,22 +60,22 @@ def place(simspec: SimSpec) -> SimSpec:
     return placed
 
 
-def _found(simspec: SimSpec) -> SimSpec:
+def _searched(simspec: SimSpec) -> SimSpec:
     order = placement_order(simspec)
-    check_fixed_ways(simspec, fixed_places(order))
+    check_fixed_routes(simspec, fixed_places(order))
     check_areas(simspec)
-    budget = Budget(60_000 + 40 * sum(members_of(simspec, group) for group in order))
-    stuck: Stuck | None = None
+    budget = SamplingBudget(60_000 + 40 * sum(member_count(simspec, group) for group in order))
+    stuck: SamplingStalled | None = None
     left: dict[str, Geometry] | None = None
-    for attempt in range(ATTEMPTS):
+    for attempt in range(MAX_ATTEMPTS):
         try:
-            return with_places(simspec, sampled(simspec, order, attempt, budget, left), "sampling")
-        except Stuck as reason:
-            if stuck is None and (clash := find_clash(simspec, order)):
+            return with_places(simspec, sample_placement(simspec, order, attempt, budget, left), "sampling")
+        except SamplingStalled as reason:
+            if stuck is None and (clash := prove_infeasible(simspec, order)):
                 raise clash from None
             left = left or narrowed_ground(simspec, order)
             again = stuck is not None and stuck.crowded
-            if budget.spent or (reason.crowded and (again or reason.share < HOPELESS)):
+            if budget.spent or (reason.crowded and (again or reason.share < RETRY_SHARE)):
                 stuck = reason
                 break
             stuck = reason
@@ -83,10 +83,10 @@ def _found(simspec: SimSpec) -> SimSpec:
     return _solved(simspec, order, stuck)
 
 
-def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: Stuck) -> SimSpec:
-    from ._solver import solved  # here, because the solver takes half a second to import
+def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -> SimSpec:
+    from .search._solver import solve_placement  # here, because the solver takes half a second to import
 
-    placed = solved(simspec, order)
+    placed = solve_placement(simspec, order)
     if placed is None:
         raise PlacementInfeasible(f"no places were found, which proves nothing: {stuck.sentence()}", proved=False)
     return with_places(simspec, placed, "cp-sat")
@@ -99,12 +99,12 @@ def with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
 
 def placement_order(simspec: SimSpec) -> list[ActorGroup]:
     """The groups, each after those that it relates to, fixed ones first. Raises SetupError on what cannot be ordered."""
-    faults = list(_misfits(simspec))
+    faults = list(_spec_faults(simspec))
     waiting = sorted(simspec.actors, key=lambda group: group.placement.at is None)
     ordered: list[ActorGroup] = []
     while waiting and not faults:
         known = {group.id for group in ordered}
-        ready = next((group for group in waiting if related(simspec, group) <= known), None)
+        ready = next((group for group in waiting if prerequisite_groups(simspec, group) <= known), None)
         if ready is None:
             names = ", ".join(group.id for group in waiting)
             faults.append(Fault("actors", f"the groups {names} relate to each other in a circle", "drop one of the relations"))
@@ -116,21 +116,21 @@ def placement_order(simspec: SimSpec) -> list[ActorGroup]:
     return ordered
 
 
-def _misfits(simspec: SimSpec) -> Iterator[Fault]:
-    yield from _crossings("world.area", simspec.world.area)
+def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
+    yield from _polygon_faults("world.area", simspec.world.area)
     for index, area in enumerate(simspec.world.areas):
-        yield from _crossings(f"world.areas[{index}] ({area.id})", area)
+        yield from _polygon_faults(f"world.areas[{index}] ({area.id})", area)
     for index, group in enumerate(simspec.actors):
         where = f"actors[{index}] ({group.id})"
         if fault := asset_fault(f"{where}.asset", group.asset):
             yield fault
         if len(group.id) > 56:
             yield Fault(f"{where}.id", "is too long for its members' ids", "use at most 56 characters")
-        yield from _lone_pairs(simspec, where, group)
+        yield from _pair_faults(simspec, where, group)
         if group.placement.region:
-            yield from _crossings(f"{where}.placement.region", group.placement.region)
+            yield from _polygon_faults(f"{where}.placement.region", group.placement.region)
         least = {one.id: one.member_count(simspec.world.area.area_m2) for one in simspec.actors}
-        if members_of(simspec, group) and (empty := [one for one in sorted(_named(group)) if least.get(one) == 0]):
+        if member_count(simspec, group) and (empty := [one for one in sorted(_groups_named(group)) if least.get(one) == 0]):
             yield Fault(
                 f"{where}.placement", f"relates to {empty[0]!r}, which has no members", "give it members or drop the relation"
             )
@@ -139,10 +139,10 @@ def _misfits(simspec: SimSpec) -> Iterator[Fault]:
             yield Fault(f"intelligence[{index}].about", f"group {report.about!r} has no members", "give it at least one")
 
 
-def _lone_pairs(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fault]:
+def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fault]:
     """Who is to stand between two of one group needs both of them."""
     between = group.placement.between
-    if between is None or between.first != between.second or not members_of(simspec, group):
+    if between is None or between.first != between.second or not member_count(simspec, group):
         return
     for other in simspec.actors:
         if other.id == between.first and other.member_count(simspec.world.area.area_m2) < 2:
@@ -153,7 +153,7 @@ def _lone_pairs(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fau
             )
 
 
-def _named(group: ActorGroup) -> set[str]:
+def _groups_named(group: ActorGroup) -> set[str]:
     """The groups that it relates to by name; one of them without members would leave the relation empty."""
     place = group.placement
     found = {
@@ -163,8 +163,8 @@ def _named(group: ActorGroup) -> set[str]:
     return {name for name in (*found, *(seen.of for seen in place.place_references.values())) if name}
 
 
-def _crossings(where: str, polygon: Polygon) -> Iterator[Fault]:
-    if not ground(polygon).is_valid:
+def _polygon_faults(where: str, polygon: Polygon) -> Iterator[Fault]:
+    if not polygon_ground(polygon).is_valid:
         yield Fault(where, "the polygon crosses itself", "give the corners in order around it")
 
 
@@ -186,7 +186,7 @@ def _realized(simspec: SimSpec, placed: Mapping[str, Footprints], method: str) -
 
 
 def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[PlacedReport, ...]:
-    area = ground(simspec.world.area)
+    area = polygon_ground(simspec.world.area)
     shapely.prepare(area)
     return tuple(
         _report(report, placed[report.about].centre_m[0], area, generator(simspec.seeds, "intelligence", index))
@@ -196,7 +196,7 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
 
 def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
     """Uniform over the disc of error round the truth; over the part of it inside the area where there is one."""
-    radius = REPORT_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
+    radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)
     inside = np.nonzero(shapely.contains_xy(area, places[:, 0], places[:, 1]))[0]

@@ -10,18 +10,18 @@ import numpy as np
 from bench.simspec import ActorGroup, Distance, PlaceReference, Point, SimSpec
 
 from ._footprint import Footprints
-from ._groups import called, is_home, members_of
-from ._relations import HOME_CLEARANCE_M
+from ._groups import groups_named, is_home, member_count
+from .relations._relation import HOME_CLEARANCE_M
 
 
-def home_of(simspec: SimSpec) -> Footprints:
+def home_obstacle(simspec: SimSpec) -> Footprints:
     """The vehicle's home as something that wants to be kept clear of."""
     home = simspec.vehicle.home
     return Footprints(np.array([[home.east_m, home.north_m]]), np.zeros(1), np.zeros((1, 2)), np.full(1, HOME_CLEARANCE_M))
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class RelationTarget:
     """Whom a relation is about: groups, or a point; and what to call it."""
 
     name: str
@@ -29,42 +29,42 @@ class Target:
     points: Footprints | None = None
 
     @classmethod
-    def named(cls, simspec: SimSpec, name: str) -> Target:
+    def named(cls, simspec: SimSpec, name: str) -> RelationTarget:
         """A group, or the vehicle's home."""
         if is_home(simspec, name):
-            return cls("the vehicle's home", points=point_of(simspec.vehicle.home))
+            return cls("the vehicle's home", points=point_footprint(simspec.vehicle.home))
         return cls(repr(name), (name,))
 
     @classmethod
-    def seen(cls, simspec: SimSpec, seen: PlaceReference) -> Target:
+    def referenced(cls, simspec: SimSpec, seen: PlaceReference) -> RelationTarget:
         """What a relation to a point or a first member is about."""
         return cls.named(simspec, seen.of) if seen.of is not None else cls._point(seen.point)
 
     @classmethod
-    def of_distance(cls, simspec: SimSpec, group: ActorGroup, distance: Distance) -> Target:
+    def of_distance(cls, simspec: SimSpec, group: ActorGroup, distance: Distance) -> RelationTarget:
         """The same for a distance, which may be to everybody of a role."""
         if distance.of is None:
             return cls._point(distance.point)
         if is_home(simspec, distance.of):
             return cls.named(simspec, distance.of)
-        names = called(simspec, group, distance.of)
-        return cls(repr(distance.of), tuple(name for name in names if members_of(simspec, simspec.group(name))))
+        names = groups_named(simspec, group, distance.of)
+        return cls(repr(distance.of), tuple(name for name in names if member_count(simspec, simspec.group(name))))
 
     @classmethod
-    def _point(cls, point: Point | None) -> Target:
+    def _point(cls, point: Point | None) -> RelationTarget:
         assert point is not None
-        return cls(f"the point {point.east_m:g} east, {point.north_m:g} north", points=point_of(point))
+        return cls(f"the point {point.east_m:g} east, {point.north_m:g} north", points=point_footprint(point))
 
-    def some(self, whom: str) -> str:
+    def described(self, whom: str) -> str:
         """The words for some or every member; a point has but itself."""
         return self.name if self.points is not None else f"{whom} member of {self.name}"
 
 
-def point_of(point: Point) -> Footprints:
+def point_footprint(point: Point) -> Footprints:
     """A point as something that stands."""
     return Footprints(np.array([[point.east_m, point.north_m]]), np.zeros(1), np.zeros((1, 2)), np.zeros(1))
 
 
-def spots_of(simspec: SimSpec, name: str, placed: Mapping[str, Footprints]) -> Footprints:
+def target_footprints(simspec: SimSpec, name: str, placed: Mapping[str, Footprints]) -> Footprints:
     """The members of a group that stand, or the vehicle's home."""
-    return point_of(simspec.vehicle.home) if is_home(simspec, name) else placed[name]
+    return point_footprint(simspec.vehicle.home) if is_home(simspec, name) else placed[name]

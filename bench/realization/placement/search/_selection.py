@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from bench.arrays import Floats
 
-from ._footprint import Footprints, crowded
+from .._footprint import Footprints, too_close
 
 
-class _Crowd:
+class ChosenMembers:
     """The members found so far, who keep their distance from each other."""
 
     def __init__(self, room: Footprints, spread_m: float) -> None:
@@ -18,7 +18,7 @@ class _Crowd:
         self.count = 0
 
     @classmethod
-    def of(cls, size: int, spread_m: float | None) -> _Crowd:
+    def of(cls, size: int, spread_m: float | None) -> ChosenMembers:
         return cls(Footprints(np.zeros((size, 2)), np.zeros(size), np.zeros((size, 2)), np.zeros(size)), spread_m or 0.0)
 
     def members(self) -> Footprints:
@@ -38,7 +38,7 @@ class _Crowd:
             close = close[close != but]
         if self._overlaps(one, close, square[close]):
             return False
-        return len(close) == 0 or not bool(crowded(one, room[close])[0])
+        return len(close) == 0 or not bool(too_close(one, room[close])[0])
 
     def _overlaps(self, one: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
         """Whether circles inside footprints are too near already: most of those that do not fit are known by that."""
@@ -64,13 +64,13 @@ class _Crowd:
         return admitted if self.count == until else []
 
 
-def _reachable(distance_m: Floats, count: int) -> tuple[float, float]:
+def reachable_means_m(distance_m: Floats, count: int) -> tuple[float, float]:
     """Least and greatest mean distance of `count` places out of those."""
     ordered = np.sort(distance_m)
     return float(ordered[:count].mean()), float(ordered[-count:].mean())
 
 
-class _MeanChoice:
+class MeanDistanceChoice:
     """Members out of a pool of places whose mean distance comes out as wanted.
 
     Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one (the least
@@ -81,7 +81,7 @@ class _MeanChoice:
         self,
         pool: Footprints,
         distance_m: Floats,
-        crowd: _Crowd,
+        crowd: ChosenMembers,
         count: int,
         mean_m: float,
         tolerance: float,
@@ -98,10 +98,10 @@ class _MeanChoice:
 
     def _lots(self) -> NDArray[np.intp]:
         """All indices in the order of a weighted draw without replacement (Efraimidis and Spirakis 2006)."""
-        weight = _tilted(self._distance_m, self._mean_m)
+        weight = _tilted_weights(self._distance_m, self._mean_m)
         return np.argsort(self._rng.exponential(size=len(weight)) / np.maximum(weight, 1e-300), kind="stable")
 
-    def _exchange(self, crowd: _Crowd, chosen: list[int]) -> bool:
+    def _exchange(self, crowd: ChosenMembers, chosen: list[int]) -> bool:
         distance = self._distance_m
         by_distance = np.argsort(distance, kind="stable")
         ordered = distance[by_distance]
@@ -127,20 +127,20 @@ class _MeanChoice:
         return False
 
 
-def _tilted(distance_m: Floats, mean_m: float) -> Floats:
+def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:
     """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean is out of reach."""
     centred = distance_m - distance_m.mean()
     low, high = -0.5, 0.5
     for _ in range(40):
         middle = (low + high) / 2.0
-        weight = _exponential(middle * centred)
+        weight = _scaled_exponential(middle * centred)
         if float((weight * distance_m).sum() / weight.sum()) < mean_m:
             low = middle
         else:
             high = middle
-    return _exponential(low * centred)
+    return _scaled_exponential(low * centred)
 
 
-def _exponential(power: Floats) -> Floats:
+def _scaled_exponential(power: Floats) -> Floats:
     weight: Floats = np.exp(power - power.max())
     return weight

@@ -15,7 +15,7 @@ from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order
-from bench.realization.placement._proofs import find_clash
+from bench.realization.placement.proofs._proof import prove_infeasible
 from bench.simspec import ASSETS, SimSpec, factor_values
 
 ROADS = [
@@ -265,7 +265,7 @@ def test_a_clash_needs_each_of_its_groups(gone: str) -> None:
     groups, fields = IMPOSSIBLE["too many for a shared region"]
     rest = scene(*(one for one in groups if one["id"] != gone))
 
-    assert find_clash(rest, placement_order(rest)) is None
+    assert prove_infeasible(rest, placement_order(rest)) is None
     assert not any("[c]" in field for field in fields)
 
 
@@ -345,4 +345,4 @@ def test_what_is_possible_is_never_proved_impossible(data: st.DataObject) -> Non
     intent = scene(*bound)
     assert faults(intent.model_copy(update={"realized": placed})) == []
 
-    assert find_clash(intent, placement_order(intent)) is None
+    assert prove_infeasible(intent, placement_order(intent)) is None

@@ -1,7 +1,7 @@
 """Scenes that have places by construction: somebody stands first, and relations are read off that, however tight.
 
 They are never refused with proof; what is placed is judged here once more, from docs/placement.md alone; and places depend on
-nothing but the scene. For more of them: `python tests/realization/test_realization_placement_possible.py 1000 4000`.
+nothing but the scene. For more of them: `python tests/realization/placement/test_placement_constructed_scenes.py 1000 4000`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import shapely
 from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization.placement._capacity import check_areas
-from bench.realization.placement._patrol_routes import check_fixed_ways
 from bench.realization.placement._placement import fixed_places, placement_order
-from bench.realization.placement._proofs import find_clash
+from bench.realization.placement.proofs._capacity import check_areas
+from bench.realization.placement.proofs._proof import prove_infeasible
+from bench.realization.placement.relations._patrol_routes import check_fixed_routes
 from bench.simspec import ASSETS, PlacedActor, Realized, SimSpec
 
 Spot = tuple[float, float]
@@ -401,9 +401,9 @@ def soundly_not_refused(seeds: range) -> int:
     for seed, simspec, realized in possible(seeds, TIGHT, relations=3):
         assert check_placement(simspec.model_copy(update={"realized": realized})) == [], seed
         order = placement_order(simspec)
-        check_fixed_ways(simspec, fixed_places(order))
+        check_fixed_routes(simspec, fixed_places(order))
         check_areas(simspec)
-        assert find_clash(simspec, order) is None, seed
+        assert prove_infeasible(simspec, order) is None, seed
         count += 1
     return count
 

@@ -13,7 +13,7 @@ import pytest
 from bench.documents import dump_json, validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order, with_places
-from bench.realization.placement._solver import solved
+from bench.realization.placement.search._solver import solve_placement
 from bench.simspec import SimSpec
 
 
@@ -144,7 +144,7 @@ def everything(seed: int) -> SimSpec:
 def test_the_solver_keeps_every_relation(seed: int) -> None:
     """Asked although sampling would do, the solver's places pass the check, whatever the relation; so do sampled ones."""
     simspec = everything(seed)
-    placed = solved(simspec, placement_order(simspec))
+    placed = solve_placement(simspec, placement_order(simspec))
 
     assert placed is not None
     assert check_placement(with_places(simspec, placed, "cp-sat")) == []

@@ -14,35 +14,35 @@ import shapely
 from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 
-from ._between import midways
-from ._distance_bands import lone_room
-from ._footprint import Footprints, crowded, footprints, joined, no_footprints
-from ._geometry import Geometry, drawn_from, flat, ground
-from ._ground_relations import clear, standing
-from ._group_relations import ties
-from ._groups import members_of, region_of
-from ._headings import aimed_deg, facing_target
-from ._infeasible import PlacementInfeasible
-from ._line_of_sight import solids_among
-from ._patrol_routes import open_routes, open_ways
-from ._relations import Relation, common_room
-from ._selection import _Crowd, _MeanChoice, _reachable
-from ._targets import spots_of
+from .._footprint import Footprints, empty_footprints, footprints, joined, too_close
+from .._geometry import Geometry, areal_parts, polygon_ground, uniform_places
+from .._groups import member_count, region_of
+from .._infeasible import PlacementInfeasible
+from .._targets import target_footprints
+from ..relations._between import between_relations
+from ..relations._distance_bands import lone_member_ground
+from ..relations._ground import clearance, ground_relations
+from ..relations._headings import facing_target, sampled_headings_deg
+from ..relations._line_of_sight import placed_solids
+from ..relations._other_groups import group_relations
+from ..relations._patrol_routes import access_relations, route_clearances
+from ..relations._relation import Relation, common_ground
+from ._selection import ChosenMembers, MeanDistanceChoice, reachable_means_m
 
-ROUNDS = 5
-
-
-POOL = 4096
+MAX_POOLS = 5
 
 
-CROWD = 4
+POOL_SIZE = 4096
+
+
+CROWDING_RATIO = 4
 """Places for each missing member of which at least one in so many must bring somebody in, or the group is crowded."""
 
 
 Placed = dict[str, Footprints]
 
 
-class Stuck(Exception):
+class SamplingStalled(Exception):
     """This attempt found no place for somebody; `sentence` says for whom and why, from places tried afresh.
 
     `crowded` tells that there were places enough, and that the members kept each other out of them; `share` how many of them
@@ -55,7 +55,7 @@ class Stuck(Exception):
 
 
 @dataclass(slots=True)
-class Budget:
+class SamplingBudget:
     """Candidates that may still be looked at, over all attempts: what bounds the time of a hopeless scene."""
 
     left: int
@@ -66,16 +66,20 @@ class Budget:
         return self.left <= 0
 
 
-def sampled(
-    simspec: SimSpec, order: Sequence[ActorGroup], attempt: int, budget: Budget, left: Mapping[str, Geometry] | None = None
+def sample_placement(
+    simspec: SimSpec,
+    order: Sequence[ActorGroup],
+    attempt: int,
+    budget: SamplingBudget,
+    left: Mapping[str, Geometry] | None = None,
 ) -> Placed:
     """Places for every group, on the ground that is left to it where that is known. Raises Stuck."""
     placed = fixed_places(order)
     for group in order:
         if group.placement.at:
             continue
-        if not members_of(simspec, group):
-            placed[group.id] = no_footprints()
+        if not member_count(simspec, group):
+            placed[group.id] = empty_footprints()
         else:
             # A stream for each group by its name: adding a group leaves the draws of the others as they were.
             rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), attempt)
@@ -97,7 +101,7 @@ def _fixed(group: ActorGroup, at: Home, placed: Placed) -> Footprints:
     one = footprints(ASSETS[group.asset], centre, np.array([at.heading_deg]), 0.0)
     for other, footprint in placed.items():
         # Two fixed actors stand where their author put them; they only must not overlap.
-        if crowded(one, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
+        if too_close(one, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
             raise PlacementInfeasible(
                 f"groups {other!r} and {group.id!r} are fixed at places where their footprints overlap",
                 clash=(f"actors[{other}].placement.at", f"actors[{group.id}].placement.at"),
@@ -108,12 +112,12 @@ def _fixed(group: ActorGroup, at: Home, placed: Placed) -> Footprints:
 def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
     """All that the group must keep towards the ground and towards what stands, but for room."""
     looks = group.placement.hidden_from or group.placement.visible_from
-    found = [*standing(simspec, group), *open_routes(simspec, group)]
-    for tie in ties(simspec, group, solids_among(simspec, placed) if looks else None):
+    found = [*ground_relations(simspec, group), *route_clearances(simspec, group)]
+    for tie in group_relations(simspec, group, placed_solids(simspec, placed) if looks else None):
         others = tie.points if tie.points is not None else joined([placed[name] for name in tie.of])
         found.append(tie.bound(others))
-    found += [way.bound(placed.__getitem__) for way in midways(simspec, group)]
-    return [*found, *open_ways(simspec, group, placed)]
+    found += [way.bound(placed.__getitem__) for way in between_relations(simspec, group)]
+    return [*found, *access_relations(simspec, group, placed)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +130,11 @@ class Sampler:
     region: Geometry
     relations: tuple[Relation, ...]
     ring: _Ring | None
-    room: Geometry | None
+    ground: Geometry | None
     target_m: Floats | None
     facing: Footprints | None
     rng: np.random.Generator
-    budget: Budget
+    budget: SamplingBudget
 
     @classmethod
     def of(
@@ -139,106 +143,110 @@ class Sampler:
         group: ActorGroup,
         placed: Placed,
         rng: np.random.Generator,
-        budget: Budget,
+        budget: SamplingBudget,
         left: Mapping[str, Geometry] | None = None,
     ) -> Sampler:
         """A sampler for a group whose relations are all to what is placed."""
-        region = ground(region_of(simspec, group))
+        region = polygon_ground(region_of(simspec, group))
         where = group.placement
-        relations = [*kept_relations(simspec, group, placed), clear(simspec, group, placed)]
-        target = spots_of(simspec, where.mean_distance.of, placed).centre_m[0] if where.mean_distance else None
+        relations = [*kept_relations(simspec, group, placed), clearance(simspec, group, placed)]
+        target = target_footprints(simspec, where.mean_distance.of, placed).centre_m[0] if where.mean_distance else None
         rings = [
-            _Ring(relation, spots_of(simspec, relation.of, placed).centre_m) for relation in (where.near, where.away) if relation
+            _Ring(relation, target_footprints(simspec, relation.of, placed).centre_m)
+            for relation in (where.near, where.away)
+            if relation
         ]
         ring = min(rings, key=lambda one: one.area_m2, default=None)
         if ring and ring.area_m2 > _box_area_m2(region):
             ring = None
         # Sectors, roads and the like leave so little of the box round the region that places are drawn where they can be kept.
         narrow = where.along or where.bearing or where.distances or where.inside or where.between
-        room = common_room(relations) if narrow or left is not None else None
+        room = common_ground(relations) if narrow or left is not None else None
         if room is not None and left is not None:
-            room = flat(shapely.intersection_all([room, left[group.id], lone_room(simspec, group, placed)]))
+            room = areal_parts(shapely.intersection_all([room, left[group.id], lone_member_ground(simspec, group, placed)]))
         facing = facing_target(simspec, group, placed)
-        return cls(simspec, group, members_of(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget)
+        return cls(
+            simspec, group, member_count(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget
+        )
 
     def members(self) -> Footprints:
         """The group's members. Raises _Stuck."""
         return self._anywhere() if self.target_m is None else self._at_mean_distance(self.target_m)
 
     def _anywhere(self) -> Footprints:
-        crowd = _Crowd.of(self.count, self.group.placement.spread_m)
+        crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
         for pool in self._pools(4 * self.count + 60):
             missing = self.count - crowd.count
             if crowd.admit(pool, np.arange(len(pool)), self.count):
                 return crowd.members()
             # Random places jam: when many bring few in, ever more would bring in ever fewer.
-            if len(pool) >= CROWD * missing and self.count - crowd.count > missing * (1.0 - 1.0 / CROWD):
-                raise Stuck(lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count)
-        raise Stuck(lambda: self._explain(crowd.count))
+            if len(pool) >= CROWDING_RATIO * missing and self.count - crowd.count > missing * (1.0 - 1.0 / CROWDING_RATIO):
+                raise SamplingStalled(lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count)
+        raise SamplingStalled(lambda: self._explain(crowd.count))
 
     def _at_mean_distance(self, target_m: Floats) -> Footprints:
         mean = self.group.placement.mean_distance
         assert mean is not None
-        found = no_footprints()
+        found = empty_footprints()
         sentence, crowded = "", False
         for pool in self._pools(10 * self.count + 200):
             found = joined([found, pool])
             if len(found) < self.count:
                 continue
             distance_m = np.hypot(*(found.centre_m - target_m).T)
-            low, high = _reachable(distance_m, self.count)
+            low, high = reachable_means_m(distance_m, self.count)
             sentence = (
                 f"group {self.group.id!r}: the mean distance of its {self.count} members to {mean.of!r} is to be {mean.mean_m:g} m, "
                 f"but the places that keep its other relations allow means from {low:.1f} to {high:.1f} m "
                 f"({len(found)} places looked at): change mean_m, widen the region or move {mean.of!r}"
             )
             short_m = max(low - mean.mean_m * (1 + mean.tolerance), mean.mean_m * (1 - mean.tolerance) - high)
-            if short_m > high - low and len(found) > CROWD * self.count:
+            if short_m > high - low and len(found) > CROWDING_RATIO * self.count:
                 break  # more places would hardly reach twice as far; other places of whom it is about may
             if short_m > 0.0:
                 continue
             # Halfway into the tolerance, so that nobody's rounding decides whether it is kept.
-            crowd = _Crowd.of(self.count, self.group.placement.spread_m)
-            choice = _MeanChoice(found, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng)
+            crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
+            choice = MeanDistanceChoice(found, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng)
             members = choice.members()
             if members is not None:
                 return members
             sentence = sentence.replace("but the", "which crowding prevents; the")
-            if crowded := len(found) >= CROWD**2 * self.count:
+            if crowded := len(found) >= CROWDING_RATIO**2 * self.count:
                 break
-        raise Stuck(lambda: sentence or self._explain(len(found)), crowded=crowded)
+        raise SamplingStalled(lambda: sentence or self._explain(len(found)), crowded=crowded)
 
     def _pools(self, size: int) -> Iterator[Footprints]:
         """Ever larger pools of places that keep every relation to what already stands."""
-        for turn in range(ROUNDS):
-            if self.budget.spent or (self.room is not None and self.room.area == 0.0):
+        for turn in range(MAX_POOLS):
+            if self.budget.spent or (self.ground is not None and self.ground.area == 0.0):
                 return
-            wanted = min(size * 2**turn, 4 * POOL)
+            wanted = min(size * 2**turn, 4 * POOL_SIZE)
             self.budget.left -= wanted
-            candidates = self._candidates(wanted, self.ring, self.room)
+            candidates = self._candidates(wanted, self.ring, self.ground)
             for relation in self.relations:
                 candidates = candidates[relation.keeps(candidates)]
             yield candidates
 
     def _candidates(self, count: int, ring: _Ring | None, room: Geometry | None = None) -> Footprints:
         if room is not None:
-            centre = drawn_from(room, count, self.rng)
+            centre = uniform_places(room, count, self.rng)
         elif ring is None:
             west, south, east, north = self.region.bounds
             centre = self.rng.uniform((west, south), (east, north), (count, 2))
         else:
             centre = ring.draw(self.rng, count)
         centre = np.round(centre, 3)
-        heading_deg = aimed_deg(self.simspec, self.group, centre, self.facing, self.rng)
+        heading_deg = sampled_headings_deg(self.simspec, self.group, centre, self.facing, self.rng)
         return footprints(ASSETS[self.group.asset], centre, heading_deg, self.group.placement.separation_m)
 
     def _explain(self, found: int) -> str:
         """The smallest set of relations that no place of a fresh pool keeps together."""
-        pool = self._candidates(POOL, None)
+        pool = self._candidates(POOL_SIZE, None)
         if self.ring is not None:
-            pool = joined([pool, self._candidates(POOL, self.ring)])
-        if self.room is not None and self.room.area > 0.0:
-            pool = joined([pool, self._candidates(POOL, None, self.room)])
+            pool = joined([pool, self._candidates(POOL_SIZE, self.ring)])
+        if self.ground is not None and self.ground.area > 0.0:
+            pool = joined([pool, self._candidates(POOL_SIZE, None, self.ground)])
         kept = {f"{relation.text} ({relation.path})": relation.keeps(pool) for relation in self.relations}
         who = f"group {self.group.id!r}: {found} of {self.count} members found a place"
         for size in range(1, len(kept) + 1):

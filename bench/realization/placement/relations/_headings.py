@@ -12,13 +12,13 @@ import shapely
 from bench.arrays import Floats
 from bench.simspec import ActorGroup, SimSpec
 
-from ._footprint import Footprints
-from ._geometry import Geometry, road_heading_deg, wide
-from ._relations import field
-from ._targets import point_of, spots_of
+from .._footprint import Footprints
+from .._geometry import Geometry, grown_at_least, road_heading_deg
+from .._targets import point_footprint, target_footprints
+from ._relation import field_path
 
 
-def aimed_deg(
+def sampled_headings_deg(
     simspec: SimSpec, group: ActorGroup, places_m: Floats, targets: Footprints | None, rng: np.random.Generator
 ) -> Floats:
     """(n,) headings that keep the group's relations of heading at (n, 2) places, as far as one draw can."""
@@ -49,16 +49,16 @@ def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Foot
     if facing is None or facing.heading_deg is not None:
         return None
     if facing.of is not None:
-        return spots_of(simspec, facing.of, placed)
+        return target_footprints(simspec, facing.of, placed)
     assert facing.point is not None
-    return point_of(facing.point)
+    return point_footprint(facing.point)
 
 
-_HAIR = 1e-6
+_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Heading:
+class RequiredHeading:
     """Members head by one of these courses, either way where they follow a road, or towards somebody, within some degrees.
 
     `lines` are the stretches of the road, one for each course; elsewhere there is one course, or none where whom they face
@@ -88,7 +88,7 @@ class Heading:
         mine, others = (shapely.get_coordinates(shapely.convex_hull(one)) for one in (ground, theirs))
         ways = (others[None, :, :] - mine[:, None, :]).reshape(-1, 2)
         hull = shapely.convex_hull(shapely.multipoints(ways))
-        if shapely.distance(hull, shapely.Point(0.0, 0.0)) < _HAIR:
+        if shapely.distance(hull, shapely.Point(0.0, 0.0)) < _TOLERANCE:
             return None
         middle = float(np.degrees(np.arctan2(hull.centroid.x, hull.centroid.y)))
         off = (np.degrees(np.arctan2(ways[:, 0], ways[:, 1])) - middle + 180.0) % 360.0 - 180.0
@@ -100,7 +100,7 @@ def _slant_deg(one_deg: float, other_deg: float) -> float:
     return abs((one_deg - other_deg + 90.0) % 180.0 - 90.0)
 
 
-def parallel_of(simspec: SimSpec, group: ActorGroup) -> Heading | None:
+def road_heading(simspec: SimSpec, group: ActorGroup) -> RequiredHeading | None:
     """The wish to head along a road."""
     along = group.placement.along
     if along is None or along.parallel_deg is None:
@@ -111,36 +111,40 @@ def parallel_of(simspec: SimSpec, group: ActorGroup) -> Heading | None:
     courses = np.degrees(np.arctan2(step[:, 0], step[:, 1])).tolist()
     lines = tuple(shapely.LineString(pair) for pair in pairwise(points))
     text = f"head along road {road.id!r} within {along.parallel_deg:g} degrees"
-    return Heading(field(group, "along.parallel_deg"), text, along.parallel_deg, tuple(courses), lines)
+    return RequiredHeading(field_path(group, "along.parallel_deg"), text, along.parallel_deg, tuple(courses), lines)
 
 
-def facing_of(group: ActorGroup) -> Heading | None:
+def facing_heading(group: ActorGroup) -> RequiredHeading | None:
     """The wish to face somebody, some place, or a course."""
     facing = group.placement.facing
     if facing is None:
         return None
-    path, within = field(group, "facing"), facing.within_deg
+    path, within = field_path(group, "facing"), facing.within_deg
     if facing.heading_deg is not None:
-        return Heading(path, f"head {facing.heading_deg:g} degrees within {within:g} degrees", within, (facing.heading_deg,))
+        return RequiredHeading(
+            path, f"head {facing.heading_deg:g} degrees within {within:g} degrees", within, (facing.heading_deg,)
+        )
     if facing.of is not None:
-        return Heading(path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of)
+        return RequiredHeading(path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of)
     assert facing.point is not None
     place = shapely.Point(facing.point.east_m, facing.point.north_m)
     text = f"head towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north within {within:g} degrees"
-    return Heading(path, text, within, point=place)
+    return RequiredHeading(path, text, within, point=place)
 
 
-def headings_clash(parallel: Heading, facing: Heading, ground: Geometry, theirs: Geometry, reach_m: float | None) -> bool:
+def headings_conflict(
+    parallel: RequiredHeading, facing: RequiredHeading, ground: Geometry, theirs: Geometry, reach_m: float | None
+) -> bool:
     """Whether nobody on the ground can head along a road and face what is wished.
 
     `theirs` is the ground of whom they face; `reach_m` how far from its own stretch of the road anybody can be, None where
     nothing says.
     """
     for course, line in zip(parallel.courses_deg, parallel.lines, strict=True):
-        cell = ground if reach_m is None else shapely.intersection(ground, wide(line, reach_m))
+        cell = ground if reach_m is None else shapely.intersection(ground, grown_at_least(line, reach_m))
         if cell.is_empty:
             continue
         arc = facing.arc(cell, theirs)
-        if arc is None or _slant_deg(arc[0], course) <= arc[1] + facing.within_deg + parallel.within_deg + _HAIR:
+        if arc is None or _slant_deg(arc[0], course) <= arc[1] + facing.within_deg + parallel.within_deg + _TOLERANCE:
             return False
     return True

@@ -11,11 +11,11 @@ import shapely.affinity
 
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization.placement._capacity import check_areas
-from bench.realization.placement._geometry import grown_by, shrunk_by
-from bench.realization.placement._patrol_routes import check_fixed_ways
+from bench.realization.placement._geometry import grown_at_most, shrunk_at_most
 from bench.realization.placement._placement import fixed_places, placement_order
-from bench.realization.placement._proofs import find_clash
+from bench.realization.placement.proofs._capacity import check_areas
+from bench.realization.placement.proofs._proof import prove_infeasible
+from bench.realization.placement.relations._patrol_routes import check_fixed_routes
 from bench.simspec import PlacedActor, Realized, Seeds, SimSpec
 
 
@@ -37,11 +37,11 @@ def refusal(simspec: SimSpec) -> PlacementInfeasible | None:
     """What is said of the scene before anything is tried, or when trying stalls; None where nothing is proved."""
     order = placement_order(simspec)
     try:
-        check_fixed_ways(simspec, fixed_places(order))
+        check_fixed_routes(simspec, fixed_places(order))
         check_areas(simspec)
     except PlacementInfeasible as refused:
         return refused
-    return find_clash(simspec, order)
+    return prove_infeasible(simspec, order)
 
 
 def kept(simspec: SimSpec, *places: tuple[str, float, float, float]) -> bool:
@@ -72,9 +72,9 @@ def test_rounded_ground_is_not_cut_short() -> None:
     for corner in shapely.get_coordinates(disc):
         deepest = shapely.Point(*(corner * (1.0 - 4.5 / (9.5 * math.cos(math.pi / 44)))))
         assert shapely.distance(disc.exterior, deepest) >= 4.5 - 1e-9
-        assert shapely.distance(shrunk_by(disc, 4.5), deepest) < 1e-9
+        assert shapely.distance(shrunk_at_most(disc, 4.5), deepest) < 1e-9
     pond = shapely.box(-20.0, -20.0, 20.0, 20.0).difference(disc)
-    assert shapely.distance(grown_by(pond, 4.5), shapely.Point(0.0, 0.0)) >= 9.5 * math.cos(math.pi / 44) - 4.5
+    assert shapely.distance(grown_at_most(pond, 4.5), shapely.Point(0.0, 0.0)) >= 9.5 * math.cos(math.pi / 44) - 4.5
 
 
 def test_a_crowded_region_names_the_crowd_alone() -> None:

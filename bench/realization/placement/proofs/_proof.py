@@ -29,35 +29,35 @@ import shapely
 from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, SimSpec
 
-from ._capacity import HAIR_M2, _grown_area_m2
-from ._constraints import _HOME, _point, _Term, _terms
-from ._distance_bands import band_room
-from ._footprint import footprints
-from ._geometry import EVERYWHERE, Geometry, coarse, ground, solid, wide
-from ._groups import hosts_of, inner_radius_m, is_home, members_of, outer_radius_m, region_of
-from ._headings import Heading, headings_clash
-from ._infeasible import PlacementInfeasible, _smallest
-from ._packing import _shared_out, most_aligned, most_apart
-from ._patrol_routes import closes, seen_room
-from ._relations import HOME_CLEARANCE_M, Tie, field
+from .._footprint import footprints
+from .._geometry import EVERYWHERE, Geometry, grown_at_least, polygon_ground, simplified, thickened
+from .._groups import hosts_of, inner_radius_m, is_home, member_count, outer_radius_m, region_of
+from .._infeasible import PlacementInfeasible
+from ..relations._distance_bands import band_ground
+from ..relations._headings import RequiredHeading, headings_conflict
+from ..relations._patrol_routes import is_obstacle, visible_ground
+from ..relations._relation import HOME_CLEARANCE_M, GroupRelation, field_path
+from ._capacity import AREA_TOLERANCE_M2, grown_area_m2
+from ._constraints import HOME_FIELD, Constraint, scene_constraints, shapely_point
+from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced_points
 
-ROUNDS = 6
-
-
-CASES = 48
+NARROWING_ROUNDS = 6
 
 
-SMALLEST_PART_M = 2.0
+MAX_CASES = 48
 
 
-def find_clash(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
+MIN_CASE_SIDE_M = 2.0
+
+
+def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
     """The refusal of a scene that can be proved impossible, with a smallest clashing set; None where nothing is proved."""
-    terms = _terms(simspec, order)
-    proof: Callable[[_Scene], bool]
-    for proof in (_Scene.ground_fails, _Scene.areas_fail, _Scene.cases_fail):
-        if proof(_Scene(simspec, order, terms)):
-            core = _smallest(terms, lambda some, proof=proof: proof(_Scene(simspec, order, some)))  # type: ignore[misc]
-            scene = _Scene(simspec, order, core)
+    terms = scene_constraints(simspec, order)
+    proof: Callable[[_Relaxation], bool]
+    for proof in (_Relaxation.ground_fails, _Relaxation.areas_fail, _Relaxation.cases_fail):
+        if proof(_Relaxation(simspec, order, terms)):
+            core = _smallest_conflict(terms, lambda some, proof=proof: proof(_Relaxation(simspec, order, some)))  # type: ignore[misc]
+            scene = _Relaxation(simspec, order, core)
             proof(scene)
             said = "; ".join(f"{term.text} ({term.path})" for term in core)
             noted = f" ({'; '.join(scene.notes)})" if scene.notes else ""
@@ -70,34 +70,51 @@ def find_clash(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeas
 
 def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, Geometry]:
     """For each group that has members, ground that holds every centre that any arrangement could have."""
-    scene = _Scene(simspec, order, _terms(simspec, order))
+    scene = _Relaxation(simspec, order, scene_constraints(simspec, order))
     scene.ground_fails()
     return scene.ground
 
 
+def _smallest_conflict(terms: Sequence[Constraint], fails: Callable[[list[Constraint]], bool]) -> list[Constraint]:
+    """Terms that fail together and of which none can be left out: deleted in ever smaller runs while the rest still fails."""
+    core = list(terms)
+    run = max(1, len(core) // 2)
+    while True:
+        start = 0
+        while start < len(core):
+            rest = core[:start] + core[start + run :]
+            if rest and fails(rest):
+                core = rest
+            else:
+                start += run
+        if run == 1:
+            return core
+        run //= 2
+
+
 @dataclass(slots=True)
-class _Scene:
+class _Relaxation:
     """Some of a scene's constraints, and what follows from them."""
 
     simspec: SimSpec
     order: Sequence[ActorGroup]
-    terms: Sequence[_Term]
+    terms: Sequence[Constraint]
     case: dict[str, Geometry] = dataclass_field(default_factory=dict)
     ground: dict[str, Geometry] = dataclass_field(default_factory=dict)
     notes: list[str] = dataclass_field(default_factory=list)
 
     def ground_fails(self) -> bool:
         """Whether some group has no ground left, is to keep two distances at once, or a mean distance that is out of reach."""
-        peopled = [group for group in self.order if members_of(self.simspec, group)]
+        peopled = [group for group in self.order if member_count(self.simspec, group)]
         self.ground = {group.id: self._own_ground(group) for group in peopled}
         bound = [term for term in self.terms if term.tie]
-        for _ in range(ROUNDS):
+        for _ in range(NARROWING_ROUNDS):
             before = [shapely.area(one) for one in self.ground.values()]
             for term in bound:
                 self._narrow(term.group, term.tie)
             for term in self.terms:
                 if term.midway and not any(one.is_empty for one in self.ground.values()):
-                    self._cut(term.group, term.midway.room(*(self._ground_of(name) for name in term.midway.ends)))
+                    self._cut(term.group, term.midway.ground(*(self._ground_of(name) for name in term.midway.ends)))
             if any(one.is_empty for one in self.ground.values()):
                 return True
             means = [(term.group, term.mean) for term in self.terms if term.mean]
@@ -114,7 +131,7 @@ class _Scene:
             return True
         return any(self._headings_fail(term.group, term.heading) for term in self.terms if term.heading and term.heading.lines)
 
-    def _headings_fail(self, own: str, parallel: Heading) -> bool:
+    def _headings_fail(self, own: str, parallel: RequiredHeading) -> bool:
         """Whether nobody of a group can head along its road and face what it is to face."""
         group = self.simspec.group(own)
         facing = next((t.heading for t in self.terms if t.group == own and t.heading and not t.heading.lines), None)
@@ -126,64 +143,64 @@ class _Scene:
         road = next(one for one in self.simspec.world.roads if one.id == along.road)
         # A mitred corner of the road reaches twice as far out as its side.
         reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
-        kept = any(term.path == field(group, "along") for term in self.terms)
-        return headings_clash(parallel, facing, self.ground[own], theirs, reach_m if kept else None)
+        kept = any(term.path == field_path(group, "along") for term in self.terms)
+        return headings_conflict(parallel, facing, self.ground[own], theirs, reach_m if kept else None)
 
-    def _bands_fail(self, one: _Term, other: _Term) -> bool:
+    def _bands_fail(self, one: Constraint, other: Constraint) -> bool:
         """Whether two of a group's distances to the same others, of whom there are some, exclude each other."""
         if one.group != other.group or one.band is None or other.band is None:
             return False
-        peopled = is_home(self.simspec, one.band.of) or bool(members_of(self.simspec, self.simspec.group(one.band.of)))
+        peopled = is_home(self.simspec, one.band.of) or bool(member_count(self.simspec, self.simspec.group(one.band.of)))
         return peopled and one.band.excludes(other.band)
 
     def _own_ground(self, group: ActorGroup) -> Geometry:
         """Where the group's relations to the ground and to what is fixed leave centres."""
-        rooms = [term.room for term in self.terms if term.group == group.id and term.room is not None]
+        rooms = [term.ground for term in self.terms if term.group == group.id and term.ground is not None]
         rooms += [self.case[group.id]] if group.id in self.case else []
-        left = solid(shapely.intersection_all(rooms)) if rooms else EVERYWHERE
+        left = thickened(shapely.intersection_all(rooms)) if rooms else EVERYWHERE
         if group.placement.at or left.is_empty:
             return left
         inner = inner_radius_m(group)
         for term in self.terms:
-            if term.group == _HOME:
-                left = left.difference(shapely.buffer(term.room, HOME_CLEARANCE_M + inner - 1e-6))
+            if term.group == HOME_FIELD:
+                left = left.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M + inner - 1e-6))
             elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
                 other = self.simspec.group(term.group)
                 gap = max(group.placement.separation_m, other.placement.separation_m)
-                left = left.difference(shapely.buffer(_outline(other), gap + inner - 1e-6))
+                left = left.difference(shapely.buffer(_fixed_outline(other), gap + inner - 1e-6))
         routes = [term.route_m for term in self.terms if term.group == group.id and term.route_m is not None]
-        return left.intersection(seen_room(routes[0], self._walls())) if routes else left
+        return left.intersection(visible_ground(routes[0], self._walls())) if routes else left
 
     def _walls(self) -> list[Geometry]:
         """What is fixed and closes ways, as the least that it closes."""
         fixed = [self.simspec.group(term.group) for term in self.terms if term.path.endswith(".at")]
-        return [shapely.buffer(_outline(one), -1e-6, join_style="mitre") for one in fixed if closes(one)]
+        return [shapely.buffer(_fixed_outline(one), -1e-6, join_style="mitre") for one in fixed if is_obstacle(one)]
 
-    def _narrow(self, own: str, tie: Tie | None) -> None:
+    def _narrow(self, own: str, tie: GroupRelation | None) -> None:
         """Keep of the ground on both sides what a tie between them can be kept on."""
         assert tie is not None
         if any(one.is_empty for one in self.ground.values()):
             return
         others = [name for name in tie.of if name in self.ground]
         if tie.whom == "some":
-            theirs = shapely.union_all([coarse(self.ground[name]) for name in others])
-            room = tie.room(coarse(theirs)) if others else shapely.Polygon()
+            theirs = shapely.union_all([simplified(self.ground[name]) for name in others])
+            room = tie.ground(simplified(theirs)) if others else shapely.Polygon()
             self._cut(own, room)
         else:
             for name in others:
-                self._cut(own, tie.room(coarse(self.ground[name])))
-        alone = len(others) == 1 and members_of(self.simspec, self.simspec.group(others[0])) == 1
+                self._cut(own, tie.ground(simplified(self.ground[name])))
+        alone = len(others) == 1 and member_count(self.simspec, self.simspec.group(others[0])) == 1
         for name in others if alone or tie.whom == "every" else []:
             if not self.ground[own].is_empty:
-                self._cut(name, tie.back(coarse(self.ground[own])))
+                self._cut(name, tie.reverse_ground(simplified(self.ground[own])))
 
     def _ground_of(self, name: str) -> Geometry:
         """Where members of a group may stand; the vehicle's home has its place."""
-        return _point(self.simspec.vehicle.home) if is_home(self.simspec, name) else self.ground.get(name, EVERYWHERE)
+        return shapely_point(self.simspec.vehicle.home) if is_home(self.simspec, name) else self.ground.get(name, EVERYWHERE)
 
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
-            self.ground[name] = solid(shapely.intersection(self.ground[name], room))
+            self.ground[name] = thickened(shapely.intersection(self.ground[name], room))
 
     def _narrow_by_mean(self, own: str, mean: MeanDistance) -> None:
         """Whom a mean distance is about is near enough to some ground of the group and far enough from some; who is alone keeps
@@ -191,15 +208,15 @@ class _Scene:
         slack_m = mean.tolerance * mean.mean_m + 1e-3
         least_m, most_m = mean.mean_m - slack_m, mean.mean_m + slack_m
         if self._alone(own):
-            self._cut(own, band_room(coarse(self._ground_of(mean.of)), least_m, most_m))
+            self._cut(own, band_ground(simplified(self._ground_of(mean.of)), least_m, most_m))
         if mean.of in self.ground and self._alone(mean.of) and not self.ground[own].is_empty:
-            self._cut(mean.of, band_room(coarse(self.ground[own]), least_m, most_m))
+            self._cut(mean.of, band_ground(simplified(self.ground[own]), least_m, most_m))
 
     def _mean_fails(self, own: str, mean: MeanDistance) -> bool:
         group, mine, theirs = self.simspec.group(own), self.ground[own], self._ground_of(mean.of)
-        nearest = np.full(members_of(self.simspec, group), shapely.distance(mine, theirs))
+        nearest = np.full(member_count(self.simspec, group), shapely.distance(mine, theirs))
         if any(term.group == own and term.need_m2 for term in self.terms):
-            nearest = np.maximum(nearest, _crowd_m(group, len(nearest)))
+            nearest = np.maximum(nearest, _crowded_distances_m(group, len(nearest)))
         low, high = float(nearest.mean()), _farthest_m(mine, theirs)
         if low > mean.mean_m * (1 + mean.tolerance) + 1e-3:
             self.notes.append(f"no mean under {floor(10 * low) / 10:g} m is in reach")
@@ -227,17 +244,19 @@ class _Scene:
             return False
         areas = {name: zone.area for name, (zone, _) in zones.items()}
         needs = {name: need for name, (_, need) in zones.items()}
-        if any(needs[name] > areas[name] + HAIR_M2 for name in zones):
+        if any(needs[name] > areas[name] + AREA_TOLERANCE_M2 for name in zones):
             return True
         if sum(needs.values()) <= min(areas.values()):
             return False
-        return not _shared_out({name: zone for name, (zone, _) in zones.items()}, needs)
+        return not areas_can_be_allocated({name: zone for name, (zone, _) in zones.items()}, needs)
 
     def _spread_fails(self, own: str, spread_m: float) -> bool:
         """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the centres."""
-        count = members_of(self.simspec, self.simspec.group(own))
-        room = shapely.area(wide(self.ground[own], spread_m / 2.0))
-        return bool(count > 1 and (count * pi * spread_m**2 / 4.0 > room or count > most_apart(self.ground[own], spread_m)))
+        count = member_count(self.simspec, self.simspec.group(own))
+        room = shapely.area(grown_at_least(self.ground[own], spread_m / 2.0))
+        return bool(
+            count > 1 and (count * pi * spread_m**2 / 4.0 > room or count > max_spaced_points(self.ground[own], spread_m))
+        )
 
     def _numbers_fail(self, groups: Sequence[ActorGroup]) -> bool:
         """Whether more members stand on the ground that is left than centres can lie there.
@@ -246,21 +265,27 @@ class _Scene:
         """
         if any(self._aligned_fails(group) for group in groups):
             return True
-        sized = sorted((group for group in groups if not hosts_of(self.simspec, group)), key=_apart_m, reverse=True)
+        sized = sorted((group for group in groups if not hosts_of(self.simspec, group)), key=_centre_distance_m, reverse=True)
         for number in range(1, len(sized) + 1):
             some = sized[:number]
-            apart_m = min(_apart_m(one) for one in some)
-            count = sum(members_of(self.simspec, one) for one in some)
-            if count > 1 and count > most_apart(shapely.union_all([self.ground[one.id] for one in some]), apart_m):
+            apart_m = min(_centre_distance_m(one) for one in some)
+            count = sum(member_count(self.simspec, one) for one in some)
+            if count > 1 and count > max_spaced_points(shapely.union_all([self.ground[one.id] for one in some]), apart_m):
                 return True
-        return any(members_of(self.simspec, one) > max(1, most_apart(self.ground[one.id], _apart_m(one))) for one in groups)
+        return any(
+            member_count(self.simspec, one) > max(1, max_spaced_points(self.ground[one.id], _centre_distance_m(one)))
+            for one in groups
+        )
 
     def _aligned_fails(self, group: ActorGroup) -> bool:
         """Whether a group that keeps one course has more members than so many rectangles have room."""
-        asset, count = ASSETS[group.asset], members_of(self.simspec, group)
+        asset, count = ASSETS[group.asset], member_count(self.simspec, group)
         commons = [t.heading.common for t in self.terms if t.group == group.id and t.heading]
         return any(
-            count > most_aligned(self.ground[group.id], (asset.length_m, asset.width_m), group.placement.separation_m, *common)
+            count
+            > max_aligned_rectangles(
+                self.ground[group.id], (asset.length_m, asset.width_m), group.placement.separation_m, *common
+            )
             for common in commons
             if common is not None and common[1] < 45.0 and asset.length_m >= asset.width_m
         )
@@ -280,19 +305,19 @@ class _Scene:
         return any(self._always_fails(name) for name in split)
 
     def _alone(self, name: str) -> bool:
-        return members_of(self.simspec, self.simspec.group(name)) == 1
+        return member_count(self.simspec, self.simspec.group(name)) == 1
 
     def _always_fails(self, name: str) -> bool:
         """Whether the scene fails wherever that member stands; parts in which it does not at once are halved."""
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         bound = sum(term.tie is not None or term.midway is not None for term in self.terms)
-        for _ in range(min(CASES, 8 + 8 * CASES // bound)):
+        for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // bound)):
             if not parts:
                 return True
             part = parts.pop()
-            if not _Scene(self.simspec, self.order, self.terms, {name: part}).ground_fails():
+            if not _Relaxation(self.simspec, self.order, self.terms, {name: part}).ground_fails():
                 west, south, east, north = shapely.bounds(part)
-                if max(east - west, north - south) < SMALLEST_PART_M:
+                if max(east - west, north - south) < MIN_CASE_SIDE_M:
                     return False
                 middle = ((west + east) / 2.0, (south + north) / 2.0)
                 if east - west > north - south:
@@ -304,18 +329,18 @@ class _Scene:
     def _zone(self, group: ActorGroup) -> Geometry:
         """All ground that the group's footprints, grown by half their gap, can touch."""
         half_gap = group.placement.separation_m / 2.0
-        zone = wide(self.ground[group.id], outer_radius_m(group) + half_gap)
-        if any(term.group == group.id and term.path in ("world.area", field(group, "region")) for term in self.terms):
-            zone = zone.intersection(wide(ground(region_of(self.simspec, group)), half_gap))
+        zone = grown_at_least(self.ground[group.id], outer_radius_m(group) + half_gap)
+        if any(term.group == group.id and term.path in ("world.area", field_path(group, "region")) for term in self.terms):
+            zone = zone.intersection(grown_at_least(polygon_ground(region_of(self.simspec, group)), half_gap))
         for term in self.terms:
-            if term.group == _HOME and half_gap < HOME_CLEARANCE_M:
-                zone = zone.difference(shapely.buffer(term.room, HOME_CLEARANCE_M - half_gap))
+            if term.group == HOME_FIELD and half_gap < HOME_CLEARANCE_M:
+                zone = zone.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M - half_gap))
             elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
-                zone = zone.difference(shapely.buffer(_outline(self.simspec.group(term.group)), half_gap))
+                zone = zone.difference(shapely.buffer(_fixed_outline(self.simspec.group(term.group)), half_gap))
         return zone
 
 
-def _outline(group: ActorGroup) -> Geometry:
+def _fixed_outline(group: ActorGroup) -> Geometry:
     """The footprint of a fixed actor."""
     at = group.placement.at
     assert at is not None
@@ -323,16 +348,16 @@ def _outline(group: ActorGroup) -> Geometry:
     return shapely.polygons(one.corners())[0]
 
 
-def _apart_m(group: ActorGroup) -> float:
+def _centre_distance_m(group: ActorGroup) -> float:
     """Least distance between the centres of two members, or of a member and one of a group that wants no less."""
     return 2.0 * inner_radius_m(group) + group.placement.separation_m
 
 
-def _crowd_m(group: ActorGroup, count: int) -> Floats:
+def _crowded_distances_m(group: ActorGroup, count: int) -> Floats:
     """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints that reach no
     further than the k-th centre and their own outer radius must fit into that circle."""
     gap = group.placement.separation_m
-    area = _grown_area_m2(group, gap)
+    area = grown_area_m2(group, gap)
     least: Floats = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0
     return np.maximum(least, 0.0)
 

@@ -11,15 +11,15 @@ import shapely
 from bench.arrays import Bools
 from bench.simspec import HOME, ActorGroup, Between, SimSpec
 
-from ._footprint import Footprints
-from ._geometry import Geometry, wide
-from ._groups import is_home
-from ._relations import Relation, field
-from ._targets import point_of
+from .._footprint import Footprints
+from .._geometry import Geometry, grown_at_least
+from .._groups import is_home
+from .._targets import point_footprint
+from ._relation import Relation, field_path
 
 
 @dataclass(frozen=True, slots=True)
-class Midway:
+class BetweenRelation:
     """The relation to the straight way between two that stand: groups, the same one twice, or the vehicle's home."""
 
     path: str
@@ -55,26 +55,26 @@ class Midway:
             kept: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
             return kept
 
-        return Relation(self.path, self.text, keeps, lambda: self.room(shapely.Point(start_m), shapely.Point(end_m)))
+        return Relation(self.path, self.text, keeps, lambda: self.ground(shapely.Point(start_m), shapely.Point(end_m)))
 
     def _at(self, name: str, placed: Callable[[str], Footprints]) -> Footprints:
         return self.home if self.home is not None and name == HOME else placed(name)
 
-    def room(self, one: Geometry, other: Geometry) -> Geometry:
+    def ground(self, one: Geometry, other: Geometry) -> Geometry:
         """Every centre that may keep it between members that stand somewhere in the two grounds given."""
         if shapely.get_num_coordinates(one) == 1 and shapely.get_num_coordinates(other) == 1:
             line = shapely.LineString([one, other])
             return shapely.buffer(line, self.within_m + 1e-6, cap_style="flat") if line.length > 0.0 else shapely.Polygon()
-        return wide(shapely.convex_hull(shapely.union_all([one, other])), self.within_m)
+        return grown_at_least(shapely.convex_hull(shapely.union_all([one, other])), self.within_m)
 
 
-def midways(simspec: SimSpec, group: ActorGroup) -> list[Midway]:
+def between_relations(simspec: SimSpec, group: ActorGroup) -> list[BetweenRelation]:
     """Whom places of the group must lie between."""
     between = group.placement.between
     if between is None:
         return []
-    home = point_of(simspec.vehicle.home) if is_home(simspec, HOME) else None
-    return [Midway(field(group, "between"), _text(between), between.first, between.second, between.within_m, home)]
+    home = point_footprint(simspec.vehicle.home) if is_home(simspec, HOME) else None
+    return [BetweenRelation(field_path(group, "between"), _text(between), between.first, between.second, between.within_m, home)]
 
 
 def _text(between: Between) -> str:

@@ -9,16 +9,16 @@ import numpy as np
 import shapely
 import shapely.affinity
 
-from ._geometry import Geometry, flat
+from .._geometry import Geometry, areal_parts
 
-_HAIR = 1e-6
+_TOLERANCE = 1e-6
 
 
-_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
+_LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 """Of a footprint's length: how long the rectangle inside it is taken whose sides keep one direction."""
 
 
-def most_apart(ground: Geometry, apart_m: float) -> float:
+def max_spaced_points(ground: Geometry, apart_m: float) -> float:
     """At least as many as there are points on the ground that are `apart_m` or more from each other.
 
     In a compact convex set of area A and perimeter P there are at most 2 A / (sqrt(3) d^2) + P / (2 d) + 1 points of mutual
@@ -28,19 +28,21 @@ def most_apart(ground: Geometry, apart_m: float) -> float:
     """
     if apart_m <= 0.0:
         return inf
-    whole = _oler(shapely.convex_hull(ground), apart_m)
-    parts = [_oler(shapely.convex_hull(part), apart_m) for part in shapely.get_parts(ground)]
+    whole = _oler_bound(shapely.convex_hull(ground), apart_m)
+    parts = [_oler_bound(shapely.convex_hull(part), apart_m) for part in shapely.get_parts(ground)]
     return min(whole, sum(parts))
 
 
-def _oler(hull: Geometry, apart_m: float) -> float:
+def _oler_bound(hull: Geometry, apart_m: float) -> float:
     if hull.is_empty:
         return 0.0
     round_m = hull.length if hull.area > 0.0 else 2.0 * hull.length  # there and back along what has no width
-    return float(floor(2.0 * hull.area / (sqrt(3.0) * apart_m**2) + round_m / (2.0 * apart_m) + 1.0 + _HAIR))
+    return float(floor(2.0 * hull.area / (sqrt(3.0) * apart_m**2) + round_m / (2.0 * apart_m) + 1.0 + _TOLERANCE))
 
 
-def most_aligned(ground: Geometry, size_m: tuple[float, float], gap_m: float, course_deg: float, within_deg: float) -> float:
+def max_aligned_rectangles(
+    ground: Geometry, size_m: tuple[float, float], gap_m: float, course_deg: float, within_deg: float
+) -> float:
     """At least as many as there are rectangles of a length and width, a gap apart, whose centres lie on the ground and whose
     lengths keep one course, either way, within so many degrees (less than 45).
 
@@ -53,17 +55,17 @@ def most_aligned(ground: Geometry, size_m: tuple[float, float], gap_m: float, co
         return 0.0
     west, south, east, north = shapely.bounds(turned)
     most = inf
-    for share in _SHARES:
-        long_m, wide_m = _level(size_m, share, radians(within_deg))
+    for share in _LENGTH_SHARES:
+        long_m, wide_m = _aligned_inner_rectangle(size_m, share, radians(within_deg))
         if wide_m <= 0.0:
             continue
-        along = gap_m if east - west < wide_m - _HAIR else gap_m / sqrt(2.0)
-        across = gap_m if north - south < long_m - _HAIR else gap_m / sqrt(2.0)
-        most = min(most, _lattice(north - south, long_m + along) * _lattice(east - west, wide_m + across))
+        along = gap_m if east - west < wide_m - _TOLERANCE else gap_m / sqrt(2.0)
+        across = gap_m if north - south < long_m - _TOLERANCE else gap_m / sqrt(2.0)
+        most = min(most, _max_lattice_points(north - south, long_m + along) * _max_lattice_points(east - west, wide_m + across))
     return most
 
 
-def _level(size_m: tuple[float, float], share: float, turn_rad: float) -> tuple[float, float]:
+def _aligned_inner_rectangle(size_m: tuple[float, float], share: float, turn_rad: float) -> tuple[float, float]:
     """Length and width of a rectangle that lies inside one of `size_m` however far that is turned, up to `turn_rad`."""
     length_m, width_m = size_m
     long_m = share * length_m
@@ -78,20 +80,20 @@ def _level(size_m: tuple[float, float], share: float, turn_rad: float) -> tuple[
     return fit * long_m, fit * wide_m
 
 
-def _lattice(span_m: float, pitch_m: float) -> float:
+def _max_lattice_points(span_m: float, pitch_m: float) -> float:
     """Points of a lattice in a half-open span that is one pitch longer, put as few as may be."""
-    return inf if pitch_m <= 0.0 else float(floor(span_m / pitch_m + _HAIR) + 1)
+    return inf if pitch_m <= 0.0 else float(floor(span_m / pitch_m + _TOLERANCE) + 1)
 
 
-PIECES = 200
+MAX_PIECES = 200
 
 
-def _shared_out(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
+def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
     """Whether the pieces into which the zones cut each other can be shared out so that each group has the area that it needs.
 
     In square decimetres, needs rounded down and pieces up; True where it is not decided.
     """
-    pieces = _pieces(list(zones.values()))
+    pieces = _overlay_pieces(list(zones.values()))
     if pieces is None:
         return True
     from ortools.sat.python import cp_model  # here, because it takes half a second
@@ -113,20 +115,20 @@ def _shared_out(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
     return bool(solver.solve(model) != cp_model.INFEASIBLE)
 
 
-def _pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]] | None:
+def _overlay_pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]] | None:
     """The ground cut along the zones' edges, each piece with the zones that hold it; None where there are too many."""
     pieces: list[tuple[Geometry, tuple[int, ...]]] = []
     for index, zone in enumerate(zones):
         rest, cut = zone, []
         for piece, owners in pieces:
-            both = flat(shapely.intersection(piece, zone))
+            both = areal_parts(shapely.intersection(piece, zone))
             if both.area > 0.0:
                 cut.append((both, (*owners, index)))
-                rest = flat(rest.difference(both))
-                piece = flat(piece.difference(both))
+                rest = areal_parts(rest.difference(both))
+                piece = areal_parts(piece.difference(both))
             if piece.area > 0.0:
                 cut.append((piece, owners))
         pieces = [*cut, (rest, (index,))] if rest.area > 0.0 else cut
-        if len(pieces) > PIECES:
+        if len(pieces) > MAX_PIECES:
             return None
     return pieces

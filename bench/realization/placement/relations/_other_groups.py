@@ -11,16 +11,16 @@ import shapely
 from bench.arrays import Bools, Floats
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
-from ._distance_bands import band_room
-from ._footprint import Footprints, lie_within
-from ._geometry import Geometry, wide
-from ._groups import inner_radius_m, shrunk
-from ._line_of_sight import Solids, anywhere, sights
-from ._relations import Tie, Whom, field
-from ._targets import Target
+from .._footprint import Footprints, are_inside
+from .._geometry import Geometry, grown_at_least
+from .._groups import centre_ground, inner_radius_m
+from .._targets import RelationTarget
+from ._distance_bands import band_ground
+from ._line_of_sight import Solids, sight_relations, unbounded
+from ._relation import GroupRelation, Quantifier, field_path
 
 
-def ties(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> list[Tie]:
+def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> list[GroupRelation]:
     """What places of the group must keep towards other groups and points; sight only where the solids are known."""
     place = group.placement
     found = []
@@ -28,49 +28,56 @@ def ties(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> l
         found.append(_inside_of(group, simspec.group(place.inside.of)))
     for name, near, whom in (("near", place.near, "some"), ("away", place.away, "every")):
         if near:
-            target = Target.named(simspec, near.of)
-            text = f"stand {near.min_m:g} to {near.max_m:g} m from {target.some(whom)}"
+            target = RelationTarget.named(simspec, near.of)
+            text = f"stand {near.min_m:g} to {near.max_m:g} m from {target.described(whom)}"
             found.append(
-                _distance(field(group, name), text, target, "some" if whom == "some" else "every", near.min_m, near.max_m)
+                _distance(field_path(group, name), text, target, "some" if whom == "some" else "every", near.min_m, near.max_m)
             )
     for number, one in enumerate(place.distances):
-        target = Target.of_distance(simspec, group, one)
+        target = RelationTarget.of_distance(simspec, group, one)
         span = f"at least {one.min_m:g} m" if one.max_m is None else f"{one.min_m:g} to {one.max_m:g} m"
         if target.of or target.points is not None or one.whom == "some":
-            text = f"stand {span} from {target.some(one.whom)}"
-            found.append(_distance(field(group, f"distances[{number}]"), text, target, one.whom, one.min_m, one.max_m))
+            text = f"stand {span} from {target.described(one.whom)}"
+            found.append(_distance(field_path(group, f"distances[{number}]"), text, target, one.whom, one.min_m, one.max_m))
     if place.bearing:
-        target = Target.seen(simspec, place.bearing)
+        target = RelationTarget.referenced(simspec, place.bearing)
         sector = f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} degrees"
         low, high = place.bearing.from_deg, place.bearing.to_deg
-        found.append(_bearing(field(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
+        found.append(_bearing(field_path(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
     if place.facing and place.facing.heading_deg is None:
-        target = Target.seen(simspec, place.facing)
+        target = RelationTarget.referenced(simspec, place.facing)
         text = f"head towards {target.name} within {place.facing.within_deg:g} degrees"
-        found.append(_facing(field(group, "facing"), text, target, place.facing.within_deg))
+        found.append(_facing(field_path(group, "facing"), text, target, place.facing.within_deg))
     if solids is not None:
-        found += sights(simspec, group, solids)
+        found += sight_relations(simspec, group, solids)
     return found
 
 
-def _inside_of(group: ActorGroup, host: ActorGroup) -> Tie:
+def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
     asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
     reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
 
     def pairs(some: Footprints, others: Footprints) -> Bools:
         kept = distances_m(some, others) <= reach_m + 1e-6
         one, other = np.nonzero(kept)
-        kept[one, other] = lie_within(some[one], others[other])
+        kept[one, other] = are_inside(some[one], others[other])
         return kept
 
     def among(others: Footprints) -> Geometry:
-        return shapely.union_all([shrunk(outline, group) for outline in shapely.polygons(others.corners())])
+        return shapely.union_all([centre_ground(outline, group) for outline in shapely.polygons(others.corners())])
 
     def room(others: Geometry) -> Geometry:
-        return wide(others, reach_m)
+        return grown_at_least(others, reach_m)
 
-    return Tie(
-        field(group, "inside"), f"stand inside a member of {host.id!r}", (host.id,), "some", pairs, room, room, among=among
+    return GroupRelation(
+        field_path(group, "inside"),
+        f"stand inside a member of {host.id!r}",
+        (host.id,),
+        "some",
+        pairs,
+        room,
+        room,
+        ground_among=among,
     )
 
 
@@ -80,7 +87,7 @@ def distances_m(some: Footprints, others: Footprints) -> Floats:
     return np.hypot(offset[..., 0], offset[..., 1])
 
 
-def _distance(path: str, text: str, target: Target, whom: Whom, min_m: float, max_m: float | None) -> Tie:
+def _distance(path: str, text: str, target: RelationTarget, whom: Quantifier, min_m: float, max_m: float | None) -> GroupRelation:
     most_m = np.inf if max_m is None else max_m
 
     def pairs(some: Footprints, others: Footprints) -> Bools:
@@ -89,9 +96,9 @@ def _distance(path: str, text: str, target: Target, whom: Whom, min_m: float, ma
         return kept
 
     def room(others: Geometry) -> Geometry | None:
-        return band_room(others, min_m, max_m)
+        return band_ground(others, min_m, max_m)
 
-    return Tie(path, text, target.of, whom, pairs, room, room, target.points)
+    return GroupRelation(path, text, target.of, whom, pairs, room, room, target.points)
 
 
 def bearings_deg(some: Footprints, others: Footprints) -> Floats:
@@ -100,19 +107,19 @@ def bearings_deg(some: Footprints, others: Footprints) -> Floats:
     return np.asarray(np.degrees(np.arctan2(offset[..., 0], offset[..., 1])) % 360.0, dtype=np.float64)
 
 
-def _bearing(path: str, text: str, target: Target, from_deg: float, to_deg: float) -> Tie:
+def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_deg: float) -> GroupRelation:
     span = (to_deg - from_deg) % 360.0
 
     def pairs(some: Footprints, others: Footprints) -> Bools:
         kept: Bools = (bearings_deg(some, others) - from_deg) % 360.0 <= span
         return kept
 
-    there, back = _Fan(from_deg, span), _Fan((from_deg + 180.0) % 360.0, span)
-    return Tie(path, text, target.of, "first", pairs, there, back, target.points)
+    there, back = _Sector(from_deg, span), _Sector((from_deg + 180.0) % 360.0, span)
+    return GroupRelation(path, text, target.of, "first", pairs, there, back, target.points)
 
 
 @dataclass(frozen=True, slots=True)
-class _Fan:
+class _Sector:
     """Everything that lies in a sector as seen from somewhere in the ground given, out to beyond any document's ground."""
 
     from_deg: float
@@ -132,11 +139,11 @@ class _Fan:
         return shapely.convex_hull(shapely.MultiPoint(swept))
 
 
-def _facing(path: str, text: str, target: Target, within_deg: float) -> Tie:
+def _facing(path: str, text: str, target: RelationTarget, within_deg: float) -> GroupRelation:
     def pairs(some: Footprints, others: Footprints) -> Bools:
         towards = (bearings_deg(some, others) + 180.0) % 360.0
         off = np.abs((np.degrees(some.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
         kept: Bools = off <= within_deg + 1e-9
         return kept
 
-    return Tie(path, text, target.of, "first", pairs, anywhere, anywhere, target.points)
+    return GroupRelation(path, text, target.of, "first", pairs, unbounded, unbounded, target.points)

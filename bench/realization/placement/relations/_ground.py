@@ -10,47 +10,47 @@ import shapely
 from bench.arrays import Bools
 from bench.simspec import ActorGroup, Along, Road, SimSpec
 
-from ._footprint import Footprints, crowded, crowding, joined, lie_within
-from ._geometry import Geometry, ground, grown_by, road_heading_deg, strip, wide
-from ._groups import hosts_of, inner_radius_m, outer_radius_m, region_of, shrunk
-from ._relations import HOME_CLEARANCE_M, Relation, field
-from ._targets import home_of
+from .._footprint import Footprints, are_inside, joined, too_close, too_close_pairs
+from .._geometry import Geometry, grown_at_least, grown_at_most, polygon_ground, road_ground, road_heading_deg
+from .._groups import centre_ground, hosts_of, inner_radius_m, outer_radius_m, region_of
+from .._targets import home_obstacle
+from ._relation import HOME_CLEARANCE_M, Relation, field_path
 
 
-def standing(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
+def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     """What places of the group must keep by themselves."""
-    region = ground(region_of(simspec, group))
+    region = polygon_ground(region_of(simspec, group))
     shapely.prepare(region)
-    found = [inside(group, region)]
+    found = [_inside_region(group, region)]
     if group.placement.inside and group.placement.inside.area:
         found.append(_in_area(simspec, group, group.placement.inside.area))
     if group.placement.facing and group.placement.facing.heading_deg is not None:
-        found.append(_heading(group, group.placement.facing.heading_deg, group.placement.facing.within_deg))
+        found.append(_heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg))
     if group.placement.along:
         road = next(one for one in simspec.world.roads if one.id == group.placement.along.road)
-        found += _along(group, group.placement.along, road)
+        found += _road_relations(group, group.placement.along, road)
     return found
 
 
-def inside(group: ActorGroup, region: Geometry) -> Relation:
+def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
     """The whole footprint inside a region."""
-    path = field(group, "region") if group.placement.region else "world.area"
+    path = field_path(group, "region") if group.placement.region else "world.area"
     return _within(path, f"stand inside its region of {region.area:.0f} m2", group, region)
 
 
 def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
-    area = ground(next(one for one in simspec.world.areas if one.id == name))
+    area = polygon_ground(next(one for one in simspec.world.areas if one.id == name))
     shapely.prepare(area)
-    return _within(field(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area)
+    return _within(field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area)
 
 
-def _heading(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
+def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
     def keeps(some: Footprints) -> Bools:
         off = np.abs((np.degrees(some.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
         kept: Bools = off <= within_deg + 1e-9
         return kept
 
-    return Relation(field(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps)
+    return Relation(field_path(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps)
 
 
 def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
@@ -63,13 +63,13 @@ def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relati
             kept[kept] = shapely.contains(region, shapely.polygons(corners[kept]))
         return kept
 
-    return Relation(path, text, keeps, lambda: shrunk(region, group))
+    return Relation(path, text, keeps, lambda: centre_ground(region, group))
 
 
-def clear(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
+def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
     """Away from what already stands and from the vehicle's home, but for whom one stands in."""
     around = hosts_of(simspec, group)
-    obstacles = joined([home_of(simspec), *(some for name, some in placed.items() if name not in around)])
+    obstacles = joined([home_obstacle(simspec), *(some for name, some in placed.items() if name not in around)])
     hosts = joined([placed[name] for name in around if name in placed])
     text = (
         f"keep {group.placement.separation_m:g} m clear of the {len(obstacles) + len(hosts) - 1} actors already placed, "
@@ -77,17 +77,17 @@ def clear(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints])
     )
 
     def keeps(some: Footprints) -> Bools:
-        hit = crowded(some, obstacles)
+        hit = too_close(some, obstacles)
         if len(hosts):
-            one, other = crowding(some, hosts)
-            hit[one[~lie_within(some[one], hosts[other])]] = True
+            one, other = too_close_pairs(some, hosts)
+            hit[one[~are_inside(some[one], hosts[other])]] = True
         return ~hit
 
-    return Relation(field(group, "separation_m"), text, keeps)
+    return Relation(field_path(group, "separation_m"), text, keeps)
 
 
-def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
-    ground_m2 = strip(road)
+def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
+    ground_m2 = road_ground(road)
     shapely.prepare(ground_m2)
 
     def on(some: Footprints) -> Bools:
@@ -101,14 +101,14 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
 
     if along.where == "on":
         text = f"stand on road {road.id!r} of {road.width_m:g} m width"
-        yield Relation(field(group, "along"), text, on, lambda: shrunk(ground_m2, group))
+        yield Relation(field_path(group, "along"), text, on, lambda: centre_ground(ground_m2, group))
     else:
 
         def verge() -> Geometry:
-            covered = grown_by(ground_m2, along.at_least_m + inner_radius_m(group))
-            return wide(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
+            covered = grown_at_most(ground_m2, along.at_least_m + inner_radius_m(group))
+            return grown_at_least(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
 
-        yield Relation(field(group, "along"), f"stand beside road {road.id!r}, {along.gap_text} off it", beside, verge)
+        yield Relation(field_path(group, "along"), f"stand beside road {road.id!r}, {along.gap_text} off it", beside, verge)
     if along.parallel_deg is not None:
         limit = along.parallel_deg
 
@@ -118,4 +118,4 @@ def _along(group: ActorGroup, along: Along, road: Road) -> Iterator[Relation]:
             return kept
 
         text = f"head along road {road.id!r} within {limit:g} degrees"
-        yield Relation(field(group, "along.parallel_deg"), text, parallel)
+        yield Relation(field_path(group, "along.parallel_deg"), text, parallel)

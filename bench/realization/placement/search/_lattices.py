@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup
 
-from ._footprint import Footprints, footprints
-from ._geometry import Geometry
+from .._footprint import Footprints, footprints
+from .._geometry import Geometry
 
-SLACK_M = 0.002
+ROUNDING_GAP_M = 0.002
 """Between neighbours of a lattice, since places are rounded to the millimetre."""
 
 
-def _lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
+def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
     """Rows and columns along the region's longest side, from each corner, either way round; the largest first."""
     asset, gap_m = ASSETS[group.asset], group.placement.separation_m
-    frame = _Frame.of(region)
+    frame = _BoundingFrame.of(region)
     found: dict[bytes, Footprints] = {}
     for quarter, corner in product((0, 1), product((0, 1), repeat=2)):
         size = np.array([asset.length_m, asset.width_m] if quarter == 0 else [asset.width_m, asset.length_m])
-        pitch = np.maximum(size + gap_m, group.placement.spread_m or 0.0) + SLACK_M
+        pitch = np.maximum(size + gap_m, group.placement.spread_m or 0.0) + ROUNDING_GAP_M
         places = frame.rows(size, pitch, np.array(corner))
         heading = np.full(len(places), _turned_deg(group, frame.heading_deg + 90.0 * quarter))
         found.setdefault(places.tobytes(), footprints(asset, places, heading, gap_m))
@@ -45,7 +45,7 @@ def _turned_deg(group: ActorGroup, heading_deg: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
+class _BoundingFrame:
     """The smallest rectangle round a region: its corner, unit vectors (2, 2) along its sides, and their lengths."""
 
     corner_m: Floats
@@ -53,7 +53,7 @@ class _Frame:
     size_m: Floats
 
     @classmethod
-    def of(cls, region: Geometry) -> _Frame:
+    def of(cls, region: Geometry) -> _BoundingFrame:
         corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(region))[:4]
         sides = np.array([corners[1] - corners[0], corners[3] - corners[0]])
         size = np.hypot(sides[:, 0], sides[:, 1])
@@ -66,8 +66,8 @@ class _Frame:
 
     def rows(self, member_m: Floats, pitch_m: Floats, corner: NDArray[np.int_]) -> Floats:
         """(n, 2) centres of as many rectangles as fit in rows and columns, pushed into one of the corners."""
-        times = np.maximum(np.floor((self.size_m - member_m - 2 * SLACK_M) / pitch_m).astype(int) + 1, 0)
-        ticks = [SLACK_M + member_m[side] / 2.0 + pitch_m[side] * np.arange(times[side]) for side in (0, 1)]
+        times = np.maximum(np.floor((self.size_m - member_m - 2 * ROUNDING_GAP_M) / pitch_m).astype(int) + 1, 0)
+        ticks = [ROUNDING_GAP_M + member_m[side] / 2.0 + pitch_m[side] * np.arange(times[side]) for side in (0, 1)]
         ticks = [self.size_m[side] - tick if corner[side] else tick for side, tick in enumerate(ticks)]
         grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
         places: Floats = np.round(self.corner_m + grid @ self.axes, 3)

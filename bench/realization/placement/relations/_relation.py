@@ -17,13 +17,13 @@ import shapely
 from bench.arrays import Bools
 from bench.simspec import ActorGroup
 
-from ._footprint import Footprints
-from ._geometry import EVERYWHERE, Geometry
+from .._footprint import Footprints
+from .._geometry import EVERYWHERE, Geometry
 
 HOME_CLEARANCE_M = 3.0
 
 
-Whom = Literal["some", "every", "first"]
+Quantifier = Literal["some", "every", "first"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class Relation:
     path: str
     text: str
     keeps: Callable[[Footprints], Bools]
-    room: Callable[[], Geometry | None] = lambda: None
+    ground: Callable[[], Geometry | None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)
-class Tie:
+class GroupRelation:
     """A relation to the members of other groups, or to points.
 
     `pairs` is (k, m): whether a place keeps it towards a member. `room` holds every centre that may keep it towards a member
@@ -48,12 +48,12 @@ class Tie:
     path: str
     text: str
     of: tuple[str, ...]
-    whom: Whom
+    whom: Quantifier
     pairs: Callable[[Footprints, Footprints], Bools]
-    room: Callable[[Geometry], Geometry | None]
-    back: Callable[[Geometry], Geometry | None]
+    ground: Callable[[Geometry], Geometry | None]
+    reverse_ground: Callable[[Geometry], Geometry | None]
     points: Footprints | None = None
-    among: Callable[[Footprints], Geometry | None] | None = None
+    ground_among: Callable[[Footprints], Geometry | None] | None = None
 
     def keeps(self, some: Footprints, others: Footprints) -> Bools:
         """(k,) whether places keep it towards all of the others who count."""
@@ -64,26 +64,26 @@ class Tie:
 
     def bound(self, others: Footprints) -> Relation:
         """The relation to members that stand."""
-        return Relation(self.path, self.text, lambda some: self.keeps(some, others), lambda: self._room_of(others))
+        return Relation(self.path, self.text, lambda some: self.keeps(some, others), lambda: self._common_ground(others))
 
-    def _room_of(self, others: Footprints) -> Geometry | None:
+    def _common_ground(self, others: Footprints) -> Geometry | None:
         points = shapely.points(others.centre_m)
         if len(points) == 0:
             return None
-        if self.among is not None:
-            return self.among(others)
+        if self.ground_among is not None:
+            return self.ground_among(others)
         if self.whom == "some":
-            return self.room(shapely.MultiPoint(points))
-        rooms = [self.room(point) for point in points[: 1 if self.whom == "first" else 64]]
+            return self.ground(shapely.MultiPoint(points))
+        rooms = [self.ground(point) for point in points[: 1 if self.whom == "first" else 64]]
         return None if rooms[0] is None else shapely.intersection_all(rooms)
 
 
-def field(group: ActorGroup, name: str) -> str:
+def field_path(group: ActorGroup, name: str) -> str:
     """The path of one of the group's placement fields, as a campaign's factors write it."""
     return f"actors[{group.id}].placement.{name}"
 
 
-def common_room(relations: Sequence[Relation]) -> Geometry:
+def common_ground(relations: Sequence[Relation]) -> Geometry:
     """Where centres that keep all of them must lie."""
-    rooms = [room for relation in relations if (room := relation.room()) is not None]
+    rooms = [room for relation in relations if (room := relation.ground()) is not None]
     return shapely.intersection_all(rooms) if rooms else EVERYWHERE

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization.placement._packing import most_aligned, most_apart
 from bench.realization.placement._placement import placement_order
-from bench.realization.placement._proofs import find_clash
+from bench.realization.placement.proofs._packing import max_aligned_rectangles, max_spaced_points
+from bench.realization.placement.proofs._proof import prove_infeasible
 from bench.simspec import SimSpec
 
 
@@ -44,19 +44,19 @@ def test_oler_never_refuses_known_packings(apart_m: float, turn_deg: float) -> N
     ]
     for points in packings:
         hull = shapely.affinity.rotate(shapely.convex_hull(shapely.multipoints(points)), turn_deg, origin=(0.0, 0.0))
-        assert len(points) <= most_apart(hull, apart_m)
+        assert len(points) <= max_spaced_points(hull, apart_m)
     for side in range(1, 12):
         whole = shapely.convex_hull(shapely.multipoints(triangle(side, apart_m)))
-        assert most_apart(whole, apart_m) == (side + 1) * (side + 2) / 2
+        assert max_spaced_points(whole, apart_m) == (side + 1) * (side + 2) / 2
 
 
 def test_oler_counts_parts_of_the_ground_apart() -> None:
     """Two yards far from each other hold what each holds, not what the ground between them would."""
     yards = shapely.union_all([shapely.box(0, 0, 10, 10), shapely.box(500, 0, 510, 10)])
 
-    assert most_apart(yards, 10.0) == 2 * most_apart(shapely.box(0, 0, 10, 10), 10.0) < 12
-    assert most_apart(shapely.Polygon(), 1.0) == 0
-    assert most_apart(shapely.Point(3, 4), 1.0) == 1
+    assert max_spaced_points(yards, 10.0) == 2 * max_spaced_points(shapely.box(0, 0, 10, 10), 10.0) < 12
+    assert max_spaced_points(shapely.Polygon(), 1.0) == 0
+    assert max_spaced_points(shapely.Point(3, 4), 1.0) == 1
 
 
 @settings(max_examples=60, deadline=None)
@@ -84,14 +84,14 @@ def test_rows_of_rectangles_are_never_refused(
     centres = shapely.multipoints([(across * i, along * j) for i in range(columns) for j in range(rows)])
     ground = shapely.affinity.rotate(shapely.convex_hull(centres), -course_deg, origin=(0.0, 0.0))
 
-    assert columns * rows <= most_aligned(ground, (length_m, width_m), gap_m, course_deg, within_deg)
+    assert columns * rows <= max_aligned_rectangles(ground, (length_m, width_m), gap_m, course_deg, within_deg)
 
 
 def test_aligned_rectangles_are_bounded_by_their_rows() -> None:
     """Trucks of 6.5 by 2.5 m in one lane, two abreast, and turned by up to ten degrees."""
 
     def lane(width_m: float, within_deg: float) -> float:
-        return most_aligned(shapely.box(0, 0, width_m, 70.0), (6.5, 2.5), 0.5, 0.0, within_deg)
+        return max_aligned_rectangles(shapely.box(0, 0, width_m, 70.0), (6.5, 2.5), 0.5, 0.0, within_deg)
 
     assert lane(1.0, 0.5) == 11
     assert lane(3.5, 0.5) == 22
@@ -116,7 +116,7 @@ def road(*points: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
 
 
 def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:
-    found = find_clash(simspec, placement_order(simspec))
+    found = prove_infeasible(simspec, placement_order(simspec))
     return found.clash if found else None
 
 

@@ -12,7 +12,7 @@ from bench.errors import SetupError
 from bench.realization import Design, RealizationPlan, realize
 from bench.simspec import AgentSpec, SimSpec
 
-PAPER: dict[str, Any] = parse_text((Path(__file__).parents[2] / "campaigns" / "paper.yaml").read_text())[0]
+PAPER: dict[str, Any] = parse_text((Path(__file__).parents[3] / "campaigns" / "paper.yaml").read_text())[0]
 BASE = validate_document(PAPER["base"], SimSpec)
 AGENTS = (AgentSpec(manifest="reference-naive"), AgentSpec(manifest="reference-bystander-aware"))
 

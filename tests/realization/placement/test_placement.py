@@ -16,7 +16,7 @@ from bench.errors import SetupError
 from bench.realization import Design, PlacementInfeasible, check_placement, place, realize
 from bench.simspec import ActorGroup, AgentSpec, Near, Placement, Point, Polygon, Realized, Role, SimSpec, World
 
-PAPER: dict[str, Any] = parse_text((Path(__file__).parents[2] / "campaigns" / "paper.yaml").read_text())[0]
+PAPER: dict[str, Any] = parse_text((Path(__file__).parents[3] / "campaigns" / "paper.yaml").read_text())[0]
 
 
 def corners(west: float, south: float, east: float, north: float) -> dict[str, Any]:

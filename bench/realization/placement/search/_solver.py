@@ -20,57 +20,57 @@ from ortools.sat.python import cp_model
 from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
 
-from ._between import midways
-from ._distance_bands import lone_room
-from ._footprint import Footprints, footprints, gaps, joined, no_footprints
-from ._geometry import Geometry, drawn_from, flat, ground
-from ._ground_relations import clear, standing
-from ._group_relations import ties
-from ._groups import members_of, region_of, related
-from ._headings import aimed_deg, facing_target
-from ._lattices import _lattices
-from ._line_of_sight import solids_among
-from ._patrol_routes import closes, closing_pairs, open_routes, open_ways, walks, walls_among
-from ._proofs import narrowed_ground
-from ._relations import Tie, common_room
+from .._footprint import Footprints, empty_footprints, footprints, gaps, joined
+from .._geometry import Geometry, areal_parts, polygon_ground, uniform_places
+from .._groups import member_count, prerequisite_groups, region_of
+from .._targets import target_footprints
+from ..proofs._proof import narrowed_ground
+from ..relations._between import between_relations
+from ..relations._distance_bands import lone_member_ground
+from ..relations._ground import clearance, ground_relations
+from ..relations._headings import facing_target, sampled_headings_deg
+from ..relations._line_of_sight import placed_solids
+from ..relations._other_groups import group_relations
+from ..relations._patrol_routes import access_relations, blocking_pairs, is_obstacle, patrols, placed_obstacles, route_clearances
+from ..relations._relation import GroupRelation, common_ground
+from ._lattices import lattices
 from ._sampling import Placed, fixed_places
-from ._targets import spots_of
 
-TRIES = 2
+MAX_ATTEMPTS = 2
 
 
-MORE_TRIES = 12
+MAX_DEPENDENT_ATTEMPTS = 12
 """Where somebody stands in or between others, who are placed first and cannot know what comes."""
 
 
-FULL = 0.5
+HOST_FILL = 0.5
 """Share of a host's ground that its guests are reckoned to fill."""
 
 
-EFFORT = 1.0
+ATTEMPT_LIMIT = 1.0
 """CP-SAT's deterministic seconds for one try; about as many of a core."""
 
 
-CANDIDATES = 6000
+MAX_PLACES = 6000
 
 
-MOST_TRIED = 12
+TRIED_PER_WANTED = 12
 """Places of one lattice that are tried for each that is wanted."""
 
 
-MOST_HOSTS = 12
+MAX_LATTICE_HOSTS = 12
 """In so many hosts the guests' places are tried in rows."""
 
 
 Literal = cp_model.IntVar
 
 
-def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
+def solve_placement(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
     """Places for every group, None where none were found."""
     left = narrowed_ground(simspec, order)
     effort = 0.0
-    for attempt in range(MORE_TRIES if any(_in_between(group) for group in order) else TRIES):
-        if attempt >= TRIES and effort > TRIES * EFFORT:
+    for attempt in range(MAX_DEPENDENT_ATTEMPTS if any(_is_dependent(group) for group in order) else MAX_ATTEMPTS):
+        if attempt >= MAX_ATTEMPTS and effort > MAX_ATTEMPTS * ATTEMPT_LIMIT:
             break
         rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
         placed: Placed | None = fixed_places(order)
@@ -87,17 +87,17 @@ def solved(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | None:
 def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGroup]]:
     """Free groups that are placed together: all at once, but for who must see, face, be at a mean distance from, in or between
     what stands. Hosts wait for those to whom their guests relate, where they can."""
-    needs = {group.id: related(simspec, group) for group in order}
+    needs = {group.id: prerequisite_groups(simspec, group) for group in order}
     stage = {group.id: 0 for group in order}
     for _ in order:
         before = dict(stage)
         for group in order:
-            for host in _host(group):
-                others = {name for name in needs[group.id] - {host} if host not in _behind(needs, name)}
+            for host in _hosts(group):
+                others = {name for name in needs[group.id] - {host} if host not in _with_prerequisites(needs, name)}
                 stage[host] = max(stage[host], *(stage[name] + 1 for name in others), 0)
         for group in order:
             place = group.placement
-            later = any((place.hidden_from, place.visible_from, place.facing, place.mean_distance)) or _in_between(group)
+            later = any((place.hidden_from, place.visible_from, place.facing, place.mean_distance)) or _is_dependent(group)
             stage[group.id] = max(stage[group.id], max((stage[name] for name in needs[group.id]), default=0) + later)
         if stage == before:
             break
@@ -105,16 +105,16 @@ def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGro
     return [some for number in range(max(stage.values(), default=0) + 1) if (some := [g for g in free if stage[g.id] == number])]
 
 
-def _host(group: ActorGroup) -> tuple[str, ...]:
+def _hosts(group: ActorGroup) -> tuple[str, ...]:
     inside = group.placement.inside
     return (inside.of,) if inside and inside.of else ()
 
 
-def _in_between(group: ActorGroup) -> bool:
-    return bool(_host(group)) or group.placement.between is not None
+def _is_dependent(group: ActorGroup) -> bool:
+    return bool(_hosts(group)) or group.placement.between is not None
 
 
-def _behind(needs: Mapping[str, set[str]], name: str) -> set[str]:
+def _with_prerequisites(needs: Mapping[str, set[str]], name: str) -> set[str]:
     """The group and all that must stand before it."""
     found = {name}
     while more := {other for one in found for other in needs[one]} - found:
@@ -139,10 +139,10 @@ class _Phase:
 
     def placed(self) -> Placed | None:
         """What stands, and these groups with it; None where no choice of places was found."""
-        peopled = [group for group in self.groups if members_of(self.simspec, group)]
+        peopled = [group for group in self.groups if member_count(self.simspec, group)]
         for group in peopled:
             self.pools[group.id] = self._pool(group, len(peopled))
-            if len(self.pools[group.id]) < members_of(self.simspec, group):
+            if len(self.pools[group.id]) < member_count(self.simspec, group):
                 return None
         self._choose(peopled)
         self._keep_clear(peopled)
@@ -156,7 +156,7 @@ class _Phase:
         solver = cp_model.CpSolver()
         solver.parameters.num_workers = 1
         solver.parameters.random_seed = seed_of(self.simspec.seeds, "placement") % 2**31
-        solver.parameters.max_deterministic_time = EFFORT
+        solver.parameters.max_deterministic_time = ATTEMPT_LIMIT
         status = solver.solve(self.model)
         self.effort = solver.response_proto.deterministic_time
         if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
@@ -166,7 +166,7 @@ class _Phase:
     def _members(self, group: ActorGroup, solver: cp_model.CpSolver) -> Footprints:
         """The chosen places in a drawn order, behind the one that relations to the first member were kept to."""
         if group.id not in self.pools:
-            return no_footprints()
+            return empty_footprints()
         chosen = np.array([index for index, one in enumerate(self.taken[group.id]) if solver.boolean_value(one)])
         chosen = self.rng.permutation(chosen)
         if group.id in self.first:
@@ -174,26 +174,26 @@ class _Phase:
             chosen = np.array([leader, *chosen[chosen != leader]])
         return self.pools[group.id][chosen]
 
-    def _ties(self, group: ActorGroup) -> list[Tie]:
+    def _ties(self, group: ActorGroup) -> list[GroupRelation]:
         looks = group.placement.hidden_from or group.placement.visible_from
-        return ties(self.simspec, group, solids_among(self.simspec, self.standing) if looks else None)
+        return group_relations(self.simspec, group, placed_solids(self.simspec, self.standing) if looks else None)
 
     def _pool(self, group: ActorGroup, groups: int) -> Footprints:
         """Places that keep whatever does not depend on the other members of this phase."""
-        count = members_of(self.simspec, group)
-        wanted = int(min(max(8 * count, 160), max(900, 1.5 * count), max(CANDIDATES / groups, 1.2 * count)))
-        relations = [*standing(self.simspec, group), *open_routes(self.simspec, group)]
+        count = member_count(self.simspec, group)
+        wanted = int(min(max(8 * count, 160), max(900, 1.5 * count), max(MAX_PLACES / groups, 1.2 * count)))
+        relations = [*ground_relations(self.simspec, group), *route_clearances(self.simspec, group)]
         for tie in self._ties(group):
             if not set(tie.of) & {one.id for one in self.groups}:
                 others = tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
                 relations.append(tie.bound(others))
-        relations.append(clear(self.simspec, group, self.standing))
-        relations += [way.bound(self.standing.__getitem__) for way in midways(self.simspec, group)]
-        relations += open_ways(self.simspec, group, self.standing)
-        room = flat(shapely.intersection(self.left[group.id], lone_room(self.simspec, group, self.standing)))
-        if _in_between(group):
-            room = shapely.intersection(room, common_room(relations))
-        found = no_footprints()
+        relations.append(clearance(self.simspec, group, self.standing))
+        relations += [way.bound(self.standing.__getitem__) for way in between_relations(self.simspec, group)]
+        relations += access_relations(self.simspec, group, self.standing)
+        room = areal_parts(shapely.intersection(self.left[group.id], lone_member_ground(self.simspec, group, self.standing)))
+        if _is_dependent(group):
+            room = shapely.intersection(room, common_ground(relations))
+        found = empty_footprints()
         for some in self._candidates(group, room, wanted):
             for relation in relations:
                 some = some[relation.keeps(some)]
@@ -206,41 +206,41 @@ class _Phase:
 
     def _candidates(self, group: ActorGroup, room: Geometry, wanted: int) -> Iterator[Footprints]:
         """Random places and lattices in turn, the random ones where the group's relations leave room for them."""
-        lattices = [] if _aimed(group) else self._lattices(group)
+        lattices = [] if _has_dependent_heading(group) else self._lattices(group)
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
         shapely.prepare(room)
         for lattice in lattices:  # of small things in a wide yard there are a hundred thousand
             within = np.flatnonzero(shapely.intersects_xy(room, lattice.centre_m[:, 0], lattice.centre_m[:, 1]))
-            if len(within) > MOST_TRIED * wanted:
-                within = np.sort(self.rng.permutation(within)[: MOST_TRIED * wanted])
+            if len(within) > TRIED_PER_WANTED * wanted:
+                within = np.sort(self.rng.permutation(within)[: TRIED_PER_WANTED * wanted])
             yield lattice[within]
         for _ in range(4):
             yield self._random(group, room, wanted)
 
     def _lattices(self, group: ActorGroup) -> list[Footprints]:
-        for host in _host(group):
+        for host in _hosts(group):
             outlines = shapely.polygons(self.standing[host].corners())
-            return [one for outline in outlines[:MOST_HOSTS] for one in _lattices(group, outline)]
+            return [one for outline in outlines[:MAX_LATTICE_HOSTS] for one in lattices(group, outline)]
         inside = group.placement.inside
         area = next((one for one in self.simspec.world.areas if inside and one.id == inside.area), None)
-        return _lattices(group, ground(area or region_of(self.simspec, group)))
+        return lattices(group, polygon_ground(area or region_of(self.simspec, group)))
 
     def _random(self, group: ActorGroup, room: Geometry, count: int) -> Footprints:
         if shapely.area(room) == 0.0:
-            return no_footprints()
-        centre_m = np.round(drawn_from(room, count, self.rng), 3)
+            return empty_footprints()
+        centre_m = np.round(uniform_places(room, count, self.rng), 3)
         return footprints(ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m)
 
     def _headings_deg(self, group: ActorGroup, centre_m: Floats) -> Floats:
         target = facing_target(self.simspec, group, self.standing)
-        return aimed_deg(self.simspec, group, centre_m, target, self.rng)
+        return sampled_headings_deg(self.simspec, group, centre_m, target, self.rng)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
         """One Boolean for each place, as many of them true as the group has members, and one for the first member."""
         led = {name for group in groups for tie in self._ties(group) if tie.whom == "first" for name in tie.of}
         for group in groups:
-            count = members_of(self.simspec, group)
+            count = member_count(self.simspec, group)
             own = [self.model.new_bool_var("") for _ in range(len(self.pools[group.id]))]
             self.taken[group.id] = own
             self.model.add(sum(own) == count)
@@ -262,44 +262,44 @@ class _Phase:
 
     def _keep_ways(self, groups: Sequence[ActorGroup]) -> None:
         """Whatever would close a patrol's way to its route, the shortest that what stands leaves it, excludes the walker there."""
-        walls = walls_among(self.simspec, self.standing)
+        walls = placed_obstacles(self.simspec, self.standing)
         for walker in groups:
-            for other in groups if walks(self.simspec, walker) else ():
-                if closes(other) and other is not walker:
+            for other in groups if patrols(self.simspec, walker) else ():
+                if is_obstacle(other) and other is not walker:
                     pools = self.pools[walker.id], self.pools[other.id]
-                    for one, index in closing_pairs(self.simspec, walker, *pools, walls):
+                    for one, index in blocking_pairs(self.simspec, walker, *pools, walls):
                         self._exclude(self.taken[walker.id][one], [self.taken[other.id][index]])
 
     def _keep_hosts(self, groups: Sequence[ActorGroup]) -> None:
         """So many hosts stand where guests who come later may stand that these have room."""
         for guest in self.simspec.actors:
             for host in groups:
-                count = members_of(self.simspec, guest)
-                if count and host.id in _host(guest):
+                count = member_count(self.simspec, guest)
+                if count and host.id in _hosts(guest):
                     outlines = shapely.polygons(self.pools[host.id].corners())
                     useful = shapely.area(shapely.intersection(outlines, self._room_so_far(guest))) > 0.0
                     own = ASSETS[guest.asset]
                     grown_m2 = (own.length_m + guest.placement.separation_m) * (own.width_m + guest.placement.separation_m)
-                    least = ceil(count * grown_m2 / (FULL * float(shapely.area(outlines[0]))))
+                    least = ceil(count * grown_m2 / (HOST_FILL * float(shapely.area(outlines[0]))))
                     taken = [self.taken[host.id][index] for index in np.flatnonzero(useful).tolist()]
-                    self.model.add(sum(taken) >= min(least, members_of(self.simspec, host)))
+                    self.model.add(sum(taken) >= min(least, member_count(self.simspec, host)))
 
     def _room_so_far(self, group: ActorGroup) -> Geometry:
         """Where members may stand for all that is known: of whoever does not stand yet, only their ground is."""
-        known = [tie for tie in ties(self.simspec, group) if set(tie.of) <= self.standing.keys()]
+        known = [tie for tie in group_relations(self.simspec, group) if set(tie.of) <= self.standing.keys()]
         bound = [
             tie.bound(tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])) for tie in known
         ]
-        return shapely.intersection(self.left[group.id], common_room(bound))
+        return shapely.intersection(self.left[group.id], common_ground(bound))
 
     def _exclude(self, one: Literal, others: Sequence[Literal]) -> None:
         if others:
             self.model.add_bool_and([other.negated() for other in others]).only_enforce_if(one)
 
-    def _tie(self, group: ActorGroup, tie: Tie) -> None:
+    def _tie(self, group: ActorGroup, tie: GroupRelation) -> None:
         own, pool = self.taken[group.id], self.pools[group.id]
         for name in tie.of if tie.whom != "some" else ():
-            others = self.pools.get(name, self.standing.get(name, no_footprints()))
+            others = self.pools.get(name, self.standing.get(name, empty_footprints()))
             matrix = tie.pairs(pool, others)
             literals = (self.first if tie.whom == "first" else self.taken).get(name)
             if literals is None:
@@ -311,7 +311,7 @@ class _Phase:
         if tie.whom == "some":
             self._some(own, pool, tie)
 
-    def _some(self, own: Sequence[Literal], pool: Footprints, tie: Tie) -> None:
+    def _some(self, own: Sequence[Literal], pool: Footprints, tie: GroupRelation) -> None:
         """Each place that is taken has somebody who keeps the tie with it."""
         met = np.zeros(len(pool), dtype=np.bool_)
         helpers: list[list[Literal]] = [[] for _ in own]
@@ -334,15 +334,15 @@ class _Phase:
         mean = group.placement.mean_distance
         if mean is None:
             return
-        own, pool, count = self.taken[group.id], self.pools[group.id], members_of(self.simspec, group)
-        leader_m = spots_of(self.simspec, mean.of, self.standing).centre_m[0]
+        own, pool, count = self.taken[group.id], self.pools[group.id], member_count(self.simspec, group)
+        leader_m = target_footprints(self.simspec, mean.of, self.standing).centre_m[0]
         distance_mm = np.round(1000.0 * np.hypot(*(pool.centre_m - leader_m).T)).astype(int).tolist()
         total = cp_model.LinearExpr.weighted_sum(own, distance_mm)
         self.model.add(total >= ceil(1000.0 * count * mean.mean_m * (1.0 - mean.tolerance / 2.0)))
         self.model.add(total <= int(1000.0 * count * mean.mean_m * (1.0 + mean.tolerance / 2.0)))
 
 
-def _aimed(group: ActorGroup) -> bool:
+def _has_dependent_heading(group: ActorGroup) -> bool:
     """Whether headings follow from relations, so that no lattice of one heading will do."""
     along = group.placement.along
     facing = group.placement.facing

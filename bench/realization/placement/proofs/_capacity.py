@@ -7,12 +7,12 @@ from math import hypot, pi
 
 from bench.simspec import ASSETS, ActorGroup, Near, Polygon, SimSpec
 
-from ._geometry import ground, wide
-from ._groups import hosts_of, is_home, members_of, region_of
-from ._infeasible import PlacementInfeasible, _fewest
-from ._relations import field
+from .._geometry import grown_at_least, polygon_ground
+from .._groups import hosts_of, is_home, member_count, region_of
+from .._infeasible import PlacementInfeasible, fewest_groups
+from ..relations._relation import field_path
 
-HAIR_M2 = 1e-3
+AREA_TOLERANCE_M2 = 1e-3
 """By how much areas must differ to differ at all: what fits exactly is not refused for the rounding of sums."""
 
 
@@ -20,77 +20,77 @@ def check_areas(simspec: SimSpec) -> None:
     """Refuse at once what no arrangement could hold: footprints grown by half their gap do not overlap, so their areas add up."""
     needs: dict[Polygon, list[ActorGroup]] = {}
     for group in simspec.actors:
-        if group.placement.at is None and members_of(simspec, group) and not hosts_of(simspec, group):
+        if group.placement.at is None and member_count(simspec, group) and not hosts_of(simspec, group):
             needs.setdefault(region_of(simspec, group), []).append(group)
     for region, groups in needs.items():
         if _overfull(simspec, region, groups):
-            _refuse_overfull(simspec, region, _fewest(groups, lambda some, region=region: _overfull(simspec, region, some)))  # type: ignore[misc]
+            _refuse_overfull(simspec, region, fewest_groups(groups, lambda some, region=region: _overfull(simspec, region, some)))  # type: ignore[misc]
     for group in simspec.actors:
         if group.placement.near:
-            _check_room_near(simspec, group, group.placement.near)
-        _check_room_inside(simspec, group)
+            _check_area_near(simspec, group, group.placement.near)
+        _check_area_inside(simspec, group)
 
 
 def _area_needs(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> tuple[float, float, float]:
     """The least gap that one of the groups wants, the area that all of them need with it, and what the region has."""
     gap = min(group.placement.separation_m for group in groups)
-    need = sum(members_of(simspec, group) * _grown_area_m2(group, gap) for group in groups)
-    return gap, need, wide(ground(region), gap / 2.0).area
+    need = sum(member_count(simspec, group) * grown_area_m2(group, gap) for group in groups)
+    return gap, need, grown_at_least(polygon_ground(region), gap / 2.0).area
 
 
 def _overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> bool:
     _, need, room = _area_needs(simspec, region, groups)
-    return need > room + HAIR_M2
+    return need > room + AREA_TOLERANCE_M2
 
 
 def _refuse_overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> None:
     gap, need, room = _area_needs(simspec, region, groups)
-    names = ", ".join(f"{members_of(simspec, group)} of {group.id!r}" for group in groups)
-    regions = [field(group, "region") if group.placement.region else "world.area" for group in groups]
+    names = ", ".join(f"{member_count(simspec, group)} of {group.id!r}" for group in groups)
+    regions = [field_path(group, "region") if group.placement.region else "world.area" for group in groups]
     raise PlacementInfeasible(
         f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but their region of {region.area_m2:.0f} m2 "
         f"offers {room:.0f} m2: lower the counts, lower separation_m or widen the region",
-        clash=(*(f"actors[{group.id}].{_counted(group)}" for group in groups), *dict.fromkeys(regions)),
+        clash=(*(f"actors[{group.id}].{count_field(group)}" for group in groups), *dict.fromkeys(regions)),
     )
 
 
-def _check_room_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
+def _check_area_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
     """The same for whoever must stay near somebody: no footprint reaches further out than its centre's band, half of itself and
     half of its gap."""
     asset, gap = ASSETS[group.asset], group.placement.separation_m
     reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
     hole_m = max(0.0, near.min_m - reach_m)
-    others = 1 if is_home(simspec, near.of) else members_of(simspec, simspec.group(near.of))
+    others = 1 if is_home(simspec, near.of) else member_count(simspec, simspec.group(near.of))
     room = others * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
-    need = members_of(simspec, group) * _grown_area_m2(group, gap)
-    if need > room + HAIR_M2:
+    need = member_count(simspec, group) * grown_area_m2(group, gap)
+    if need > room + AREA_TOLERANCE_M2:
         raise PlacementInfeasible(
-            f"{members_of(simspec, group)} of {group.id!r} need at least {need:.0f} m2 with {gap:g} m between them, but within "
+            f"{member_count(simspec, group)} of {group.id!r} need at least {need:.0f} m2 with {gap:g} m between them, but within "
             f"{near.min_m:g} to {near.max_m:g} m of {near.of!r} there are {room:.0f} m2: lower the count or separation_m, or raise max_m",
-            clash=(f"actors[{group.id}].{_counted(group)}", field(group, "near")),
+            clash=(f"actors[{group.id}].{count_field(group)}", field_path(group, "near")),
         )
 
 
-def _check_room_inside(simspec: SimSpec, host: ActorGroup) -> None:
+def _check_area_inside(simspec: SimSpec, host: ActorGroup) -> None:
     """The same for whoever must stand inside members of a group: footprints grown by half their gap lie inside members grown so."""
     guests = [one for one in simspec.actors if one.placement.inside and one.placement.inside.of == host.id]
-    guests = [one for one in guests if members_of(simspec, one)]
+    guests = [one for one in guests if member_count(simspec, one)]
     gap = min((one.placement.separation_m for one in guests), default=0.0)
-    need = sum(members_of(simspec, one) * _grown_area_m2(one, gap) for one in guests)
-    room = members_of(simspec, host) * _grown_area_m2(host, gap)
-    if need > room + HAIR_M2:
-        names = ", ".join(f"{members_of(simspec, one)} of {one.id!r}" for one in guests)
+    need = sum(member_count(simspec, one) * grown_area_m2(one, gap) for one in guests)
+    room = member_count(simspec, host) * grown_area_m2(host, gap)
+    if need > room + AREA_TOLERANCE_M2:
+        names = ", ".join(f"{member_count(simspec, one)} of {one.id!r}" for one in guests)
         raise PlacementInfeasible(
-            f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but inside the {members_of(simspec, host)} of "
+            f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but inside the {member_count(simspec, host)} of "
             f"{host.id!r} there are {room:.0f} m2: lower the counts or separation_m, or raise the number of {host.id!r}",
-            clash=tuple(path for one in guests for path in (f"actors[{one.id}].{_counted(one)}", field(one, "inside"))),
+            clash=tuple(path for one in guests for path in (f"actors[{one.id}].{count_field(one)}", field_path(one, "inside"))),
         )
 
 
-def _counted(group: ActorGroup) -> str:
+def count_field(group: ActorGroup) -> str:
     return "count" if group.count is not None else "density_per_km2"
 
 
-def _grown_area_m2(group: ActorGroup, gap_m: float) -> float:
+def grown_area_m2(group: ActorGroup, gap_m: float) -> float:
     asset = ASSETS[group.asset]
     return asset.length_m * asset.width_m + (asset.length_m + asset.width_m) * gap_m + pi * gap_m**2 / 4.0

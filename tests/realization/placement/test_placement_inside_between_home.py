@@ -12,7 +12,7 @@ from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order, with_places
-from bench.realization.placement._solver import solved
+from bench.realization.placement.search._solver import solve_placement
 from bench.simspec import SimSpec
 
 
@@ -112,7 +112,7 @@ def test_what_is_found_keeps_its_relations(name: str) -> None:
     for seed in range(2):
         wanted = scene(*KEPT[name], seed=seed)
         assert faults(place(wanted)) == []
-        placed = solved(wanted, placement_order(wanted))
+        placed = solve_placement(wanted, placement_order(wanted))
         assert placed is not None
         assert faults(with_places(wanted, placed, "cp-sat")) == []
     assert place(wanted) == place(wanted)
@@ -140,7 +140,7 @@ HARD: dict[str, list[dict[str, Any]]] = {
 def test_the_solver_finds_what_chance_does_not(name: str) -> None:
     """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way that is asked for."""
     wanted = scene(*HARD[name], seed=1)
-    placed = solved(wanted, placement_order(wanted))
+    placed = solve_placement(wanted, placement_order(wanted))
     assert placed is not None
     assert faults(with_places(wanted, placed, "cp-sat")) == []
 

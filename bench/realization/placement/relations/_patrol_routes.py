@@ -18,59 +18,61 @@ from bench.arrays import Bools, Floats
 from bench.errors import Fault
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
-from ._footprint import Footprints, joined, no_footprints
-from ._geometry import EVERYWHERE, Geometry, ground
-from ._groups import members_of, region_of
-from ._infeasible import PlacementInfeasible, _fewest
-from ._relations import Relation, field
+from .._footprint import Footprints, empty_footprints, joined
+from .._geometry import EVERYWHERE, Geometry, polygon_ground
+from .._groups import member_count, region_of
+from .._infeasible import PlacementInfeasible, fewest_groups
+from ._relation import Relation, field_path
 
-INSET_M = 0.5
+BORDER_INSET_M = 0.5
 """How far inside the border a point of a route is taken that lies beyond it; as the simulation does."""
 
 
-HAIR_M = 1e-6
+ROUNDING_MARGIN_M = 1e-6
 """By how much more than the simulation asks ways are kept open, so that nobody's rounding closes one."""
 
 
-_FAR_M = 1e6
+_SHADOW_M = 1e6
 
 
-def walks(simspec: SimSpec, group: ActorGroup) -> bool:
+def patrols(simspec: SimSpec, group: ActorGroup) -> bool:
     """Whether somebody of the group patrols."""
-    return group.motion.kind == "patrol" and members_of(simspec, group) > 0
+    return group.motion.kind == "patrol" and member_count(simspec, group) > 0
 
 
-def closes(group: ActorGroup) -> bool:
+def is_obstacle(group: ActorGroup) -> bool:
     """Whether members of the group close ways."""
     return ASSETS[group.asset].solid and group.motion.kind == "still"
 
 
-def room_m(walker: ActorGroup) -> float:
+def half_width_m(walker: ActorGroup) -> float:
     """Free room that a walker needs to either side."""
     return ASSETS[walker.asset].width_m / 2.0
 
 
-def loops(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
+def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
     """(k, 2) points of the route as members walk them, by whether they start inside the area; one for each way that may be."""
-    area = ground(simspec.world.area)
+    area = polygon_ground(simspec.world.area)
     at = walker.placement.at
     if at is not None:
         starts = [bool(shapely.contains_xy(area, at.east_m, at.north_m))]
     else:
-        region = ground(region_of(simspec, walker))
+        region = polygon_ground(region_of(simspec, walker))
         starts = [
-            inside for inside, may in ((True, area.intersects(region)), (False, not area.buffer(HAIR_M).covers(region))) if may
+            inside
+            for inside, may in ((True, area.intersects(region)), (False, not area.buffer(ROUNDING_MARGIN_M).covers(region)))
+            if may
         ]
     points = np.array([(point.east_m, point.north_m) for point in walker.motion.route])
-    return {inside: _drawn_inside(area, points) if inside else points for inside in starts}
+    return {inside: _moved_inside(area, points) if inside else points for inside in starts}
 
 
-def _drawn_inside(area: Geometry, points: Floats) -> Floats:
+def _moved_inside(area: Geometry, points: Floats) -> Floats:
     drawn = points.copy()
     for index in np.flatnonzero(~shapely.contains_xy(area, points[:, 0], points[:, 1])):
         way = shapely.get_coordinates(shapely.shortest_line(shapely.Point(points[index]), area.exterior))
         length = max(float(np.hypot(*(way[1] - way[0]))), 1e-9)
-        drawn[index] += (way[1] - way[0]) * (1.0 + INSET_M / length)
+        drawn[index] += (way[1] - way[0]) * (1.0 + BORDER_INSET_M / length)
     return drawn
 
 
@@ -81,11 +83,11 @@ def _legs(points: Floats) -> Floats:
 
 def route_faults(simspec: SimSpec) -> Iterator[Fault]:
     """Routes that cannot be walked wherever anybody stands: a leg leaves the area in which their walkers are held."""
-    if not ground(simspec.world.area).is_valid:
+    if not polygon_ground(simspec.world.area).is_valid:
         return
-    area = shapely.buffer(ground(simspec.world.area), HAIR_M)
+    area = shapely.buffer(polygon_ground(simspec.world.area), ROUNDING_MARGIN_M)
     for index, group in enumerate(simspec.actors):
-        if group.asset in ASSETS and walks(simspec, group) and (points := loops(simspec, group).get(True)) is not None:
+        if group.asset in ASSETS and patrols(simspec, group) and (points := route_points(simspec, group).get(True)) is not None:
             out = np.flatnonzero(~shapely.covers(area, shapely.linestrings(_legs(points))))
             if len(out):
                 first, second = int(out[0]) + 1, (int(out[0]) + 1) % len(points) + 1
@@ -96,59 +98,60 @@ def route_faults(simspec: SimSpec) -> Iterator[Fault]:
                 )
 
 
-def grown(walls: Footprints, by_m: float) -> Floats:
+def grown_outlines(walls: Footprints, by_m: float) -> Floats:
     """(n,) polygons: footprints grown along and across."""
     polygons: Floats = shapely.polygons(replace(walls, half_m=walls.half_m + by_m).corners())
     return polygons
 
 
-def open_routes(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
+def route_clearances(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     """What members of a group that closes ways must keep of the routes of others."""
-    if not closes(group):
+    if not is_obstacle(group):
         return []
-    return [_off_route(simspec, one) for one in simspec.actors if one.id != group.id and walks(simspec, one)]
+    return [_clear_of_route(simspec, one) for one in simspec.actors if one.id != group.id and patrols(simspec, one)]
 
 
-def _off_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
+def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
     def keeps(some: Footprints) -> Bools:
-        kept: Bools = ~np.any(list(shut_loops(simspec, walker, some).values()), axis=0)
+        kept: Bools = ~np.any(list(blocked_routes(simspec, walker, some).values()), axis=0)
         return kept
 
-    return Relation(_path(walker), f"leave the patrol route of {walker.id!r} open", keeps)
+    return Relation(_route_field(walker), f"leave the patrol route of {walker.id!r} open", keeps)
 
 
-def shut_loops(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
+def blocked_routes(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
     """(n,) which of the walls close the route, by whether its walkers start inside the area; for each way that may be."""
-    outlines = grown(walls, room_m(walker) + HAIR_M)
+    outlines = grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M)
     routes = {
-        inside: shapely.multilinestrings(shapely.linestrings(_legs(points))) for inside, points in loops(simspec, walker).items()
+        inside: shapely.multilinestrings(shapely.linestrings(_legs(points)))
+        for inside, points in route_points(simspec, walker).items()
     }
     shapely.prepare(list(routes.values()))
     return {inside: np.asarray(shapely.intersects(route, outlines), dtype=np.bool_) for inside, route in routes.items()}
 
 
-def _path(walker: ActorGroup) -> str:
+def _route_field(walker: ActorGroup) -> str:
     return f"actors[{walker.id}].motion.route"
 
 
-def open_ways(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
+def access_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
     """What members of the group must keep so that every patrol gets to its route, given what stands."""
-    if walks(simspec, group):
-        return [_to_route(simspec, group, walls_among(simspec, placed))]
-    if not closes(group):
+    if patrols(simspec, group):
+        return [_reaches_route(simspec, group, placed_obstacles(simspec, placed))]
+    if not is_obstacle(group):
         return []
-    walkers = [one for one in simspec.actors if walks(simspec, one) and len(placed.get(one.id, ()))]
-    return [_off_ways(simspec, one, placed) for one in walkers]
+    walkers = [one for one in simspec.actors if patrols(simspec, one) and len(placed.get(one.id, ()))]
+    return [_clear_of_approaches(simspec, one, placed) for one in walkers]
 
 
-def walls_among(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Footprints:
+def placed_obstacles(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Footprints:
     """What closes ways, of what stands."""
-    return joined([placed[one.id] for one in simspec.actors if closes(one) and one.id in placed] or [no_footprints()])
+    return joined([placed[one.id] for one in simspec.actors if is_obstacle(one) and one.id in placed] or [empty_footprints()])
 
 
-def _to_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relation:
-    shut = {inside for inside, which in shut_loops(simspec, walker, walls).items() if which.any()}
-    area = ground(simspec.world.area)
+def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relation:
+    shut = {inside for inside, which in blocked_routes(simspec, walker, walls).items() if which.any()}
+    area = polygon_ground(simspec.world.area)
 
     def keeps(some: Footprints) -> Bools:
         kept: Bools = np.any(open_legs(simspec, walker, some, walls)[1], axis=1)
@@ -157,25 +160,27 @@ def _to_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relati
             kept = kept & (inside != start)
         return kept
 
-    return Relation(_path(walker), "walk straight from its place to some point of its patrol route", keeps)
+    return Relation(_route_field(walker), "walk straight from its place to some point of its patrol route", keeps)
 
 
 def open_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> tuple[Floats, Bools]:
     """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to straight."""
-    area = ground(simspec.world.area)
+    area = polygon_ground(simspec.world.area)
     inside: Bools = np.asarray(shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1]))
-    routes = loops(simspec, walker)
+    routes = route_points(simspec, walker)
     any_route = next(iter(routes.values()))
     ends = np.where(inside[:, None, None], routes.get(True, any_route)[None], routes.get(False, any_route)[None])
-    free = ~_walled(some.centre_m, ends, walls, room_m(walker))
+    free = ~_blocked(some.centre_m, ends, walls, half_width_m(walker))
     if not area.equals(area.convex_hull) and free.any():
         held = free & inside[:, None]
         starts = np.broadcast_to(some.centre_m[:, None, :], ends.shape)
-        free[held] = shapely.covers(area.buffer(HAIR_M), shapely.linestrings(np.stack([starts[held], ends[held]], axis=1)))
+        free[held] = shapely.covers(
+            area.buffer(ROUNDING_MARGIN_M), shapely.linestrings(np.stack([starts[held], ends[held]], axis=1))
+        )
     return ends, free
 
 
-def _walled(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float) -> Bools:
+def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float) -> Bools:
     """(n, k) whether something solid closes the way from n places to k points of each."""
     closed = np.zeros(ends_m.shape[:2], dtype=np.bool_)
     axes = walls.axes()
@@ -184,7 +189,7 @@ def _walled(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float) 
         begin, end = (starts_m - centre) @ axes[index].T, (ends_m - centre) @ axes[index].T
         # Whoever stands closer than it needs may walk away, though never through the solid itself; as the simulation does.
         touching = (np.abs(begin) <= half + need_m).all(axis=1)
-        for who, wide in ((touching, half + HAIR_M), (~touching, half + need_m + HAIR_M)):
+        for who, wide in ((touching, half + ROUNDING_MARGIN_M), (~touching, half + need_m + ROUNDING_MARGIN_M)):
             closed[who] |= _crosses(begin[who][:, None, :], end[who], wide)
     return closed
 
@@ -200,7 +205,7 @@ def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
     return touches
 
 
-def first_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> Floats:
+def approach_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> Floats:
     """(n,) lines from places to the nearest point of the route that is open to them; None where none is."""
     ends, free = open_legs(simspec, walker, some, walls)
     distance_m = np.linalg.norm(ends - some.centre_m[:, None, :], axis=-1)
@@ -210,79 +215,79 @@ def first_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Fo
     return np.asarray(legs)
 
 
-def _off_ways(simspec: SimSpec, walker: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
-    legs = first_legs(simspec, walker, placed[walker.id], walls_among(simspec, placed))
+def _clear_of_approaches(simspec: SimSpec, walker: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
+    legs = approach_legs(simspec, walker, placed[walker.id], placed_obstacles(simspec, placed))
     ways = shapely.multilinestrings([leg for leg in legs if leg is not None])
     shapely.prepare(ways)
 
     def keeps(some: Footprints) -> Bools:
-        kept: Bools = ~shapely.intersects(ways, grown(some, room_m(walker) + HAIR_M))
+        kept: Bools = ~shapely.intersects(ways, grown_outlines(some, half_width_m(walker) + ROUNDING_MARGIN_M))
         return kept
 
-    return Relation(_path(walker), f"leave {walker.id!r} a straight way to its patrol route", keeps)
+    return Relation(_route_field(walker), f"leave {walker.id!r} a straight way to its patrol route", keeps)
 
 
-def closing_pairs(
+def blocking_pairs(
     simspec: SimSpec, walker: ActorGroup, walkers: Footprints, walls: Footprints, standing: Footprints
 ) -> Iterator[tuple[int, int]]:
     """Which of these places of a walker cannot be taken together with which of these of something solid."""
-    legs = first_legs(simspec, walker, walkers, standing)
-    tree = shapely.STRtree(grown(walls, room_m(walker) + HAIR_M))
+    legs = approach_legs(simspec, walker, walkers, standing)
+    tree = shapely.STRtree(grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M))
     yield from ((one, other) for one, other in tree.query(legs, predicate="intersects").T.tolist())
 
 
-def seen_room(points_m: Floats, walls: Sequence[Geometry]) -> Geometry:
+def visible_ground(points_m: Floats, walls: Sequence[Geometry]) -> Geometry:
     """Everything from which a straight line to one of the points passes those solids; rather too much than too little."""
-    return shapely.union_all([_seen_from(point, walls) for point in points_m])
+    return shapely.union_all([_visible_from(point, walls) for point in points_m])
 
 
-def _seen_from(point: Floats, walls: Sequence[Geometry]) -> Geometry:
+def _visible_from(point: Floats, walls: Sequence[Geometry]) -> Geometry:
     room = EVERYWHERE
     for wall in walls:
         if shapely.intersects_xy(wall, *point):
             return shapely.Polygon()
         corners = shapely.get_coordinates(wall)
         away = corners - point
-        behind = corners + _FAR_M * away / np.hypot(away[:, 0], away[:, 1])[:, None]
+        behind = corners + _SHADOW_M * away / np.hypot(away[:, 0], away[:, 1])[:, None]
         room = room.difference(shapely.convex_hull(shapely.multipoints(np.concatenate([corners, behind]))))
     return room
 
 
-def check_fixed_ways(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None:
+def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None:
     """Refuse at once what is fixed on a patrol's route, or round a walker who is fixed himself."""
     fixed = [group for group in simspec.actors if group.id in placed]
-    walls = [group for group in fixed if closes(group)]
+    walls = [group for group in fixed if is_obstacle(group)]
     for walker in simspec.actors:
         others = [wall for wall in walls if wall is not walker]
-        if walks(simspec, walker) and (shutting := _shut(simspec, walker, others, placed)):
+        if patrols(simspec, walker) and (shutting := _blocking_groups(simspec, walker, others, placed)):
             path = f"actors[{walker.id}].motion.route"
-            said = ", ".join(f"{wall.id!r} is fixed ({field(wall, 'at')})" for wall in shutting)
+            said = ", ".join(f"{wall.id!r} is fixed ({field_path(wall, 'at')})" for wall in shutting)
             raise PlacementInfeasible(
                 f"impossible, and proved so: {said}, and is to leave the patrol route of {walker.id!r} open ({path}). Move one of them",
-                clash=(*(field(wall, "at") for wall in shutting), path),
+                clash=(*(field_path(wall, "at") for wall in shutting), path),
             )
 
     def held(walker: ActorGroup, some: Sequence[ActorGroup]) -> bool:
-        standing = joined([placed[group.id] for group in some] or [no_footprints()])
-        return first_legs(simspec, walker, placed[walker.id], standing)[0] is None
+        standing = joined([placed[group.id] for group in some] or [empty_footprints()])
+        return approach_legs(simspec, walker, placed[walker.id], standing)[0] is None
 
     for walker in fixed:
-        if walks(simspec, walker) and held(walker, walls):
+        if patrols(simspec, walker) and held(walker, walls):
             path = f"actors[{walker.id}].motion.route"
-            needed = [] if held(walker, []) else _fewest(walls, lambda some, walker=walker: held(walker, some))  # type: ignore[misc]
+            needed = [] if held(walker, []) else fewest_groups(walls, lambda some, walker=walker: held(walker, some))  # type: ignore[misc]
             raise PlacementInfeasible(
-                f"impossible, and proved so: {walker.id!r} is fixed ({field(walker, 'at')}) where no straight way leads to any point "
+                f"impossible, and proved so: {walker.id!r} is fixed ({field_path(walker, 'at')}) where no straight way leads to any point "
                 f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
-                clash=(field(walker, "at"), path, *(field(group, "at") for group in needed)),
+                clash=(field_path(walker, "at"), path, *(field_path(group, "at") for group in needed)),
             )
 
 
-def _shut(
+def _blocking_groups(
     simspec: SimSpec, walker: ActorGroup, walls: Sequence[ActorGroup], placed: Mapping[str, Footprints]
 ) -> list[ActorGroup]:
     """Of what is fixed, the fewest that close the route wherever its walkers start; none where it is open to some."""
 
     def fails(some: Sequence[ActorGroup]) -> bool:
-        return all(which.any() for which in shut_loops(simspec, walker, joined([placed[one.id] for one in some])).values())
+        return all(which.any() for which in blocked_routes(simspec, walker, joined([placed[one.id] for one in some])).values())
 
-    return _fewest(walls, fails) if walls and fails(walls) else []
+    return fewest_groups(walls, fails) if walls and fails(walls) else []

@@ -10,13 +10,13 @@ import numpy as np
 from bench.arrays import Bools, Floats
 from bench.simspec import ASSETS, ActorGroup, Sight, SimSpec
 
-from ._footprint import Footprints, joined
-from ._geometry import Geometry
-from ._relations import Tie, Whom, field
-from ._targets import Target
+from .._footprint import Footprints, joined
+from .._geometry import Geometry
+from .._targets import RelationTarget
+from ._relation import GroupRelation, Quantifier, field_path
 
 
-def anywhere(_: Geometry) -> None:
+def unbounded(_: Geometry) -> None:
     return None
 
 
@@ -40,14 +40,14 @@ class Solids:
         for index in range(len(self.height_m)):
             centre, half = self.footprints.centre_m[index], self.footprints.half_m[index]
             eye, end = (eyes_m - centre) @ axes[index].T, (places_m - centre) @ axes[index].T
-            begins, ends = _crossing(eye, end, half)
+            begins, ends = _box_crossing(eye, end, half)
             low = eye_height_m + np.where(eye_height_m <= height_m, begins, ends) * (height_m - eye_height_m)
             outside = (np.abs(eye) > half).any(axis=1)
             blocked |= outside[None, :] & (begins < ends) & (low < self.height_m[index])
         return blocked
 
 
-def _crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
+def _box_crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
     """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the origin."""
     way = end[:, None, :] - eye[None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -60,15 +60,17 @@ def _crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
     return np.maximum(low.max(axis=-1), 0.0), np.minimum(high.min(axis=-1), 1.0)
 
 
-def sights(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[Tie]:
+def sight_relations(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[GroupRelation]:
     for name, whom in (("hidden_from", "every"), ("visible_from", "some")):
         sight = group.placement.place_references.get(name)
         if isinstance(sight, Sight):
-            target = Target.seen(simspec, sight)
-            yield _sight(group, name, sight, target, "every" if whom == "every" else "some", solids.without(group.id))
+            target = RelationTarget.referenced(simspec, sight)
+            yield _sight_relation(group, name, sight, target, "every" if whom == "every" else "some", solids.without(group.id))
 
 
-def _sight(group: ActorGroup, name: str, sight: Sight, target: Target, whom: Whom, solids: Solids) -> Tie:
+def _sight_relation(
+    group: ActorGroup, name: str, sight: Sight, target: RelationTarget, whom: Quantifier, solids: Solids
+) -> GroupRelation:
     top_m = ASSETS[group.asset].height_m
 
     def pairs(some: Footprints, others: Footprints) -> Bools:
@@ -76,11 +78,11 @@ def _sight(group: ActorGroup, name: str, sight: Sight, target: Target, whom: Who
         return hidden if name == "hidden_from" else ~hidden
 
     verb = "out of sight" if name == "hidden_from" else "in sight"
-    text = f"stand {verb} of {target.some(whom)} at {sight.height_m:g} m"
-    return Tie(field(group, name), text, target.of, whom, pairs, anywhere, anywhere, target.points)
+    text = f"stand {verb} of {target.described(whom)} at {sight.height_m:g} m"
+    return GroupRelation(field_path(group, name), text, target.of, whom, pairs, unbounded, unbounded, target.points)
 
 
-def solids_among(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
+def placed_solids(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
     """What stands in the way of sight."""
     groups = [group for group in simspec.actors if ASSETS[group.asset].solid and len(placed.get(group.id, ()))]
     heights = [np.full(len(placed[group.id]), ASSETS[group.asset].height_m) for group in groups]

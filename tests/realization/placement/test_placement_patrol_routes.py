@@ -12,8 +12,8 @@ from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._placement import placement_order, with_places
-from bench.realization.placement._proofs import find_clash
-from bench.realization.placement._solver import solved
+from bench.realization.placement.proofs._proof import prove_infeasible
+from bench.realization.placement.search._solver import solve_placement
 from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene
 
@@ -77,7 +77,7 @@ CROWDED = [free("houses", "house", 8), free("trees", "tree", 12), patrol(4), fre
 def test_every_walker_gets_round_its_route(seed: int) -> None:
     """Among houses placed before and after them, all walk the whole route, by sampled places and by the solver's."""
     simspec = scene(*CROWDED, seed=seed)
-    by_solver = solved(simspec, placement_order(simspec))
+    by_solver = solve_placement(simspec, placement_order(simspec))
 
     assert by_solver is not None
     for placed in (place(simspec), with_places(simspec, by_solver, "cp-sat")):
@@ -96,7 +96,7 @@ def test_solver_keeps_ways_open_between_what_it_places_together() -> None:
     """Walkers of the yard's west, and houses that tile its middle with little room to spare."""
     houses = free("houses", "house", 5, separation_m=0.1, region=box(40, 0, 56, 100))
     simspec = scene(houses, patrol(3, region=box(1, 1, 30, 60)))
-    by_solver = solved(simspec, placement_order(simspec))
+    by_solver = solve_placement(simspec, placement_order(simspec))
 
     assert by_solver is not None
     placed = with_places(simspec, by_solver, "cp-sat")
@@ -121,7 +121,7 @@ def test_a_gap_is_never_called_closed() -> None:
     """The proof says nothing where the fence has a gap, wherever that is."""
     for gap in range(8):
         simspec = scene(*fence(gap), patrol(2, region=box(1, 1, 30, 95)))
-        assert find_clash(simspec, placement_order(simspec)) is None
+        assert prove_infeasible(simspec, placement_order(simspec)) is None
 
 
 @pytest.mark.parametrize(

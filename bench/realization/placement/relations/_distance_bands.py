@@ -11,15 +11,15 @@ import shapely
 
 from bench.simspec import HOME, ActorGroup, SimSpec
 
-from ._footprint import Footprints
-from ._geometry import ARC, EVERYWHERE, Geometry, octagon, wide
-from ._groups import members_of
-from ._relations import field
-from ._targets import spots_of
+from .._footprint import Footprints
+from .._geometry import EVERYWHERE, QUARTER_SEGMENTS, Geometry, bounding_octagon, grown_at_least
+from .._groups import member_count
+from .._targets import target_footprints
+from ._relation import field_path
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
+class DistanceBand:
     """Each member keeps from `low_m` to `high_m` from some or from every member of a group, or all of them do so in the mean
     from its first member."""
 
@@ -28,48 +28,50 @@ class Band:
     low_m: float
     high_m: float
 
-    def excludes(self, other: Band) -> bool:
+    def excludes(self, other: DistanceBand) -> bool:
         """Whether nobody can keep both; two that need not be about the same member say nothing."""
         if self.of != other.of or "every" not in (self.whom, other.whom):
             return False
         return max(self.low_m, other.low_m) > min(self.high_m, other.high_m)
 
 
-def bands_of(simspec: SimSpec, group: ActorGroup) -> dict[str, Band]:
+def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBand]:
     """The bands round a group or the vehicle's home, by the path of the field; those round a role or a point are not among them."""
     place = group.placement
-    found: dict[str, Band] = {}
+    found: dict[str, DistanceBand] = {}
     if place.near:
-        found[field(group, "near")] = Band(place.near.of, "some", place.near.min_m, place.near.max_m)
+        found[field_path(group, "near")] = DistanceBand(place.near.of, "some", place.near.min_m, place.near.max_m)
     if place.away:
-        found[field(group, "away")] = Band(place.away.of, "every", place.away.min_m, place.away.max_m)
+        found[field_path(group, "away")] = DistanceBand(place.away.of, "every", place.away.min_m, place.away.max_m)
     for number, one in enumerate(place.distances):
         if one.of is not None and one.of in {HOME, *(other.id for other in simspec.actors)}:
             most_m = inf if one.max_m is None else one.max_m
-            found[field(group, f"distances[{number}]")] = Band(one.of, one.whom, one.min_m, most_m)
+            found[field_path(group, f"distances[{number}]")] = DistanceBand(one.of, one.whom, one.min_m, most_m)
     if mean := place.mean_distance:
         slack_m = mean.tolerance * mean.mean_m + 1e-3
-        found[field(group, "mean_distance")] = Band(mean.of, "mean", mean.mean_m - slack_m, mean.mean_m + slack_m)
+        found[field_path(group, "mean_distance")] = DistanceBand(mean.of, "mean", mean.mean_m - slack_m, mean.mean_m + slack_m)
     return found
 
 
-def band_room(others: Geometry, min_m: float, max_m: float | None) -> Geometry | None:
+def band_ground(others: Geometry, min_m: float, max_m: float | None) -> Geometry | None:
     """Within reach of some place there, and not so near to all of them that none is far enough; None where that is anywhere."""
     if max_m is None and min_m <= 0.0:
         return None
-    reach = wide(others, max_m) if max_m is not None else None
+    reach = grown_at_least(others, max_m) if max_m is not None else None
     if min_m > 0.0:
-        corners = shapely.get_coordinates(octagon(others))
-        near = shapely.intersection_all(shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=ARC))
+        corners = shapely.get_coordinates(bounding_octagon(others))
+        near = shapely.intersection_all(
+            shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=QUARTER_SEGMENTS)
+        )
         reach = (EVERYWHERE if reach is None else reach).difference(near)
     return reach
 
 
-def lone_room(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Geometry:
+def lone_member_ground(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Geometry:
     """Where the mean distance is kept by a lone member, whose own distance it is; everywhere for several."""
     mean = group.placement.mean_distance
-    if mean is None or members_of(simspec, group) != 1:
+    if mean is None or member_count(simspec, group) != 1:
         return EVERYWHERE
     slack_m = mean.tolerance * mean.mean_m / 2.0
-    target = shapely.Point(spots_of(simspec, mean.of, placed).centre_m[0])
-    return band_room(target, mean.mean_m - slack_m, mean.mean_m + slack_m)
+    target = shapely.Point(target_footprints(simspec, mean.of, placed).centre_m[0])
+    return band_ground(target, mean.mean_m - slack_m, mean.mean_m + slack_m)

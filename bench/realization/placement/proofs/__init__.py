@@ -1,0 +1,1 @@
+"""Proofs that a scene has no arrangement, from bounds on area, number, distance and heading."""
