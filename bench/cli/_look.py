@@ -38,7 +38,7 @@ def schema(
     from bench import contracts
     from bench.campaign import Campaign
     from bench.errors import Fault, SetupError
-    from bench.instance_analysis import BaseSimSpec, Proposed, VocabularyDocument
+    from bench.instance_analysis import BaseSimSpec, ProposedResult, VocabularyDocument
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import SimSpec
     from decompositions import decomposition_schema
@@ -60,7 +60,7 @@ def schema(
         "score-report": ScoreReport,
         "score-explanation": Explanation,
         "prose": BaseSimSpec,
-        "proposed": Proposed,
+        "proposed": ProposedResult,
         "vocabulary": VocabularyDocument,
     }
     if name == "decomposition":

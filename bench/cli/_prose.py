@@ -13,7 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from bench.errors import Fault
-    from bench.instance_analysis import BaseSimSpec, Proposed, Varied
+    from bench.instance_analysis import BaseSimSpec, ProposedResult, VariedField
     from bench.simspec import SimSpec
     from decompositions import Decomposition
 
@@ -64,7 +64,7 @@ def prose(
 
     given = _text(text, file)
     words = load_vocabulary(vocabulary)
-    proposed: Proposed | None = None
+    proposed: ProposedResult | None = None
     if llm is None:
         found = read_prose(given, words, accept or [])
     else:
@@ -103,7 +103,7 @@ def _text(text: str | None, file: Path | None) -> str:
     return text if text is not None else read_text(file or Path(), most_bytes=4 * MAX_CHARACTERS)
 
 
-def _remarks(found: BaseSimSpec, proposed: Proposed | None) -> Iterator[str]:
+def _remarks(found: BaseSimSpec, proposed: ProposedResult | None) -> Iterator[str]:
     for word, other in found.corrected.items():
         yield f"{word!r} was read as {other!r}"
     for one in found.remarks:
@@ -124,7 +124,7 @@ def _remarks(found: BaseSimSpec, proposed: Proposed | None) -> Iterator[str]:
         yield from (f"refused of {proposed.model}: {one.quote}: {one.why}" for one in proposed.refused)
 
 
-def _span(varied: Varied) -> str:
+def _span(varied: VariedField) -> str:
     unit = f" {varied.unit}" if varied.unit else ""
     if varied.choices:
         return " or ".join(varied.choices)
@@ -142,7 +142,7 @@ def _explained(found: BaseSimSpec) -> Iterator[str]:
         yield f"{one.path} = {json.dumps(one.value)} <- {' '.join(filter(None, (word, source)))}{note}"
 
 
-def _factors(ranges: Sequence[Varied]) -> list[dict[str, Any]]:
+def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
     factors: list[dict[str, Any]] = []
     for varied in ranges:
         taken = {one["name"] for one in factors}
@@ -179,7 +179,7 @@ def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int, decomposition: 
     """Plain values of a campaign over the ranges: a Latin hypercube, or every combination where there are levels alone."""
     from bench.campaign import Campaign
     from bench.documents import validate_document
-    from bench.instance_analysis import said_of
+    from bench.instance_analysis import stated_values
 
     factors = _factors(found.ranges)
     ranged = any("range" in one for one in factors)
@@ -187,7 +187,7 @@ def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int, decomposition: 
     written = {
         "format": "rebar.campaign/1",
         "name": "prose",
-        "base": said_of(found),
+        "base": stated_values(found),
         "agents": [{"manifest": simspec.agent.manifest}],
         "decomposition": decomposition,
         "design": {"factors": factors, "method": method},

@@ -8,17 +8,17 @@ print(found.simspec, found.ranges, found.questions)
 from __future__ import annotations
 
 from ._annotated import annotated_yaml as annotated_yaml
-from ._annotated import said_of as said_of
+from ._annotated import stated_values as stated_values
 from ._draft import BaseSimSpec as BaseSimSpec
 from ._draft import Question as Question
 from ._draft import Receipt as Receipt
-from ._draft import Unread as Unread
-from ._draft import Varied as Varied
-from ._model import ModelEndpoint as ModelEndpoint
-from ._proposal import Proposed as Proposed
-from ._proposal import propose as propose
+from ._draft import UnreadText as UnreadText
+from ._draft import VariedField as VariedField
 from ._prose import MAX_CHARACTERS as MAX_CHARACTERS
 from ._prose import read_prose as read_prose
-from ._vocabulary import Vocabulary as Vocabulary
-from ._vocabulary import VocabularyDocument as VocabularyDocument
-from ._vocabulary import load_vocabulary as load_vocabulary
+from .language._vocabulary import Vocabulary as Vocabulary
+from .language._vocabulary import VocabularyDocument as VocabularyDocument
+from .language._vocabulary import load_vocabulary as load_vocabulary
+from .model._endpoint import ModelEndpoint as ModelEndpoint
+from .model._proposal import ProposedResult as ProposedResult
+from .model._proposal import propose as propose

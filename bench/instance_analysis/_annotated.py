@@ -12,63 +12,63 @@ from bench.simspec import SimSpec
 from ._draft import BaseSimSpec, Receipt
 
 LONGEST_QUOTE = 60
-_ALWAYS = ("format", "name")
-_UNTOLD = ("format", "name", "description")
+_ALWAYS_WRITTEN = ("format", "name")
+_UNCOMMENTED = ("format", "name", "description")
 
 
-def said_of(found: BaseSimSpec) -> dict[str, Any]:
+def stated_values(result: BaseSimSpec) -> dict[str, Any]:
     """Plain values of the SimSpec: what the prose speaks of, and what differs from a SimSpec's defaults.
 
     They make the same SimSpec. Raises ValueError while questions are open.
     """
-    if found.simspec is None:
+    if result.simspec is None:
         raise ValueError("there is no SimSpec while questions are open")
-    spoken = {one.path for one in found.receipts if one.source != "default"}
-    full, differing = found.simspec.model_dump(mode="json"), found.simspec.model_dump(mode="json", exclude_defaults=True)
-    kept: dict[str, Any] = _kept(full, differing, "", spoken)
-    return {name: full[name] for name in _ALWAYS} | kept
+    mentioned = {receipt.path for receipt in result.receipts if receipt.source != "default"}
+    full, differing = result.simspec.model_dump(mode="json"), result.simspec.model_dump(mode="json", exclude_defaults=True)
+    stated: dict[str, Any] = _stated(full, differing, "", mentioned)
+    return {name: full[name] for name in _ALWAYS_WRITTEN} | stated
 
 
-def annotated_yaml(found: BaseSimSpec) -> str:
-    """YAML of `said_of`, with the receipts as comments. Raises as it does."""
-    receipts = {one.path: one for one in found.receipts if one.path not in _UNTOLD}
-    said = said_of(found)
-    text = dump_value(said)
+def annotated_yaml(result: BaseSimSpec) -> str:
+    """YAML of `stated_values`, with the receipts as comments. Raises as it does."""
+    receipts = {receipt.path: receipt for receipt in result.receipts if receipt.path not in _UNCOMMENTED}
+    values = stated_values(result)
+    text = dump_value(values)
     _, lines = parse_text(text)
-    comments = {lines[at]: _comment(receipts[path]) for at, path in _leaves(said, (), "") if path in receipts}
+    comments = {lines[at]: _comment(receipts[path]) for at, path in _leaves(values, (), "") if path in receipts}
     written = "".join(
         f"{line}  {comments[number]}\n" if number in comments else f"{line}\n"
         for number, line in enumerate(text.splitlines(), start=1)
     )
-    assert SimSpec.model_validate(parse_text(written)[0]) == found.simspec
+    assert SimSpec.model_validate(parse_text(written)[0]) == result.simspec
     return written
 
 
-def _kept(value: Any, differing: Any, path: str, spoken: set[str]) -> Any:
+def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
     """Of a document the fields that differ from the defaults (`differing`) or were spoken of."""
     if isinstance(value, Mapping):
         inner = {name: f"{path}.{name}" if path else name for name in value}
         present = differing if isinstance(differing, Mapping) else {}
         return {
-            name: _kept(value[name], present.get(name), inner[name], spoken)
+            name: _stated(value[name], present.get(name), inner[name], mentioned)
             for name in value
             if name in present
-            or any(one == inner[name] or one.startswith((f"{inner[name]}.", f"{inner[name]}[")) for one in spoken)
+            or any(mention == inner[name] or mention.startswith((f"{inner[name]}.", f"{inner[name]}[")) for mention in mentioned)
         }
     if isinstance(value, list) and isinstance(differing, list):
         pairs = enumerate(zip(value, differing, strict=True))
-        return [_kept(one, other, _member(path, one, index), spoken) for index, (one, other) in pairs]
+        return [_stated(mention, difference, _member(path, mention, index), mentioned) for index, (mention, difference) in pairs]
     return value
 
 
 def _leaves(value: Any, at: tuple[str | int, ...], path: str) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Every plain value: where it stands, and its path as receipts name it."""
     if isinstance(value, Mapping):
-        for name, one in value.items():
-            yield from _leaves(one, (*at, name), f"{path}.{name}" if path else name)
+        for name, member in value.items():
+            yield from _leaves(member, (*at, name), f"{path}.{name}" if path else name)
     elif isinstance(value, list):
-        for index, one in enumerate(value):
-            yield from _leaves(one, (*at, index), _member(path, one, index))
+        for index, member in enumerate(value):
+            yield from _leaves(member, (*at, index), _member(path, member, index))
     else:
         yield at, path
 

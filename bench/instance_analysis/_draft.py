@@ -12,12 +12,12 @@ from bench.documents import Document, validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._tokens import Span
+from .language._tokens import Span
 
-Path = tuple[str | int, ...]
+FieldPath = tuple[str | int, ...]
 
 
-class Varied(Document):
+class VariedField(Document):
     """A field that the prose gives a range (`low`, `high`) or several values (`levels`), or fields that change together (`choices`)."""
 
     name: str
@@ -52,7 +52,7 @@ class Question(Document):
     readings: tuple[str, ...]
 
 
-class Unread(Document):
+class UnreadText(Document):
     """A stretch of the prose that is not in the SimSpec, and why."""
 
     quote: str
@@ -67,17 +67,17 @@ class BaseSimSpec(Document):
     format: Literal["rebar.prose/1"] = "rebar.prose/1"
     prose: str
     simspec: Annotated[SimSpec | None, Field(description="None while questions are open.")] = None
-    ranges: tuple[Varied, ...] = ()
+    ranges: tuple[VariedField, ...] = ()
     receipts: tuple[Receipt, ...] = ()
     questions: Annotated[tuple[Question, ...], Field(description="Open ones.")] = ()
-    not_expressible: tuple[Unread, ...] = ()
-    not_understood: tuple[Unread, ...] = ()
-    remarks: Annotated[tuple[Unread, ...], Field(description="What is read otherwise than it is written, and why.")] = ()
+    not_expressible: tuple[UnreadText, ...] = ()
+    not_understood: tuple[UnreadText, ...] = ()
+    remarks: Annotated[tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")] = ()
     corrected: Annotated[dict[str, str], Field(description="Words taken for another that they are a letter or two off.")] = {}
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class DraftField:
     """The value of a field and its origin; no span means a default of the vocabulary."""
 
     value: Any
@@ -93,14 +93,14 @@ class Draft:
     def __init__(self, text: str, answers: Sequence[int]) -> None:
         self.text = text
         self.answers = list(answers)
-        self.entries: dict[Path, Entry] = {}
-        self.ranges: list[Varied] = []
+        self.entries: dict[FieldPath, DraftField] = {}
+        self.ranges: list[VariedField] = []
         self.questions: list[Question] = []
-        self.not_expressible: list[Unread] = []
-        self.not_understood: list[Unread] = []
-        self.remarks: list[Unread] = []
+        self.not_expressible: list[UnreadText] = []
+        self.not_understood: list[UnreadText] = []
+        self.remarks: list[UnreadText] = []
         self.faults: list[Fault] = []
-        self._asked = 0
+        self._question_count = 0
 
     def quote(self, span: Span) -> str:
         return self.text[span.start : span.end]
@@ -110,70 +110,82 @@ class Draft:
 
     def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
         (self.not_understood if expressible else self.not_expressible).append(
-            Unread(quote=self.quote(span), start=span.start, end=span.end, why=why)
+            UnreadText(quote=self.quote(span), start=span.start, end=span.end, why=why)
         )
 
     def remark(self, span: Span, why: str) -> None:
         """Say that a stretch is read otherwise than it is written."""
-        said = Unread(quote=self.quote(span), start=span.start, end=span.end, why=why)
-        if said not in self.remarks:
-            self.remarks.append(said)
+        remark = UnreadText(quote=self.quote(span), start=span.start, end=span.end, why=why)
+        if remark not in self.remarks:
+            self.remarks.append(remark)
 
     def ask(self, span: Span, question: str, readings: Sequence[str]) -> int:
         """Index of the reading that was chosen beforehand; otherwise the question stays open, and the first goes on."""
-        self._asked += 1
-        if self._asked <= len(self.answers):
-            chosen = self.answers[self._asked - 1]
+        self._question_count += 1
+        if self._question_count <= len(self.answers):
+            chosen = self.answers[self._question_count - 1]
             if 1 <= chosen <= len(readings):
                 return chosen - 1
-            self.fault(span, f"question {self._asked} has {len(readings)} readings, and not a {chosen}.", "accept one of them")
+            self.fault(
+                span, f"question {self._question_count} has {len(readings)} readings, and not a {chosen}.", "accept one of them"
+            )
         self.questions.append(
             Question(quote=self.quote(span), start=span.start, end=span.end, ask=question, readings=tuple(readings))
         )
         return 0
 
-    def put(self, path: Path, value: Any, span: Span | None, note: str = "") -> None:
+    def put(self, path: FieldPath, value: Any, span: Span | None, note: str = "") -> None:
         """Set a field. What the prose says twice and differently is asked."""
-        before = self.entries.get(path)
-        if before is not None and before.span is not None and span is not None and before.value != value:
-            readings = [f"{dotted(path)} = {one}" for one in (before.value, value)]
-            said = f"{self.quote(before.span)!r} and {self.quote(span)!r} say two things"
-            if self.ask(before.span.joined(span), f"{said}; which holds?", readings) == 0:
+        previous = self.entries.get(path)
+        if previous is not None and previous.span is not None and span is not None and previous.value != value:
+            readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
+            conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
+            if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
                 return
-            self.ranges = [one for one in self.ranges if dotted(path) not in one.paths]
-        if span is not None or before is None:
-            self.entries[path] = Entry(value, span, note)
+            self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
+        if span is not None or previous is None:
+            self.entries[path] = DraftField(value, span, note)
 
     def vary(
-        self, path: Path, low: float, high: float, span: Span | None, *, unit: str | None, integer: bool = False, note: str = ""
+        self,
+        path: FieldPath,
+        low: float,
+        high: float,
+        span: Span | None,
+        *,
+        unit: str | None,
+        integer: bool = False,
+        note: str = "",
     ) -> None:
         """Set a field to a number or a range; the SimSpec itself holds the range's lower end."""
         if low > high and span is not None:
             self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
-        clean = (lambda one: int(one)) if integer else float
+        clean = (lambda varied: int(varied)) if integer else float
         if integer and (low != int(low) or high != int(high)) and span is not None:
             self.fault(span, "is counted in whole numbers", "write a whole number")
         spanned = "" if low == high else f"{low:g} to {high:g}"
         self.put(path, clean(low), span, ", ".join(filter(None, (note, spanned))))
         if low < high and self.entries[path].span == span:
-            name = "-".join(str(one) for one in path[-3:] if one not in ("actors", "placement")).replace("_", "-").lower()
+            name = (
+                "-".join(str(varied) for varied in path[-3:] if varied not in ("actors", "placement")).replace("_", "-").lower()
+            )
             where = dotted(path)
-            self.ranges = [one for one in self.ranges if where not in one.paths]
-            self.ranges.append(Varied(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
+            self.ranges = [varied for varied in self.ranges if where not in varied.paths]
+            self.ranges.append(VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
 
-    def forget(self, path: Path) -> None:
+    def forget(self, path: FieldPath) -> None:
         """Take back a field, or all fields under a path, and what varies in them."""
-        gone = [one for one in self.entries if one[: len(path)] == path]
-        names = {dotted(one) for one in gone}
-        for one in gone:
-            del self.entries[one]
-        self.ranges = [one for one in self.ranges if not names.intersection(one.paths)]
+        removed = [entry_path for entry_path in self.entries if entry_path[: len(path)] == path]
+        names = {dotted(entry_path) for entry_path in removed}
+        for entry_path in removed:
+            del self.entries[entry_path]
+        self.ranges = [entry_path for entry_path in self.ranges if not names.intersection(entry_path.paths)]
 
-    def document(self, changed: dict[Path, Any] | None = None) -> dict[str, Any]:
+    def document(self, changed: dict[FieldPath, Any] | None = None) -> dict[str, Any]:
         """Plain values of the SimSpec, groups and other lists in the order in which they came up."""
         root: dict[str, Any] = {}
         lists: dict[int, dict[str | int, dict[str, Any]]] = {}
-        for path, value in ({path: one.value for path, one in self.entries.items()} | (changed or {})).items():
+        for path, value in ({path: entry.value for path, entry in self.entries.items()} | (changed or {})).items():
             _set(root, path, value, lists)
         return root
 
@@ -181,19 +193,23 @@ class Draft:
         """The SimSpec, valid at both ends of every range. Raises SetupError with every fault."""
         paths = {dotted(path): path for path in self.entries}
         ends = {
-            paths[one]: varied.high for varied in self.ranges if varied.high is not None for one in varied.paths if one in paths
+            paths[field_path]: varied.high
+            for varied in self.ranges
+            if varied.high is not None
+            for field_path in varied.paths
+            if field_path in paths
         }
         whole = {path: int(high) if isinstance(self.entries[path].value, int) else high for path, high in ends.items() if high}
-        found = validate_document(self.document(), SimSpec, source="prose")
+        simspec = validate_document(self.document(), SimSpec, source="prose")
         for path, high in whole.items():
             validate_document(self.document({path: high}), SimSpec, source=f"prose, {dotted(path)} at {high:g}")
-        return found
+        return simspec
 
     def receipts(self, simspec: SimSpec) -> Iterator[Receipt]:
         """One for every field of the SimSpec that has a value: the words, or `default`."""
         by_path = {dotted(path): entry for path, entry in self.entries.items()}
         for where, value in _leaves(simspec.model_dump(mode="json"), ""):
-            entry = next((by_path[one] for one in _prefixes(where) if one in by_path), None)
+            entry = next((by_path[prefix] for prefix in _prefixes(where) if prefix in by_path), None)
             if entry is None:
                 yield Receipt(path=where, value=value, source="default")
             elif entry.model or entry.span is None:
@@ -207,7 +223,7 @@ class Draft:
                 yield Receipt(path=where, value=value, source="prose", quote=quote, start=start, end=end, note=entry.note)
 
 
-def dotted(path: Path) -> str:
+def dotted(path: FieldPath) -> str:
     """A path as campaigns write it: actors[radar].count. Members of a list are named by what follows the list's name."""
     text, after_list = "", False
     for part in path:
@@ -223,7 +239,7 @@ def dotted(path: Path) -> str:
 LISTS = ("actors", "intelligence", "orders", "outages", "failures", "roads", "areas", "distances", "no_fly", "report_windows")
 
 
-def _set(root: dict[str, Any], path: Path, value: Any, lists: dict[int, dict[str | int, dict[str, Any]]]) -> None:
+def _set(root: dict[str, Any], path: FieldPath, value: Any, lists: dict[int, dict[str | int, dict[str, Any]]]) -> None:
     here: Any = root
     index = 0
     while index < len(path) - 1:
@@ -245,11 +261,11 @@ def _set(root: dict[str, Any], path: Path, value: Any, lists: dict[int, dict[str
 
 def _leaves(value: Any, where: str) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict) and value:
-        for name, one in value.items():
-            yield from _leaves(one, f"{where}.{name}" if where else name)
+        for name, member in value.items():
+            yield from _leaves(member, f"{where}.{name}" if where else name)
     elif isinstance(value, list) and value and isinstance(value[0], dict):
-        for index, one in enumerate(value):
-            yield from _leaves(one, f"{where}[{one.get('id', index)}]")
+        for index, member in enumerate(value):
+            yield from _leaves(member, f"{where}[{member.get('id', index)}]")
     else:
         yield where, value
 
@@ -264,7 +280,7 @@ def _prefixes(where: str) -> Iterator[str]:
         yield where
 
 
-def refuse(faults: Sequence[Fault]) -> None:
+def raise_faults(faults: Sequence[Fault]) -> None:
     """Raise SetupError where there are faults."""
     if faults:
         raise SetupError(list(faults))

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._draft import BaseSimSpec, Draft, refuse
-from ._phrases import phrases_of, with_quantities
-from ._reading import Reader
-from ._tokens import Span, Word, words_of
-from ._vocabulary import Vocabulary
+from ._draft import BaseSimSpec, Draft, raise_faults
+from .language._phrases import phrases_of, with_quantities
+from .language._tokens import Span, Word, words_of
+from .language._vocabulary import Vocabulary
+from .readers._reader import TextReader
 
 MAX_CHARACTERS = 20_000
 
@@ -38,7 +38,7 @@ def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> 
     for number, word in unknown:
         span = Span(number.span.start, word.span.end)
         draft.fault(span, f"there is no unit {word.text!r}", "use metres, kilometres, feet, seconds, minutes, m/s, knots")
-    reader = Reader(draft, vocabulary)
+    reader = TextReader(draft, vocabulary)
     reader.read(list(phrases_of(quantified)))
     if not draft.entries.keys() - {("world", "area", "corners")} and not draft.faults and not draft.not_expressible:
         raise SetupError(
@@ -49,7 +49,7 @@ def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> 
 
 def finished(draft: Draft, corrected: dict[str, str]) -> BaseSimSpec:
     """The result that a draft comes to."""
-    refuse(draft.faults)
+    raise_faults(draft.faults)
     name: tuple[str | int, ...] = ("name",)
     draft.put(name, "prose", None)
     draft.put(("description",), draft.text.strip(), Span(0, len(draft.text)))

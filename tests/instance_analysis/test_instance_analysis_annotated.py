@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench.documents import read_document
-from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose, said_of
+from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose, stated_values
 from bench.simspec import SimSpec
 
 TEXTS = [
@@ -38,4 +38,4 @@ def test_every_line_that_was_said_quotes_it() -> None:
 def test_a_question_leaves_nothing_to_write() -> None:
     """With a question open there is no SimSpec."""
     with pytest.raises(ValueError, match="questions are open"):
-        said_of(read_prose("Five vehicles at noon.", load_vocabulary()))
+        stated_values(read_prose("Five vehicles at noon.", load_vocabulary()))

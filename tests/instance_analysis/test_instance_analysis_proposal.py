@@ -17,7 +17,7 @@ import pytest
 
 from bench.cli._app import run
 from bench.errors import LinkLost, SetupError
-from bench.instance_analysis import ModelEndpoint, Proposed, load_vocabulary, propose
+from bench.instance_analysis import ModelEndpoint, ProposedResult, load_vocabulary, propose
 
 VOCABULARY = load_vocabulary()
 TEXT = "A radar. Keep the drone eighty metres over the ground. The lens sees forty-five degrees downwards, say 45 degrees."
@@ -88,7 +88,7 @@ def fields(*rows: tuple[str, object, str]) -> str:
     return json.dumps({"fields": [{"path": path, "value": value, "quote": quote} for path, value, quote in rows]})
 
 
-def asked(text: str, url: str, model: str = "m") -> Proposed:
+def asked(text: str, url: str, model: str = "m") -> ProposedResult:
     return propose(text, VOCABULARY, ModelEndpoint(model, url))
 
 
@@ -367,7 +367,7 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SetupError, match=r"pip install 'pydantic-ai-slim\[anthropic\]'"):
         propose(TEXT, VOCABULARY, ModelEndpoint("anthropic:claude"))
     monkeypatch.setitem(sys.modules, "pydantic_ai", None)
-    monkeypatch.delitem(sys.modules, "bench.instance_analysis._conversation", raising=False)
+    monkeypatch.delitem(sys.modules, "bench.instance_analysis.model._conversation", raising=False)
     with pytest.raises(SetupError, match=r"pydantic_ai is not installed \(.*\[llm\]"):
         propose(TEXT, VOCABULARY, ModelEndpoint("m"))
 

@@ -16,17 +16,17 @@ from pydantic import Field
 from bench.documents import Document
 from bench.errors import SetupError
 
-from ._draft import LISTS, BaseSimSpec, Draft, Entry, Path, Unread, dotted
-from ._phrases import Quantity, with_quantities
-from ._prose import draft_of, finished
-from ._tokens import Span, words_of
-from ._vocabulary import Vocabulary
+from .._draft import LISTS, BaseSimSpec, Draft, DraftField, FieldPath, UnreadText, dotted
+from .._prose import draft_of, finished
+from ..language._phrases import Quantity, with_quantities
+from ..language._tokens import Span, words_of
+from ..language._vocabulary import Vocabulary
 
-ROUNDS = 3
-MOST_FIELDS = 200
-OPEN = ("world", "environment", "vehicle", "actors", "intelligence", "orders", "outages", "mission", "rules")
+MAX_ROUNDS = 3
+MAX_FIELDS = 200
+PROPOSABLE_PARTS = ("world", "environment", "vehicle", "actors", "intelligence", "orders", "outages", "mission", "rules")
 """Parts of a SimSpec that prose may speak of. Agents, seeds, budgets and pace are never for a model to choose."""
-_CLOSED = (("vehicle", "ground_truth"),)
+_EXCLUDED_PATHS = (("vehicle", "ground_truth"),)
 _KINDS = {"_m": "LENGTH", "_s": "TIME", "_mps": "SPEED", "_deg": "ANGLE"}
 _UNITS = {"_wh": r"wh|watt[\s-]?hours?", "_hz": r"hz|hertz", "_px": r"px|pixels?"}
 """Units that the vocabulary does not know, as they are written after their number."""
@@ -61,7 +61,7 @@ class Proposal(Document):
     fields: tuple[ProposedField, ...]
 
 
-class Proposed(Document):
+class ProposedResult(Document):
     """The result with what a model added, and what was refused of it, and why."""
 
     format: Literal["rebar.proposed/1"] = "rebar.proposed/1"
@@ -70,7 +70,7 @@ class Proposed(Document):
     provider: Annotated[str, Field(description="`openai-compatible` for a server of one's own.")]
     rounds: Annotated[int, Field(description="Answers that were heard.")]
     decided_by_model: tuple[str, ...] = ()
-    refused: tuple[Unread, ...] = ()
+    refused: tuple[UnreadText, ...] = ()
 
 
 Judge = Callable[[Proposal], str]
@@ -83,7 +83,7 @@ class Conversation:
 
     rounds: int
     why: str = ""
-    said: str = ""
+    last_answer: str = ""
 
 
 class Endpoint(Protocol):
@@ -100,7 +100,7 @@ class Endpoint(Protocol):
         ...
 
 
-def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: Sequence[int] = ()) -> Proposed:
+def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: Sequence[int] = ()) -> ProposedResult:
     """Read the text, let a model propose what is missing, verify it, and send the faults back, three times at the most.
 
     Questions that the text leaves open are a person's to answer: with one open, no model is asked. Raises as `read_prose`,
@@ -109,21 +109,23 @@ def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: S
     provider = endpoint.provider
     draft, corrected = draft_of(text, vocabulary, answers)
     if draft.questions or draft.faults:
-        return Proposed(result=finished(draft, corrected), model=endpoint.model, provider=provider, rounds=0)
+        return ProposedResult(result=finished(draft, corrected), model=endpoint.model, provider=provider, rounds=0)
     verifier = _Verifier(draft, vocabulary)
     read = "\n".join(f"{dotted(path)} = {entry.value}" for path, entry in draft.entries.items())
-    conversation = endpoint.ask(BRIEF, json.dumps({"description": text, "already_read": read}), verifier.judged)
+    conversation = endpoint.ask(BRIEF, json.dumps({"description": text, "already_read": read}), verifier.verify)
     accepted, refused = verifier.accepted, verifier.refused
     if conversation.why:
-        refused = [*refused, Unread(quote=conversation.said, start=0, end=0, why=conversation.why)]
+        refused = [*refused, UnreadText(quote=conversation.last_answer, start=0, end=0, why=conversation.why)]
     if _invalid(draft, accepted):
-        accepted = _tenable(draft, accepted)
+        accepted = _largest_valid(draft, accepted)
     draft.entries |= accepted
     spans = [entry.span for entry in accepted.values() if entry.span]
     draft.not_understood = [
-        one for one in draft.not_understood if not any(span.start <= one.start and one.end <= span.end for span in spans)
+        unread
+        for unread in draft.not_understood
+        if not any(span.start <= unread.start and unread.end <= span.end for span in spans)
     ]
-    return Proposed(
+    return ProposedResult(
         result=finished(draft, corrected),
         model=endpoint.model,
         provider=provider,
@@ -137,77 +139,77 @@ class _Verifier:
     """Holds proposals against the text, as grammar and vocabulary read it; `accepted` and `refused` are of the last one."""
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
-        self.accepted: dict[Path, Entry] = {}
-        self.refused: list[Unread] = []
+        self.accepted: dict[FieldPath, DraftField] = {}
+        self.refused: list[UnreadText] = []
         self._draft = draft
         self._vocabulary = vocabulary
         self._words = words_of(draft.text, vocabulary)
         self._quantified = with_quantities(self._words, [])
 
-    def judged(self, proposal: Proposal) -> str:
+    def verify(self, proposal: Proposal) -> str:
         self.accepted, self.refused = {}, []
-        for field in proposal.fields[:MOST_FIELDS]:
+        for field in proposal.fields[:MAX_FIELDS]:
             path = _path(field.path)
-            spans = list(_standing(field.quote, self._draft.text))
+            spans = list(_occurrences(field.quote, self._draft.text))
             why = self._wrong(field, path, spans)
             if path in self.accepted and self.accepted[path].value != field.value:
                 why = f"is proposed twice, as {self.accepted[path].value!r} before"
             if why:
                 self._refuse(f"{field.path} = {field.value!r}"[:200], why)
             elif path is not None and path not in self._draft.entries:
-                self.accepted[path] = Entry(field.value, spans[0], model=True)
+                self.accepted[path] = DraftField(field.value, spans[0], model=True)
         if fault := _invalid(self._draft, self.accepted):
             self._refuse("the SimSpec", fault)
-        return "\n".join(f"{one.quote}: {one.why}" for one in self.refused)
+        return "\n".join(f"{refusal.quote}: {refusal.why}" for refusal in self.refused)
 
     def _refuse(self, quote: str, why: str) -> None:
-        self.refused.append(Unread(quote=quote, start=0, end=0, why=why))
+        self.refused.append(UnreadText(quote=quote, start=0, end=0, why=why))
 
-    def _wrong(self, field: ProposedField, path: Path | None, spans: Sequence[Span]) -> str:
+    def _wrong(self, field: ProposedField, path: FieldPath | None, spans: Sequence[Span]) -> str:
         """What is wrong with one proposed field; empty when nothing is."""
-        if path is None or path[0] not in OPEN or path[:2] in _CLOSED:
-            return f"prose says nothing of this; it may of {', '.join(OPEN)}"
+        if path is None or path[0] not in PROPOSABLE_PARTS or path[:2] in _EXCLUDED_PATHS:
+            return f"prose says nothing of this; it may of {', '.join(PROPOSABLE_PARTS)}"
         if not spans:
             return f"the quote {field.quote[:80]!r} does not stand in the description, in whole words"
-        before = self._draft.entries.get(path)
-        if before is not None and before.span is not None and before.value != field.value:
-            return f"the description has been read as {before.value!r} here, from {self._draft.quote(before.span)!r}; that holds"
+        entry = self._draft.entries.get(path)
+        if entry is not None and entry.span is not None and entry.value != field.value:
+            return f"the description has been read as {entry.value!r} here, from {self._draft.quote(entry.span)!r}; that holds"
         if isinstance(field.value, int | float) and not isinstance(field.value, bool):
-            said = [one for span in spans for one in self._numbers(span)]
-            return _wrong_number(str(path[-1]), float(field.value), field.quote, said)
+            numbers = [item for span in spans for item in self._numbers(span)]
+            return _wrong_number(str(path[-1]), float(field.value), field.quote, numbers)
         if field.quote.strip() == self._draft.text.strip():
             return "the quote is the whole description; quote the words that say this"
         if path[-1] == "asset":
-            meant = sorted({one for span in spans for one in self._assets(span)})
-            if field.value not in meant:
-                return f"the quote speaks of {', '.join(meant) or 'no asset that is known'}"
+            assets = sorted({item for span in spans for item in self._assets(span)})
+            if field.value not in assets:
+                return f"the quote speaks of {', '.join(assets) or 'no asset that is known'}"
         return ""
 
-    def _numbers(self, span: Span) -> Iterator[_Said]:
+    def _numbers(self, span: Span) -> Iterator[_StatedNumber]:
         """Numbers that the text says within the span, in SI units; a number of which the span holds a part is none of them."""
-        inside = [one for one in self._quantified if _within(one.span, span)]
-        per_area = next((one.value for word in inside for one in word.meanings if one.kind == "PERAREA"), None)
+        inside = [item for item in self._quantified if _within(item.span, span)]
+        per_area = next((item.value for word in inside for item in word.meanings if item.kind == "PERAREA"), None)
         for word in inside:
             after = self._draft.text[word.span.end : span.end]
             for meaning in word.meanings:
                 if isinstance(meaning.value, Quantity):
                     for number in dict.fromkeys((meaning.value.low, meaning.value.high)):
-                        yield _Said(meaning.value.kind, number, after)
+                        yield _StatedNumber(meaning.value.kind, number, after)
                         if meaning.value.kind == "COUNT" and isinstance(per_area, float | int):
-                            yield _Said("PERAREA", number * per_area, after)
+                            yield _StatedNumber("PERAREA", number * per_area, after)
                 elif meaning.kind in _GRADES and isinstance(meaning.value, float | int):
-                    yield _Said(meaning.kind, float(meaning.value), after)
+                    yield _StatedNumber(meaning.kind, float(meaning.value), after)
 
     def _assets(self, span: Span) -> Iterator[str]:
         for word in self._words:
             for meaning in word.meanings if _within(word.span, span) else ():
                 names = (meaning.value,) if meaning.kind == "ASSET" else meaning.value if meaning.kind == "AMBIGUOUS" else ()
                 if isinstance(names, tuple):
-                    yield from (self._vocabulary.assets[str(one)].asset for one in names)
+                    yield from (self._vocabulary.assets[str(name)].asset for name in names)
 
 
 @dataclass(frozen=True, slots=True)
-class _Said:
+class _StatedNumber:
     """A number of the text, what it measures, and what the quote says after it."""
 
     kind: str
@@ -231,26 +233,26 @@ def _within(inner: Span, outer: Span) -> bool:
     return outer.start <= inner.start and inner.end <= outer.end
 
 
-def _standing(quote: str, text: str) -> Iterator[Span]:
+def _occurrences(quote: str, text: str) -> Iterator[Span]:
     """Where a quote stands in the text, letter by letter and not in the middle of a word; nowhere, if it has no word."""
     if re.search(r"\w", quote):
         edged = (
             (r"(?<!\w)" if re.match(r"\w", quote) else "") + re.escape(quote) + (r"(?!\w)" if re.search(r"\w$", quote) else "")
         )
-        yield from (Span(*one.span()) for one in re.finditer(edged, text))
+        yield from (Span(*match.span()) for match in re.finditer(edged, text))
 
 
-def _wrong_number(name: str, value: float, quote: str, said: Sequence[_Said]) -> str:
-    if any(one.fits(name) and abs(one.number - value) <= 1e-6 * max(1.0, abs(value)) for one in said):
+def _wrong_number(name: str, value: float, quote: str, numbers: Sequence[_StatedNumber]) -> str:
+    if any(number.fits(name) and abs(number.number - value) <= 1e-6 * max(1.0, abs(value)) for number in numbers):
         return ""
-    shown = ", ".join(dict.fromkeys(f"{one.number:g} ({one.kind.lower()})" for one in said)) or "no number as a whole"
+    shown = ", ".join(dict.fromkeys(f"{number.number:g} ({number.kind.lower()})" for number in numbers)) or "no number as a whole"
     return f"the quote {quote[:80]!r} says {shown}"
 
 
-def _invalid(draft: Draft, accepted: dict[Path, Entry]) -> str:
+def _invalid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> str:
     """What is wrong with the SimSpec that has the proposed fields; empty when nothing is."""
     tried = Draft(draft.text, ())
-    tried.entries = {("name",): Entry("prose", None)} | draft.entries | accepted
+    tried.entries = {("name",): DraftField("prose", None)} | draft.entries | accepted
     try:
         tried.checked()
     except SetupError as error:
@@ -260,19 +262,19 @@ def _invalid(draft: Draft, accepted: dict[Path, Entry]) -> str:
     return ""
 
 
-def _tenable(draft: Draft, accepted: dict[Path, Entry]) -> dict[Path, Entry]:
+def _largest_valid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> dict[FieldPath, DraftField]:
     """Those fields, member by member of a list and else one by one, with which the SimSpec is valid."""
-    wholes: dict[Path, dict[Path, Entry]] = {}
+    wholes: dict[FieldPath, dict[FieldPath, DraftField]] = {}
     for path, entry in accepted.items():
         wholes.setdefault(path[:2] if path[0] in LISTS else path, {})[path] = entry
-    kept: dict[Path, Entry] = {}
+    valid: dict[FieldPath, DraftField] = {}
     for whole in wholes.values():
-        if not _invalid(draft, kept | whole):
-            kept |= whole
-    return kept
+        if not _invalid(draft, valid | whole):
+            valid |= whole
+    return valid
 
 
-def _path(text: str) -> Path | None:
+def _path(text: str) -> FieldPath | None:
     parts: list[str | int] = []
     at = 0
     while at < len(text):

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from ._coordinates import NAMED, PLACE, coordinates_of, name_of
-from ._spelling import spelled
+from ._spelling import corrected_spelling
 from ._vocabulary import Meaning, Vocabulary
 
 MONTHS = (
@@ -30,13 +30,13 @@ _MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
 HOURS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _HOUR = rf"(?:{'|'.join(HOURS)}|1[0-2]|[1-9])"
 _DAYPART = r"\s+(?:in\s+the\s+(?:morning|afternoon|evening)|at\s+night)"
-TOLD = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|{_HOUR}\s+o['’]clock|{_HOUR}(?={_DAYPART}))\b(?:{_DAYPART})?(?:,?\s+(?:utc|gmt|zulu)\b)?"
+SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|{_HOUR}\s+o['’]clock|{_HOUR}(?={_DAYPART}))\b(?:{_DAYPART})?(?:,?\s+(?:utc|gmt|zulu)\b)?"
 """A time of day in words."""
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
-    |(?P<told>{TOLD})
+    |(?P<told>{SPOKEN_TIME})
     |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
     |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
     |(?P<place>{PLACE})
@@ -49,10 +49,10 @@ _PATTERN = re.compile(
 )
 
 
-FULL_LINE = 60
+FULL_LINE_CHARACTERS = 60
 """Characters from which on a line may have been broken because it was full."""
 _ITEM = re.compile(r"\s*(?:[-*•–]\s|\d+[.)]\s)")
-RUN = ("word", "unit", "times", "short")
+PHRASE_GROUPS = ("word", "unit", "times", "short")
 """What phrases of the vocabulary are made of."""
 ZONES_H = {"cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
 
@@ -85,7 +85,7 @@ class Word:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class TimeOfDay:
     """A time of day; `zoned` when the prose gives a zone, which is so many hours ahead of UTC."""
 
     at: dt.time
@@ -95,10 +95,14 @@ class Clock:
 
 def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
     """All words of a text, in order, phrases taken as long as they come. Time grows with the length of the text alone."""
-    said_by = _speakers(text)
-    raw = [one for one in _PATTERN.finditer(text) if one.start() not in said_by and not _changes_nothing(one, text)]
-    found: list[Word] = []
-    comma, mended_as = False, dict[str, str]()
+    speaker_starts = _speakers(text)
+    raw = [
+        candidate
+        for candidate in _PATTERN.finditer(text)
+        if candidate.start() not in speaker_starts and not _is_meaningless(candidate, text)
+    ]
+    words: list[Word] = []
+    comma, corrections = False, dict[str, str]()
     index = 0
     while index < len(raw):
         match = raw[index]
@@ -106,46 +110,46 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
         if match.lastgroup == "comma" and not _in_brackets(raw, index):
             comma, index = True, index + 1
             continue
-        if match.lastgroup in RUN:
-            word, used = _phrase(raw, index, vocabulary, mended_as)
+        if match.lastgroup in PHRASE_GROUPS:
+            word, used = _phrase(raw, index, vocabulary, corrections)
         else:
-            word, used = Word(match.group(), span, _plain(match)), 1
-        found.append(replace(word, comma=comma))
+            word, used = Word(match.group(), span, _meanings_of(match)), 1
+        words.append(replace(word, comma=comma))
         comma, index = False, index + used
-    return list(_articles(found))
+    return list(_articles(words))
 
 
 def _speakers(text: str) -> frozenset[int]:
     """Where a line begins with the name of who says it, which begins another one too; and where it quotes a line."""
-    lines = [(one.start(1), one.group(1).lower()) for one in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)]
+    lines = [(match.start(1), match.group(1).lower()) for match in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)]
     names = [name for _, name in lines]
-    quoted = {one.start(1) for one in re.finditer(r"(?m)^[ \t]*(>)", text)}
+    quoted = {match.start(1) for match in re.finditer(r"(?m)^[ \t]*(>)", text)}
     return frozenset({at for at, name in lines if names.count(name) > 1} | quoted)
 
 
-def _changes_nothing(one: re.Match[str], text: str) -> bool:
+def _is_meaningless(match: re.Match[str], text: str) -> bool:
     """Whether it is a heading with a number, or the end of a full line."""
-    return one.lastgroup == "heading" or (one.group() == "\n" and _wrapped(text, one.start()))
+    return match.lastgroup == "heading" or (match.group() == "\n" and _wrapped(text, match.start()))
 
 
 def _wrapped(text: str, at: int) -> bool:
     """Whether a line ends there only because it was full: a sentence goes on in the next one."""
     line = text[text.rfind("\n", 0, at) + 1 : at]
     following = text[at + 1 :].split("\n", 1)[0]
-    return len(line) >= FULL_LINE and bool(following.strip()) and _ITEM.match(following) is None
+    return len(line) >= FULL_LINE_CHARACTERS and bool(following.strip()) and _ITEM.match(following) is None
 
 
 def _in_brackets(raw: list[re.Match[str]], index: int) -> bool:
     return index >= 2 and any(raw[back].lastgroup == "left" for back in range(max(0, index - 3), index))
 
 
-def _plain(match: re.Match[str]) -> tuple[Meaning, ...]:
+def _meanings_of(match: re.Match[str]) -> tuple[Meaning, ...]:
     text = match.group()
     match match.lastgroup:
         case "number":
             return (Meaning("NUM", float(text.replace(",", ""))),)
         case "clock" | "told":
-            clock = _clock(text) if match.lastgroup == "clock" else _told(text)
+            clock = _clock(text) if match.lastgroup == "clock" else _spoken_time(text)
             return (Meaning("CLOCK", clock),) if clock else ()
         case "iso" | "date":
             day = _date(text)
@@ -159,7 +163,7 @@ def _plain(match: re.Match[str]) -> tuple[Meaning, ...]:
     return ()
 
 
-def _clock(text: str) -> Clock | None:
+def _clock(text: str) -> TimeOfDay | None:
     lower = text.lower().replace(".", "")
     digits = re.findall(r"\d+", lower)
     if len(digits) == 1 and len(digits[0]) == 4:
@@ -171,12 +175,12 @@ def _clock(text: str) -> Clock | None:
         hour = 0
     try:
         ahead = next((hours for zone, hours in ZONES_H.items() if lower.endswith(zone)), 0)
-        return Clock(dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead)
+        return TimeOfDay(dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead)
     except ValueError:
         return None
 
 
-def _told(text: str) -> Clock:
+def _spoken_time(text: str) -> TimeOfDay:
     """`half past five in the morning, UTC`; without a part of the day it is before noon."""
     lower = text.lower()
     hour = next(number for number, name in enumerate(HOURS, start=1) if re.search(rf"\b({name}|{number})\b", lower))
@@ -186,7 +190,7 @@ def _told(text: str) -> Clock:
     hour = hour % 12 + (12 if (late and hour < 12) or (hour == 12 and not early) else 0)
     before = re.search(r"\bto\b", lower) is not None
     at = (hour * 60 + (-minute if before else minute)) % (24 * 60)
-    return Clock(dt.time(at // 60, at % 60), any(zone in lower for zone in ("utc", "gmt", "zulu")))
+    return TimeOfDay(dt.time(at // 60, at % 60), any(zone in lower for zone in ("utc", "gmt", "zulu")))
 
 
 def _date(text: str) -> dt.date | None:
@@ -201,22 +205,22 @@ def _date(text: str) -> dt.date | None:
         return None
 
 
-def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, mended_as: dict[str, str]) -> tuple[Word, int]:
-    run = list(itertools.takewhile(lambda one: one.lastgroup in RUN, raw[index : index + vocabulary.longest]))
-    texts = [spelled(one.group().rstrip("."), vocabulary, mended_as) for one in run]
+def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, corrections: dict[str, str]) -> tuple[Word, int]:
+    run = list(itertools.takewhile(lambda match: match.lastgroup in PHRASE_GROUPS, raw[index : index + vocabulary.longest]))
+    texts = [corrected_spelling(match.group().rstrip("."), vocabulary, corrections) for match in run]
     for length in range(len(run), 0, -1):
         phrase = " ".join(texts[:length])
         span = Span(run[0].start(), run[length - 1].end())
-        given = " ".join(one.group().rstrip(".").lower().replace("’", "'") for one in run[:length])
-        mended = "" if given == phrase else phrase
+        given = " ".join(match.group().rstrip(".").lower().replace("’", "'") for match in run[:length])
+        correction = "" if given == phrase else phrase
         if phrase in vocabulary.meanings:
-            return Word(phrase, span, vocabulary.meanings[phrase], mended=mended), length
+            return Word(phrase, span, vocabulary.meanings[phrase], mended=correction), length
         if phrase in vocabulary.fillers:
-            return Word(phrase, span, (), filler=True, mended=mended), length
+            return Word(phrase, span, (), filler=True, mended=correction), length
     return Word(run[0].group(), Span(run[0].start(), run[0].end()), ()), 1
 
 
-FARTHEST_NOUN = 8
+MAX_WORDS_TO_NOUN = 8
 """Words after an article among which its noun is looked for."""
 _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
 
@@ -224,15 +228,17 @@ _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
 def _articles(words: list[Word]) -> Iterator[Word]:
     """`a truck`, `an hour` are one of it; other articles change nothing."""
     for index, word in enumerate(words):
-        some = word.text.lower() == "some" or (
+        is_about = word.text.lower() == "some" or (
             word.text.lower() == "around" and index > 0 and (word.comma or words[index - 1].text.lower() in ("and", "with", "of"))
         )
-        if some and index + 1 < len(words) and any(one.kind == "NUM" for one in words[index + 1].meanings):
+        if is_about and index + 1 < len(words) and any(meaning.kind == "NUM" for meaning in words[index + 1].meanings):
             yield replace(word, meanings=(), filler=True)  # `some 100 metres`, `two trucks and around twenty villagers`
             continue
         if word.text in ("a", "an"):
-            following = next((one for one in words[index + 1 : index + 1 + FARTHEST_NOUN] if not one.filler), None)
-            if following is not None and any(one.kind in _COUNTED for one in following.meanings):
+            following = next(
+                (meaning for meaning in words[index + 1 : index + 1 + MAX_WORDS_TO_NOUN] if not meaning.filler), None
+            )
+            if following is not None and any(meaning.kind in _COUNTED for meaning in following.meanings):
                 yield replace(word, meanings=(Meaning("NUM", 1.0),), filler=False)
                 continue
         yield word

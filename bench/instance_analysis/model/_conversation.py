@@ -33,18 +33,18 @@ from pydantic_ai.settings import ModelSettings
 
 from bench.errors import Fault, LinkLost, RebarError, SetupError
 
-from ._proposal import ROUNDS, Conversation, Judge, Proposal
+from ._proposal import MAX_ROUNDS, Conversation, Judge, Proposal
 
 COMPATIBLE = "openai-compatible"
 OTHER_CLIENTS = ("cohere", "groq", "huggingface")
 """Providers whose packages want an HTTP client of another library, and so bring their own."""
-MOST_BYTES = 1_000_000
-MOST_TOKENS = 200_000
+MAX_ANSWER_BYTES = 1_000_000
+MAX_TOKENS = 200_000
 _NEEDED_HEADERS = {"host", "accept", "accept-encoding", "connection", "content-length", "content-type", "user-agent"}
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class ModelConnection:
     """The model, and how it is reached; `url` and `key` count for a server with OpenAI's chat interface alone."""
 
     model: str
@@ -54,7 +54,7 @@ class Door:
     timeout_s: float
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         return f"{self.model!r} at {self.url}" if self.provider == COMPATIBLE else repr(self.model)
 
 
@@ -74,7 +74,7 @@ def provider_of(model: str, url: str | None) -> str:
     return name
 
 
-def converse(door: Door, brief: str, question: str, judge: Judge) -> Conversation:
+def converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> Conversation:
     """Ask, and send what the judge finds wrong back. Raises as `ModelEndpoint.ask`."""
     with warnings.catch_warnings():
         # That a model takes no temperature, or a server counts no tokens, is no concern of who asks.
@@ -84,15 +84,15 @@ def converse(door: Door, brief: str, question: str, judge: Judge) -> Conversatio
         return asyncio.run(_converse(door, brief, question, judge))
 
 
-async def _converse(door: Door, brief: str, question: str, judge: Judge) -> Conversation:
-    gate = _Gate(door)
+async def _converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> Conversation:
+    gate = _TrafficFilter(door)
     async with create_async_httpx2_client(timeout=door.timeout_s) as client:
         client.event_hooks = {
             "request": [*client.event_hooks["request"], gate.request],
             "response": [gate.response],
         }
         try:
-            model = _opened(door, client)
+            model = _model_for(door, client)
         except (UserError, OpenAIError, ImportError, ValueError) as error:
             raise SetupError(Fault("--llm", f"{door.model!r} cannot be asked", _advice(error))) from error
         with capture_run_messages() as messages:
@@ -100,7 +100,13 @@ async def _converse(door: Door, brief: str, question: str, judge: Judge) -> Conv
 
 
 async def _run(
-    model: Model, door: Door, gate: _Gate, messages: list[ModelMessage], brief: str, question: str, judge: Judge
+    model: Model,
+    door: ModelConnection,
+    gate: _TrafficFilter,
+    messages: list[ModelMessage],
+    brief: str,
+    question: str,
+    judge: Judge,
 ) -> Conversation:
     # A schema in the prompt is the one form that every model understands: output tools need a model trained for tools, and
     # servers differ in which `response_format` they refuse.
@@ -109,7 +115,7 @@ async def _run(
         name="prose",
         output_type=PromptedOutput(Proposal),
         instructions=brief,
-        retries={"output": ROUNDS - 1, "tools": 0},
+        retries={"output": MAX_ROUNDS - 1, "tools": 0},
         model_settings=ModelSettings(temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0),
     )
     judged = 0
@@ -123,11 +129,11 @@ async def _run(
         return proposal
 
     try:
-        await agent.run(question, usage_limits=UsageLimits(request_limit=ROUNDS, total_tokens_limit=MOST_TOKENS))
+        await agent.run(question, usage_limits=UsageLimits(request_limit=MAX_ROUNDS, total_tokens_limit=MAX_TOKENS))
     except UsageLimitExceeded:
-        return Conversation(len(_answers(messages)), f"has used more than {MOST_TOKENS} tokens")
+        return Conversation(len(_answers(messages)), f"has used more than {MAX_TOKENS} tokens")
     except (ModelAPIError, UnexpectedModelBehavior) as error:
-        exhausted = type(error) is UnexpectedModelBehavior and len(_answers(messages)) == ROUNDS
+        exhausted = type(error) is UnexpectedModelBehavior and len(_answers(messages)) == MAX_ROUNDS
         if not exhausted:
             raise _failure(error, door, gate) from error
     rounds = len(_answers(messages))
@@ -138,22 +144,22 @@ async def _run(
     )
 
 
-def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: Door, gate: _Gate) -> RebarError:
+def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnection, gate: _TrafficFilter) -> RebarError:
     """What a person is to conclude from there being no answer."""
     if gate.refused:
         return LinkLost(gate.refused)
     if isinstance(error, ModelHTTPError):
-        what = f"{door.told} answers {error.status_code}"
+        what = f"{door.description} answers {error.status_code}"
         if error.status_code in (401, 403):
-            own = "give its key in REBAR_LLM_KEY"
-            remedy = own if door.provider == COMPATIBLE else f"see to the key of {door.provider} in the environment"
+            advice = "give its key in REBAR_LLM_KEY"
+            remedy = advice if door.provider == COMPATIBLE else f"see to the key of {door.provider} in the environment"
             return SetupError(Fault("--llm", f"{what}: it takes no such key", remedy))
         if isinstance(error, ModelNotFoundError):
             return SetupError(Fault("--llm", f"{what}: there is no {door.model!r}", "see to the name and to --llm-url"))
         return LinkLost(what)
     if isinstance(error, ModelAPIError):
-        return LinkLost(f"{door.told} does not answer: {_first_line(error)}")
-    return LinkLost(f"{door.told} answers in another form than it should: {_first_line(error)}")
+        return LinkLost(f"{door.description} does not answer: {_first_line(error)}")
+    return LinkLost(f"{door.description} answers in another form than it should: {_first_line(error)}")
 
 
 def _advice(error: Exception) -> str:
@@ -166,10 +172,10 @@ def _first_line(error: Exception) -> str:
 
 
 def _answers(messages: list[ModelMessage]) -> list[ModelResponse]:
-    return [one for one in messages if isinstance(one, ModelResponse)]
+    return [message for message in messages if isinstance(message, ModelResponse)]
 
 
-def _opened(door: Door, client: httpx2.AsyncClient) -> Model:
+def _model_for(door: ModelConnection, client: httpx2.AsyncClient) -> Model:
     if door.provider == COMPATIBLE:
         provider = OpenAICompatibleProvider(
             COMPATIBLE,
@@ -190,10 +196,10 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
     return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]
 
 
-class _Gate:
+class _TrafficFilter:
     """What goes out and comes in: to a server of one's own nothing but what it needs, and no answer above a megabyte."""
 
-    def __init__(self, door: Door) -> None:
+    def __init__(self, door: ModelConnection) -> None:
         self._door = door
         self.refused = ""
 
@@ -206,13 +212,13 @@ class _Gate:
 
     async def response(self, response: httpx2.Response) -> None:
         if response.headers.get("Content-Encoding", "identity") != "identity":
-            self.refused = f"{self._door.told} answers compressed, unasked"
+            self.refused = f"{self._door.description} answers compressed, unasked"
             raise _Refused(self.refused)
         if isinstance(response.stream, httpx2.AsyncByteStream):
             response.stream = _Bounded(response.stream, self)
 
     def too_large(self) -> None:
-        self.refused = f"{self._door.told} answers with more than {MOST_BYTES} bytes"
+        self.refused = f"{self._door.description} answers with more than {MAX_ANSWER_BYTES} bytes"
         raise _Refused(self.refused)
 
 
@@ -221,7 +227,7 @@ class _Refused(httpx2.TransportError):
 
 
 class _Bounded(httpx2.AsyncByteStream):
-    def __init__(self, stream: httpx2.AsyncByteStream, gate: _Gate) -> None:
+    def __init__(self, stream: httpx2.AsyncByteStream, gate: _TrafficFilter) -> None:
         self._stream = stream
         self._gate = gate
 
@@ -229,7 +235,7 @@ class _Bounded(httpx2.AsyncByteStream):
         read = 0
         async for chunk in self._stream:
             read += len(chunk)
-            if read > MOST_BYTES:
+            if read > MAX_ANSWER_BYTES:
                 self._gate.too_large()
             yield chunk
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 
-from ._cast import Cast
-from ._draft import Draft
-from ._ground import Ground
-from ._phrases import Part, Phrase, Quantity
-from ._reports import Reports
-from ._rulings import UNIT_NAMES
-from ._tokens import Span
-from ._traits import length_of, say_speed
-from ._vocabulary import FieldWords, SetWords
+from .._draft import Draft
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import FieldWords, SetWords
+from ._ground import GroundReader
+from ._groups import GroupRegister
+from ._intelligence import IntelligenceReader
+from ._rules import UNIT_NAMES
+from ._traits import length_of, put_speed
 
 UNITS = {
     "LENGTH": {"m": 1.0, "ft": 0.3048},
@@ -30,13 +30,13 @@ BOUNDS = {
 }
 
 
-class Flight:
+class FlightReader:
     """Reads numbers and settings into a draft; each rule of the grammar by the method of its name."""
 
     RULES = frozenset(["field", "altitude", "speed", "limit", "set"])
 
-    def __init__(self, draft: Draft, cast: Cast, ground: Ground, reports: Reports) -> None:
-        self._draft, self._cast, self._ground, self._reports = draft, cast, ground, reports
+    def __init__(self, draft: Draft, cast: GroupRegister, ground: GroundReader, reports: IntelligenceReader) -> None:
+        self._draft, self._groups, self._ground, self._intelligence = draft, cast, ground, reports
         self.reporting = False
         """Whether the sentence is about reports."""
         self.of_ground = False
@@ -44,12 +44,12 @@ class Flight:
 
     def field(self, phrase: Phrase) -> None:
         word = phrase.first("FIELD")
-        given = next(one for one in phrase.parts if isinstance(one, Part) and isinstance(one.value, Quantity))
+        given = next(words for words in phrase.parts if isinstance(words, Part) and isinstance(words.value, Quantity))
         assert word is not None
         assert isinstance(word.value, tuple)
         assert isinstance(given.value, Quantity)
-        quantity, fields = given.value, [one for one in word.value if isinstance(one, FieldWords)]
-        fitting = [one for one in fields if _fits(one, quantity)]
+        quantity, fields = given.value, [words for words in word.value if isinstance(words, FieldWords)]
+        fitting = [words for words in fields if _fits(words, quantity)]
         if not fitting and quantity.kind == "COUNT":
             field = fields[0]
             if field.kind in ("ANGLE", "PERCENT"):
@@ -62,10 +62,10 @@ class Flight:
             chosen = (
                 self._usual_unit(field.kind, phrase.span) or [*units][self._draft.ask(phrase.span, "in which unit?", [*units])]
             )
-            low, high = (round(one * units[chosen], 6) for one in (quantity.low, quantity.high))
+            low, high = (round(words * units[chosen], 6) for words in (quantity.low, quantity.high))
             quantity, fitting = Quantity(field.kind, low, high), [field]
         if not fitting:
-            wanted = " or ".join(sorted({f"{one.path} is a {one.kind.lower()}" for one in fields}))
+            wanted = " or ".join(sorted({f"{words.path} is a {words.kind.lower()}" for words in fields}))
             self._draft.fault(phrase.span, f"{wanted}, not a {quantity.kind.lower()}", "give it in a unit that fits")
             return
         field = fitting[0]
@@ -73,15 +73,20 @@ class Flight:
             self._ground.round(quantity, phrase.span)
             return
         if field.path.startswith("intelligence."):
-            self._reports.field(field.path.split(".")[1], quantity, phrase.span)
+            self._intelligence.field(field.path.split(".")[1], quantity, phrase.span)
             return
         if self._bounds(field, phrase):
             return
-        if field.path == "mission.speed_mps" and self._cast.here and not self._cast.mission and self._moving():
-            for group in self._cast.subject:
-                say_speed(self._draft, group, quantity, phrase.span)
+        if (
+            field.path == "mission.speed_mps"
+            and self._groups.in_sentence
+            and not self._groups.subject_is_mission
+            and self._moving()
+        ):
+            for group in self._groups.subject:
+                put_speed(self._draft, group, quantity, phrase.span)
             return
-        self._cast.mission = self._cast.mission or field.path.startswith("mission.")
+        self._groups.subject_is_mission = self._groups.subject_is_mission or field.path.startswith("mission.")
         whole = field.path == "seeds.root"
         unit = UNIT_NAMES.get(field.kind)
         self._draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
@@ -100,11 +105,11 @@ class Flight:
     def _plain_number(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
         """Angles are degrees; a share is a fraction up to 1, and percent above."""
         share = 0.01 if field.kind == "PERCENT" and quantity.high > 1 else 1.0
-        low, high = (round(one * share, 9) for one in (quantity.low, quantity.high))
+        low, high = (round(part * share, 9) for part in (quantity.low, quantity.high))
         self._draft.vary(tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind))
 
     def _moving(self) -> bool:
-        return all(("actors", one, "motion", "kind") in self._draft.entries for one in self._cast.subject)
+        return all(("actors", group, "motion", "kind") in self._draft.entries for group in self._groups.subject)
 
     def _bounds(self, field: FieldWords, phrase: Phrase) -> bool:
         """`height not more than 100 m, not less than 25 m`: rules, and not the height of the mission."""
@@ -121,18 +126,18 @@ class Flight:
 
     def altitude(self, phrase: Phrase) -> None:
         length = length_of(self._draft, phrase)
-        self._cast.mission = True
+        self._groups.subject_is_mission = True
         self._draft.vary(("mission", "altitude_m"), length.low, length.high, phrase.span, unit="m")
 
     def speed(self, phrase: Phrase) -> None:
         part = phrase.first("SPEED")
         assert part is not None
         assert isinstance(part.value, Quantity)
-        if self._cast.here and self._cast.subject and not self._cast.mission and not phrase.first("FLY"):
-            for group in self._cast.subject:
+        if self._groups.in_sentence and self._groups.subject and not self._groups.subject_is_mission and not phrase.first("FLY"):
+            for group in self._groups.subject:
                 if ("actors", group, "motion", "route") not in self._draft.entries:
                     self._draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
-                say_speed(self._draft, group, part.value, phrase.span)
+                put_speed(self._draft, group, part.value, phrase.span)
             return
         self._draft.vary(("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s")
 

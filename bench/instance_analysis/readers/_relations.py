@@ -7,32 +7,32 @@ from typing import Protocol
 
 from bench.simspec import HOME
 
-from ._coordinates import Coordinates
-from ._draft import Draft, Path
-from ._ground import Ground
-from ._phrases import Phrase, Quantity
-from ._places import Places
-from ._tokens import Span
+from .._draft import Draft, FieldPath
+from ..language._coordinates import Coordinates
+from ..language._phrases import Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import Defaults
+from ._ground import GroundReader
+from ._places import PlaceReader
 from ._traits import length_of
-from ._vocabulary import Defaults
 
 DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
-FARS_M = (100.0, 200.0, 300.0)
+FAR_CHOICES_M = (100.0, 200.0, 300.0)
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
 
 class Whose(Protocol):
     """Whom relations are to, as the reader knows it."""
 
-    groups: dict[str, str]
-    spoken: list[str]
+    kinds: dict[str, str]
+    mentioned: list[str]
     plural: set[str]
 
     def ref(self, phrase: Phrase) -> list[str | Coordinates]:
         """Groups, the vehicle's home, or a place."""
 
 
-class Relations:
+class RelationReader:
     """Reads the relations of one group into a draft; each rule of the grammar by the method of its name."""
 
     RULES = frozenset(
@@ -42,13 +42,13 @@ class Relations:
         ]
     )
 
-    def __init__(self, draft: Draft, defaults: Defaults, ground: Ground, places: Places, who: Whose) -> None:
-        self._draft, self._defaults, self._ground, self._places, self._who = draft, defaults, ground, places, who
+    def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, who: Whose) -> None:
+        self._draft, self._defaults, self._ground, self._places, self._groups = draft, defaults, ground, places, who
 
     def _distance(
         self, group: str, phrase: Phrase, low: float, high: float | None, *, every: bool = False, note: str = ""
     ) -> None:
-        for other in self._who.ref(phrase):
+        for other in self._groups.ref(phrase):
             self._keep(group, other, phrase.span, low, high, every=every, note=note)
 
     def _keep(
@@ -57,12 +57,12 @@ class Relations:
         if other == group:
             self._draft.unread(span, NO_OWN_DISTANCE)
             return
-        base: Path = ("actors", group, "placement")
+        base: FieldPath = ("actors", group, "placement")
         low, high = round(low, 6), None if high is None else round(high, 6)
         defaulted = span if note != "default" else None
         self._closer(base, other, note)
         if isinstance(other, Coordinates) or every or (*base, "near", "of") in self._draft.entries:
-            where: Path = (*base, "distances", self._rows(base))
+            where: FieldPath = (*base, "distances", self._rows(base))
             if isinstance(other, str):
                 self._draft.put((*where, "whom"), "every" if every else "some", span)
         else:
@@ -76,13 +76,13 @@ class Relations:
         if high is not None:
             self._draft.put((*where, "max_m"), high, defaulted, "what near means" if defaulted is None else note)
 
-    def _closer(self, base: Path, other: str | Coordinates, note: str) -> None:
+    def _closer(self, base: FieldPath, other: str | Coordinates, note: str) -> None:
         """What near means gives way to a distance from the same group."""
         of, most = (self._draft.entries.get((*base, "near", name)) for name in ("of", "max_m"))
         if of is not None and of.value == other and most is not None and most.span is None and note != "default":
             self._draft.forget((*base, "near"))
 
-    def _rows(self, base: Path) -> int:
+    def _rows(self, base: FieldPath) -> int:
         return len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
 
     def near(self, group: str, phrase: Phrase) -> None:
@@ -100,12 +100,12 @@ class Relations:
 
     def far(self, group: str, phrase: Phrase) -> None:
         """How far is far is asked."""
-        chosen = self._draft.ask(phrase.span, "how far at least?", [f"{one:g} m" for one in FARS_M])
-        self._distance(group, phrase, FARS_M[chosen], None, every=True)
+        chosen = self._draft.ask(phrase.span, "how far at least?", [f"{choice:g} m" for choice in FAR_CHOICES_M])
+        self._distance(group, phrase, FAR_CHOICES_M[chosen], None, every=True)
 
     def refine(self, group: str, length: Quantity, span: Span) -> None:
         """`near the houses, within 25 m`: a distance by itself says how near that was; otherwise from whom is asked."""
-        path: Path = ("actors", group, "placement", "near", "max_m")
+        path: FieldPath = ("actors", group, "placement", "near", "max_m")
         before = self._draft.entries.get(path)
         low = 0.0 if length.single else length.low
         if before is not None and before.span is None:
@@ -117,21 +117,21 @@ class Relations:
         self._away(group, low, length.high, span, "")
 
     def _away(self, group: str, low: float, high: float, span: Span, note: str) -> None:
-        others: list[str] = [one for one in self._who.groups if one != group]
+        others: list[str] = [other for other in self._groups.kinds if other != group]
         if not others:
             self._draft.unread(span, "it is not said from what", expressible=True)
             return
-        self._keep(group, self._from_whom(group, span), span, low, high, every=False, note=note)
+        self._keep(group, self._distance_origin(group, span), span, low, high, every=False, note=note)
 
-    def _from_whom(self, group: str, span: Span) -> str:
+    def _distance_origin(self, group: str, span: Span) -> str:
         """From whom a distance without a word for it is: the one other group there is, or home; with several it is asked."""
-        others: list[str] = [one for one in self._who.groups if one != group]
-        near = [one for one in others if one in self._who.spoken]
-        if len(others) > 1 and len(near) != 1:
+        others: list[str] = [other for other in self._groups.kinds if other != group]
+        mentioned = [other for other in others if other in self._groups.mentioned]
+        if len(others) > 1 and len(mentioned) != 1:
             return [*others, HOME][self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])]
-        whom = (near if len(others) > 1 else others or [HOME])[0]
-        self._draft.remark(span, f"it is not said from what: read as from {'the start' if whom == HOME else whom}")
-        return whom
+        origin = (mentioned if len(others) > 1 else others or [HOME])[0]
+        self._draft.remark(span, f"it is not said from what: read as from {'the start' if origin == HOME else origin}")
+        return origin
 
     def _band(self, length: Quantity) -> tuple[float, float, str]:
         if not length.single:
@@ -144,21 +144,21 @@ class Relations:
         self._distance(group, phrase, low, high, note=note)
         if due := phrase.first("DUE"):  # `70 m from home, due east`
             direction = DIRECTIONS[self._draft.quote(due.span).lower().split()[-1]]
-            self.towards(group, self._who.ref(phrase), direction, phrase.span)
+            self.towards(group, self._groups.ref(phrase), direction, phrase.span)
 
     def away(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))
-        self._keep(group, self._from_whom(group, phrase.span), phrase.span, low, high, every=False, note=note)
+        self._keep(group, self._distance_origin(group, phrase.span), phrase.span, low, high, every=False, note=note)
 
     def mean(self, group: str, phrase: Phrase) -> None:
-        length, of = length_of(self._draft, phrase), self._who.ref(phrase.refs[-1])
+        length, of = length_of(self._draft, phrase), self._groups.ref(phrase.refs[-1])
         if len(phrase.refs) > 1:  # `the mean distance of the civilians to the radar`
-            group = next((one for one in self._who.ref(phrase.refs[0]) if isinstance(one, str)), group)
-        groups = [one for one in of if isinstance(one, str)]
+            group = next((target for target in self._groups.ref(phrase.refs[0]) if isinstance(target, str)), group)
+        groups = [target for target in of if isinstance(target, str)]
         if not groups:
             self._draft.unread(phrase.span, "a mean distance is to a group or to the vehicle's start")
             return
-        base: Path = ("actors", group, "placement", "mean_distance")
+        base: FieldPath = ("actors", group, "placement", "mean_distance")
         self._draft.put((*base, "of"), groups[0], phrase.span)
         self._draft.vary((*base, "mean_m"), length.low, length.high, phrase.span, unit="m")
 
@@ -166,19 +166,19 @@ class Relations:
         part = phrase.first("DIR")
         assert part is not None
         assert isinstance(part.value, float | int)
-        self.towards(group, self._who.ref(phrase), float(part.value), phrase.span)
-        for other in self._who.ref(phrase)[:1] if phrase.first("LENGTH") else []:
+        self.towards(group, self._groups.ref(phrase), float(part.value), phrase.span)
+        for other in self._groups.ref(phrase)[:1] if phrase.first("LENGTH") else []:
             low, high, note = self._band(length_of(self._draft, phrase))
             self._keep(group, other, phrase.span, low, high, every=False, note=note)
 
     def towards(self, group: str, of: list[str | Coordinates], direction: float, span: Span) -> None:
         """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth between these."""
         half = 45.0 if direction % 90 == 0 else 22.5
-        base: Path = ("actors", group, "placement", "bearing")
+        base: FieldPath = ("actors", group, "placement", "bearing")
         if of and of[0] == group:
             self._draft.unread(span, NO_OWN_DISTANCE)
         elif of:
-            self._seen(base, of, span)
+            self._put_reference(base, of, span)
             self._draft.put((*base, "from_deg"), (direction - half) % 360, span)
             self._draft.put((*base, "to_deg"), (direction + half) % 360, span)
 
@@ -187,13 +187,13 @@ class Relations:
         direction = round(math.degrees(math.atan2(east_m, north_m)) % 360, 3)
         away_m = round(math.hypot(east_m, north_m), 3)
         low, high, note = self._band(Quantity("LENGTH", away_m, away_m))
-        base: Path = ("actors", group, "placement", "bearing")
+        base: FieldPath = ("actors", group, "placement", "bearing")
         self._draft.put((*base, "of"), of, span)
         self._draft.put((*base, "from_deg"), (direction - 22.5) % 360, span, f"around {direction:g} degrees")
         self._draft.put((*base, "to_deg"), (direction + 22.5) % 360, span, f"around {direction:g} degrees")
         self._keep(group, of, span, low, high, every=False, note=note)
 
-    def _seen(self, base: Path, of: list[str | Coordinates], span: Span) -> None:
+    def _put_reference(self, base: FieldPath, of: list[str | Coordinates], span: Span) -> None:
         if of and isinstance(of[0], Coordinates):
             self._draft.put((*base, "point"), self._places.point(of[0]), span)
         elif of and of[0] == base[1]:
@@ -210,8 +210,8 @@ class Relations:
         if not phrase.refs:
             self._ground.put_inside(group, phrase)
             return
-        for other in self._who.ref(phrase):
-            if isinstance(other, Coordinates) or other not in self._who.groups:
+        for other in self._groups.ref(phrase):
+            if isinstance(other, Coordinates) or other not in self._groups.kinds:
                 self._draft.unread(phrase.span, "nobody stands inside a point")
             elif other == group:
                 self._draft.unread(phrase.span, "a group does not stand inside itself")
@@ -222,45 +222,45 @@ class Relations:
         self._draft.unread(phrase.span, "a SimSpec has no distance or direction from a piece of ground")
 
     def behind(self, group: str, phrase: Phrase) -> None:
-        of = self._who.ref(phrase)
-        base: Path = ("actors", group, "placement", "hidden_from")
+        of = self._groups.ref(phrase)
+        base: FieldPath = ("actors", group, "placement", "hidden_from")
         if not of:
             return
         if len(phrase.refs) > 1:
-            self._seen(base, self._who.ref(phrase.refs[1]), phrase.span)
+            self._put_reference(base, self._groups.ref(phrase.refs[1]), phrase.span)
         else:
-            near = f"near {of[0]}"
-            readings = [f"{near}, out of sight of the vehicle's start", f"{near}, on whichever side"]
+            place = f"near {of[0]}"
+            readings = [f"{place}, out of sight of the vehicle's start", f"{place}, on whichever side"]
             if self._draft.ask(phrase.span, "behind it as seen from where?", readings) == 0:
-                self._seen(base, [HOME], phrase.span)
+                self._put_reference(base, [HOME], phrase.span)
         self._keep(group, of[0], phrase.span, 0.0, self._defaults.near_m, every=False, note="default")
 
     def facing(self, group: str, phrase: Phrase) -> None:
-        base: Path = ("actors", group, "placement", "facing")
+        base: FieldPath = ("actors", group, "placement", "facing")
         if phrase.refs:
-            self._seen(base, self._who.ref(phrase), phrase.span)
+            self._put_reference(base, self._groups.ref(phrase), phrase.span)
         elif direction := phrase.first("DIR"):
             self._draft.put((*base, "heading_deg"), direction.value, phrase.span)
         elif (figure := phrase.first("ANGLE") or phrase.first("COUNT")) and isinstance(figure.value, Quantity):
             self._draft.vary((*base, "heading_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg")
 
     def hidden(self, group: str, phrase: Phrase) -> None:
-        self._seen(("actors", group, "placement", "hidden_from"), self._who.ref(phrase), phrase.span)
+        self._put_reference(("actors", group, "placement", "hidden_from"), self._groups.ref(phrase), phrase.span)
 
     def visible(self, group: str, phrase: Phrase) -> None:
-        self._seen(("actors", group, "placement", "visible_from"), self._who.ref(phrase), phrase.span)
+        self._put_reference(("actors", group, "placement", "visible_from"), self._groups.ref(phrase), phrase.span)
 
     def between(self, group: str, phrase: Phrase) -> None:
-        ends: list[str | Coordinates] = [one for ref in phrase.refs for one in self._who.ref(ref)]
+        ends: list[str | Coordinates] = [end for ref in phrase.refs for end in self._groups.ref(ref)]
         if phrase.first("BETWEENTHEM"):
-            ends = [*[one for one in self._who.groups if one != group][-1:]]
-        names = [one for one in ends if isinstance(one, str) and one != group]
-        if len(names) == 1 and len(ends) == 1 and names[0] in self._who.plural:
+            ends = [*[end for end in self._groups.kinds if end != group][-1:]]
+        names = [end for end in ends if isinstance(end, str) and end != group]
+        if len(names) == 1 and len(ends) == 1 and names[0] in self._groups.plural:
             names *= 2
         if len(names) != 2 or len(ends) > 2:
             self._draft.unread(phrase.span, "between is said of two groups, or of two members of one")
             return
-        base: Path = ("actors", group, "placement", "between")
+        base: FieldPath = ("actors", group, "placement", "between")
         self._draft.put((*base, "first"), names[0], phrase.span)
         self._draft.put((*base, "second"), names[1], phrase.span)
 

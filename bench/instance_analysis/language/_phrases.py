@@ -38,22 +38,22 @@ PHRASES = (
     *("clear", "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground", "when"),
 )
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
-LONGEST = 24
+MAX_PHRASE_WORDS = 24
 CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", "but", "because", "if", "though"})
 """Words that begin another clause: no phrase goes on past them."""
 
 
-ABOUT = frozenset(["about", "approximately", "roughly", "approx", "circa", "the", "perhaps", "maybe", "very"])
+QUANTITY_FILLERS = frozenset(["about", "approximately", "roughly", "approx", "circa", "the", "perhaps", "maybe", "very"])
 """Words that may stand inside a quantity."""
-CONDITIONAL = frozenset(["nomark", "noreport", "slow", "linklost", "stretch"])
+CONDITIONAL_RULES = frozenset(["nomark", "noreport", "slow", "linklost", "stretch"])
 """Rules that have a clause of their own: `no marking when a civilian is within 50 m`."""
-TOLERANT = frozenset(["field", "event", "wind", "intelligence", "nomark", "noreport", "standoff"])
+TOLERANT_RULES = frozenset(["field", "event", "wind", "intelligence", "nomark", "noreport", "standoff"])
 """Rules that go on past words that nobody knows, which are listed all the same."""
-MOST_UNKNOWN = 2
+MAX_UNKNOWN_WORDS = 2
 DENIALS = frozenset(
     ["not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't", "if", "unless"]
 )
-_APART = {
+_NOT_AFTER_COMMA = {
     "quantity": {"COUNT", "UNIT"},
     "group": {"COUNT", "ASSET", "AMBIGUOUS"},
     "wind": {"COUNT", "WIND"},
@@ -95,14 +95,14 @@ class Phrase:
 
     def first(self, kind: str) -> Part | None:
         """The first part of a kind; None when there is none."""
-        return next((one for one in self.parts if isinstance(one, Part) and one.kind == kind), None)
+        return next((part for part in self.parts if isinstance(part, Part) and part.kind == kind), None)
 
     def every(self, kind: str) -> list[Part]:
-        return [one for one in self.parts if isinstance(one, Part) and one.kind == kind]
+        return [part for part in self.parts if isinstance(part, Part) and part.kind == kind]
 
     @property
     def refs(self) -> list[Phrase]:
-        return [one for one in self.parts if isinstance(one, Phrase) and one.rule == "ref"]
+        return [part for part in self.parts if isinstance(part, Phrase) and part.rule == "ref"]
 
 
 def _skipped(word: Word) -> bool:
@@ -117,31 +117,31 @@ def _grammar() -> Lark:
 
 
 @cache
-def _beginnings(rule: str) -> frozenset[str]:
+def _first_kinds(rule: str) -> frozenset[str]:
     """What a phrase may begin with."""
     return frozenset(_grammar().parse_interactive(start=rule).choices())  # type: ignore[no-untyped-call]
 
 
-def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], int] | None:
+def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], int] | None:
     """The longest run of words from `begin` on that the rule takes, and where it ends; None when it takes none.
 
     A word with several meanings is tried in each of them that the rule takes at its place.
     """
-    if _beginnings(rule).isdisjoint(one.kind for one in words[begin].meanings):
+    if _first_kinds(rule).isdisjoint(candidate.kind for candidate in words[begin].meanings):
         return None
     states: list[_State] = [(_grammar().parse_interactive(start=rule), ())]
-    found: tuple[_Tokens, int] | None = None
-    comma, apart, unknown = False, _APART.get(rule, {"COUNT"}), 0
-    for index in range(begin, min(len(words), begin + LONGEST)):
+    match: tuple[_Tokens, int] | None = None
+    comma, apart, unknown = False, _NOT_AFTER_COMMA.get(rule, {"COUNT"}), 0
+    for index in range(begin, min(len(words), begin + MAX_PHRASE_WORDS)):
         word = words[index]
         comma = (comma or word.comma) and index > begin
         if word.filler:
-            if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL:
+            if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL_RULES:
                 break
-            if rule == "quantity" and index > begin and word.text.lower() not in ABOUT:
+            if rule == "quantity" and index > begin and word.text.lower() not in QUANTITY_FILLERS:
                 break  # in `six, by our count - 25 m away` nothing is 6 to 25
             continue
-        if not word.meanings and rule in TOLERANT and unknown < MOST_UNKNOWN and _skipped(word):
+        if not word.meanings and rule in TOLERANT_RULES and unknown < MAX_UNKNOWN_WORDS and _skipped(word):
             unknown += 1
             continue
         if rule == "quantity" and index > begin and word.text.lower() in ("a", "an", "single", "a single", "the single"):
@@ -169,9 +169,9 @@ def longest(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], 
                 _branch(state).feed_eof()  # type: ignore[no-untyped-call]
             except UnexpectedInput:
                 continue
-            found = tokens, index + 1
+            match = tokens, index + 1
             break
-    return None if found is None else (_tree(rule, found[0]), found[1])
+    return None if match is None else (_tree(rule, match[0]), match[1])
 
 
 _Tokens = tuple[Token, ...]
@@ -187,8 +187,8 @@ def _tree(rule: str, tokens: _Tokens) -> Tree[Token]:
     parser = _grammar().parse_interactive(start=rule)
     for token in tokens:
         parser.feed_token(token)
-    found: Tree[Token] = parser.feed_eof()  # type: ignore[no-untyped-call]
-    return found
+    tree: Tree[Token] = parser.feed_eof()  # type: ignore[no-untyped-call]
+    return tree
 
 
 def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> list[Word]:
@@ -198,14 +198,14 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
     index = 0
     while index < len(words):
         word = words[index]
-        found = longest("quantity", words, index) if any(one.kind in _BEGINS for one in word.meanings) else None
-        if found is None:
+        match = longest_match("quantity", words, index) if any(meaning.kind in _BEGINS for meaning in word.meanings) else None
+        if match is None:
             read.append(word)
             index += 1
             continue
-        tree, end = found
+        tree, end = match
         quantity = _quantity(tree, words)
-        others = tuple(one for one in word.meanings if one.kind not in _BEGINS) if end == index + 1 else ()
+        others = tuple(meaning for meaning in word.meanings if meaning.kind not in _BEGINS) if end == index + 1 else ()
         span = word.span.joined(words[end - 1].span)
         if quantity is None:
             read.append(word)
@@ -227,14 +227,14 @@ def _no_unit(words: Sequence[Word], at: int) -> bool:
     """Whether a word that nobody knows stands where a unit would: before `from`, `away`, `of` or another relation."""
     if at + 1 >= len(words) or words[at].meanings or words[at].filler or words[at + 1].comma:
         return False
-    return any(one.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER") for one in words[at + 1].meanings)
+    return any(meaning.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER") for meaning in words[at + 1].meanings)
 
 
 def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     numbers: list[float] = []
     units: list[tuple[str, float] | None] = []
     by = False
-    for token in tree.scan_values(lambda one: isinstance(one, Token)):
+    for token in tree.scan_values(lambda unit: isinstance(unit, Token)):
         value = _meaning(token, words).value
         if token.type == "VAGUE" and isinstance(value, tuple):
             return Quantity("COUNT", float(value[0]), float(value[1]), vague=True)
@@ -248,11 +248,11 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
         elif token.type in NUMBERED:
             return _moment(token, tree, words)
     last = units[-1]
-    filled = [one or last for one in units]
-    kinds = {one[0] if one else "COUNT" for one in filled}
+    filled = [unit or last for unit in units]
+    kinds = {unit[0] if unit else "COUNT" for unit in filled}
     if len(kinds) != 1:
         return None
-    values = [number * (one[1] if one else 1.0) for number, one in zip(numbers, filled, strict=True)]
+    values = [number * (unit[1] if unit else 1.0) for number, unit in zip(numbers, filled, strict=True)]
     values = [round(value, 9) for value in values]
     if by:
         return Quantity("DIM", values[0], values[1]) if kinds == {"LENGTH"} else None
@@ -261,20 +261,22 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
 
 def _moment(before: Token, tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     """`at minute three`, `T plus 90`; None where the number has a unit that is none of time."""
-    unit = next((one for one in tree.scan_values(lambda one: isinstance(one, Token)) if one.type == "UNIT"), None)
+    unit = next((token for token in tree.scan_values(lambda token: isinstance(token, Token)) if token.type == "UNIT"), None)
     kind, factor = ("TIME", NUMBERED[before.type]) if unit is None else cast("tuple[str, float]", _meaning(unit, words).value)
     moment_s = factor * _number(tree, words)
     return Quantity("TIME", moment_s, moment_s) if kind == "TIME" else None
 
 
 def _number(tree: Tree[Token], words: Sequence[Word]) -> float:
-    value = next(_meaning(one, words).value for one in tree.scan_values(lambda one: isinstance(one, Token)) if one.type == "NUM")
+    value = next(
+        _meaning(token, words).value for token in tree.scan_values(lambda token: isinstance(token, Token)) if token.type == "NUM"
+    )
     assert isinstance(value, float | int)
     return float(value)
 
 
 def _meaning(token: Token, words: Sequence[Word]) -> Meaning:
-    index, number = (int(one) for one in str(token).split(":"))
+    index, number = (int(part) for part in str(token).split(":"))
     return words[index].meanings[number]
 
 
@@ -284,29 +286,29 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
     while index < len(words):
         best: tuple[str, Tree[Token], int] | None = None
         for rule in PHRASES if words[index].meanings else ():
-            found = longest(rule, words, index)
-            if found and (best is None or found[1] > best[2]) and not (rule == "field" and _unfit(found[0], words)):
-                best = (rule, *found)
+            match = longest_match(rule, words, index)
+            if match and (best is None or match[1] > best[2]) and not (rule == "field" and _unfit(match[0], words)):
+                best = (rule, *match)
         if best is None:
             yield words[index]
             index += 1
             continue
         rule, tree, end = best
         yield _phrase(rule, tree, words)
-        yield from (one for one in words[index:end] if not one.meanings and not one.filler)
+        yield from (word for word in words[index:end] if not word.meanings and not word.filler)
         index = end
 
 
 def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
     """Whether a number stands before a word that takes another kind: in `9 m/s, limit 5 min` it is not the limit's."""
-    first, *rest = tree.scan_values(lambda one: isinstance(one, Token))
+    first, *rest = tree.scan_values(lambda token: isinstance(token, Token))
     if first.type == "FIELD":
         return _far_off(first, rest, words)
-    word = next((one for one in rest if one.type == "FIELD"), None)
+    field = next((token for token in rest if token.type == "FIELD"), None)
     quantity = _meaning(first, words).value
-    if word is None or not isinstance(quantity, Quantity):
+    if field is None or not isinstance(quantity, Quantity):
         return False
-    kinds = {one.value.kind for one in words[int(str(word).split(":")[0])].meanings if isinstance(one.value, FieldWords)}
+    kinds = {token.value.kind for token in words[int(str(field).split(":")[0])].meanings if isinstance(token.value, FieldWords)}
     return not kinds & {quantity.kind, "NUMBER" if quantity.kind in ("COUNT", "PERCENT") else quantity.kind}
 
 
@@ -316,15 +318,20 @@ _COUNTED = {"ASSET", "AMBIGUOUS"}
 def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool:
     """Whether a number after a word is of another kind, and others stand between: `battery anomaly: 150 s` is no charge."""
     at = int(str(field).split(":")[0])
-    kinds = {one.value.kind for one in words[at].meanings if isinstance(one.value, FieldWords)}
-    taken = [int(str(one).split(":")[0]) for one in rest]
-    given = [value.kind for one in rest if isinstance(value := _meaning(one, words).value, Quantity)]
+    kinds = {item.value.kind for item in words[at].meanings if isinstance(item.value, FieldWords)}
+    taken = [int(str(item).split(":")[0]) for item in rest]
+    given = [value.kind for item in rest if isinstance(value := _meaning(item, words).value, Quantity)]
     fits = any(kind in kinds or (kind in ("COUNT", "PERCENT") and "NUMBER" in kinds) or kind == "COUNT" for kind in given)
-    strange = any(not one.meanings and not one.filler for one in words[at : max(taken, default=at)])
-    before = words[at - 1].meanings if at else ()
-    fed = any(isinstance(one.value, Quantity) and one.value.kind in kinds for one in before)
-    after = next((one for one in words[max(taken, default=at) + 1 :] if not one.filler), None)
-    if set(given) == {"COUNT"} and after is not None and not after.comma and any(one.kind in _COUNTED for one in after.meanings):
+    strange = any(not item.meanings and not item.filler for item in words[at : max(taken, default=at)])
+    previous = words[at - 1].meanings if at else ()
+    fed = any(isinstance(item.value, Quantity) and item.value.kind in kinds for item in previous)
+    after = next((item for item in words[max(taken, default=at) + 1 :] if not item.filler), None)
+    if (
+        set(given) == {"COUNT"}
+        and after is not None
+        and not after.comma
+        and any(item.kind in _COUNTED for item in after.meanings)
+    ):
         return not kinds & {"NUMBER", "PERCENT"}  # `below were thirty civilians`
     return not fits and (strange or fed or words[at].text.lower().endswith(" within"))
 
@@ -336,13 +343,13 @@ def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
             index = int(str(child).split(":")[0])
             word, value = words[index], _meaning(child, words).value
             if child.type == "FIELD":  # one word may be of several fields; the quantity's kind decides
-                value = tuple(one.value for one in word.meanings if one.kind == "FIELD")
+                value = tuple(part.value for part in word.meanings if part.kind == "FIELD")
             parts.append(Part(child.type, value, word.span))
         elif str(child.data) in ("ref", "state", "more"):
             parts.append(_phrase(str(child.data), child, words))
         else:
             parts += _phrase(str(child.data), child, words).parts
-    if rule == "place" and [one.kind for one in parts if isinstance(one, Part)] == ["AT", "ORIGIN"]:
+    if rule == "place" and [part.kind for part in parts if isinstance(part, Part)] == ["AT", "ORIGIN"]:
         parts[1] = Part("POINT", Coordinates(0.0, 0.0), parts[1].span)  # `at the origin`
-    spans = [one.span for one in parts]
+    spans = [part.span for part in parts]
     return Phrase(rule, tuple(parts), Span(min(s.start for s in spans), max(s.end for s in spans)))

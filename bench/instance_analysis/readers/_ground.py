@@ -10,12 +10,12 @@ from typing import Any, Literal
 
 from bench.simspec import HOME
 
-from ._coordinates import Coordinates, name_of
-from ._draft import Draft, Path
-from ._phrases import Part, Phrase, Quantity
-from ._places import Places, Point, places_in
-from ._tokens import Span
-from ._vocabulary import Defaults
+from .._draft import Draft, FieldPath
+from ..language._coordinates import Coordinates, name_of
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import Defaults
+from ._places import PlaceReader, Point, places_in
 
 KINDS = ("AREAWORD", "GROUND", "NAMED", "NOFLY", "FENCE")
 CORNERS_OF_A_CIRCLE = 16
@@ -23,7 +23,7 @@ MIDDLE_SHARE = 1 / 3
 
 
 @dataclass(slots=True)
-class Piece:
+class GroundPiece:
     """A piece of ground as it comes up: what it is, its extent by corners or size and middle, and who stands inside."""
 
     kind: str
@@ -37,43 +37,43 @@ class Piece:
     extent: Span | None = None
     times: dict[Literal["from_s", "until_s"], tuple[float, Span]] = field(default_factory=dict)
     within: list[tuple[str, Span]] = field(default_factory=list)
-    spoken: bool = False
+    mentioned: bool = False
     """Whether something is told from it: then it is not the area of interest."""
 
 
-class Ground:
+class GroundReader:
     """The pieces of ground, laid out by `finish`. `current` is the one that was last spoken of."""
 
-    def __init__(self, draft: Draft, defaults: Defaults, places: Places) -> None:
+    def __init__(self, draft: Draft, defaults: Defaults, places: PlaceReader) -> None:
         self._draft, self._defaults, self._places = draft, defaults, places
         self.parts: list[tuple[str, float | None, Span]] = []
         """Group, direction in degrees (None for the middle), and span of each `in the north of the area`."""
-        self.world = Piece("AREAWORD", "area", Span(0, 0))
-        self.pieces: dict[str, Piece] = {}
-        self.current: Piece | None = None
+        self.world = GroundPiece("AREAWORD", "area", Span(0, 0))
+        self.pieces: dict[str, GroundPiece] = {}
+        self.current: GroundPiece | None = None
         self._over: list[tuple[str, Span]] = []
-        self._fence: tuple[Piece, Span] | None = None
+        self._fence: tuple[GroundPiece, Span] | None = None
 
-    def mention(self, phrase: Phrase) -> Piece:
+    def mention(self, phrase: Phrase) -> GroundPiece:
         """The piece of ground that a phrase names, which is the one that is spoken of from now on."""
-        part = next((one for kind in KINDS for one in phrase.every(kind)), None)
+        part = next((name_part for kind in KINDS for name_part in phrase.every(kind)), None)
         if part is None:  # `inside it`
             return self.current or self.world
         if part.kind == "AREAWORD" and self.current is not None and self._is_the_current(part.span):
-            found = self.current
+            piece = self.current
         elif part.kind == "AREAWORD":
-            found = self.world
+            piece = self.world
         else:
             text = self._draft.quote(part.span).lower()
             name = name_of(text) if part.kind == "NAMED" else re.sub(r"[^a-z]+", "-", text).strip("-")
             name = {"NOFLY": "no-fly", "FENCE": "geofence"}.get(part.kind, name)
             if part.kind == "NOFLY" and name in self.pieces and not self._is_definite(part.span):
-                name = f"{name}-{sum(1 for one in self.pieces if one.startswith(name)) + 1}"
+                name = f"{name}-{sum(1 for name_part in self.pieces if name_part.startswith(name)) + 1}"
             elif part.kind == "NOFLY":
-                name = next((one for one in reversed(self.pieces) if one.startswith(name)), name)
-            found = self.pieces.setdefault(name, Piece(part.kind, name, part.span))
-        self.current = found
-        return found
+                name = next((name_part for name_part in reversed(self.pieces) if name_part.startswith(name)), name)
+            piece = self.pieces.setdefault(name, GroundPiece(part.kind, name, part.span))
+        self.current = piece
+        return piece
 
     def _is_the_current(self, span: Span) -> bool:
         """`the yard is the named area from ...`, `a no-fly zone; the zone goes ...`: the piece that was spoken of."""
@@ -125,11 +125,11 @@ class Ground:
         if len(places) == 1:
             self.middle(places[0], phrase.span)
         elif len(places) == 2:
-            self._set_corners(piece, _between(*(self._places.point(one) for one in places)), phrase.span)
+            self._set_corners(piece, _between(*(self._places.point(place) for place in places)), phrase.span)
         else:
-            self._set_corners(piece, [self._places.point(one) for one in places], phrase.span)
+            self._set_corners(piece, [self._places.point(place) for place in places], phrase.span)
 
-    def _set_corners(self, piece: Piece, corners: list[Point], span: Span) -> None:
+    def _set_corners(self, piece: GroundPiece, corners: list[Point], span: Span) -> None:
         piece.corners, piece.extent = corners, span
         if piece is self.world:
             self._draft.put(("world", "area", "corners"), corners, span)
@@ -179,18 +179,18 @@ class Ground:
     @property
     def outline(self) -> list[Point]:
         """Corners of the area of interest."""
-        found: list[Point] = self._draft.entries[("world", "area", "corners")].value
-        return found
+        corners: list[Point] = self._draft.entries[("world", "area", "corners")].value
+        return corners
 
     @property
     def box(self) -> tuple[float, float, float, float]:
         """West, south, east and north of the area of interest."""
-        east, north = [one["east_m"] for one in self.outline], [one["north_m"] for one in self.outline]
+        east, north = [corner["east_m"] for corner in self.outline], [corner["north_m"] for corner in self.outline]
         return min(east), min(north), max(east), max(north)
 
     def finish(self) -> None:
         """The area of interest, the parts of it that groups stand in, and the other pieces."""
-        path: Path = ("world", "area", "corners")
+        path: FieldPath = ("world", "area", "corners")
         self._take_for_the_area()
         if path not in self._draft.entries:
             piece, usual = self.world, self._defaults
@@ -215,14 +215,23 @@ class Ground:
         """A village of some size is the area of interest, where there is no other and nothing tells them apart."""
         if ("world", "area", "corners") in self._draft.entries:
             return
-        named = [one for one in self.pieces.values() if one.kind == "GROUND" and one.size_m and not one.corners]
-        if len(named) == 1 and named[0].middle is None and named[0].part is None and not (named[0].within or named[0].spoken):
-            piece = named[0]
-            assert piece.size_m
-            self._draft.put(("world", "area", "corners"), _corners(*piece.size_m), piece.extent)
-            del self.pieces[piece.id]
+        candidates = [
+            candidate
+            for candidate in self.pieces.values()
+            if candidate.kind == "GROUND" and candidate.size_m and not candidate.corners
+        ]
+        if (
+            len(candidates) == 1
+            and candidates[0].middle is None
+            and candidates[0].part is None
+            and not (candidates[0].within or candidates[0].mentioned)
+        ):
+            area_piece = candidates[0]
+            assert area_piece.size_m
+            self._draft.put(("world", "area", "corners"), _corners(*area_piece.size_m), area_piece.extent)
+            del self.pieces[area_piece.id]
 
-    def _laid_out(self, piece: Piece) -> list[Point]:
+    def _laid_out(self, piece: GroundPiece) -> list[Point]:
         if piece.corners:
             return piece.corners
         middle = self._middle_of(piece)
@@ -237,7 +246,7 @@ class Ground:
         east, north = piece.size_m
         return _between(_moved(middle, -east / 2, -north / 2), _moved(middle, east / 2, north / 2))
 
-    def _middle_of(self, piece: Piece) -> Point:
+    def _middle_of(self, piece: GroundPiece) -> Point:
         if isinstance(piece.middle, Coordinates):
             return self._places.point(piece.middle)
         if piece.middle == HOME:
@@ -248,8 +257,8 @@ class Ground:
         west, south, east, north = box if piece.part is None else _part_of(box, piece.part)
         return {"east_m": (west + east) / 2, "north_m": (south + north) / 2}
 
-    def _lay_out(self, piece: Piece) -> None:
-        wanted = piece.within or piece.kind in ("NOFLY", "FENCE") or any(piece.id == one for one, _ in self._over)
+    def _lay_out(self, piece: GroundPiece) -> None:
+        wanted = piece.within or piece.kind in ("NOFLY", "FENCE") or any(piece.id == piece_id for piece_id, _ in self._over)
         if isinstance(piece.middle, str) and piece.middle != HOME and self._places.fixed(piece.middle) is None:
             self._draft.unread(piece.extent or piece.span, "what it lies around has no coordinates")
             return
@@ -259,7 +268,7 @@ class Ground:
             for _, span in piece.within if piece.kind == "GROUND" else ():
                 self._draft.remark(span, "nothing says where it lies or how large it is: read as the whole area")
             return
-        base: dict[str, Path] = {"NOFLY": ("rules", "no_fly", piece.id, "area"), "FENCE": ("rules", "geofence")}
+        base: dict[str, FieldPath] = {"NOFLY": ("rules", "no_fly", piece.id, "area"), "FENCE": ("rules", "geofence")}
         where = base.get(piece.kind, ("world", "areas", piece.id))
         if piece.kind != "FENCE":
             self._draft.put((*where[:3], "id"), piece.id, piece.span)
@@ -275,19 +284,25 @@ class Ground:
 
     def _rules(self) -> None:
         for name, span in self._over:
-            corners = self._draft.entries.get(("world", "areas", name, "corners"))
-            if corners is None:
+            area_corners = self._draft.entries.get(("world", "areas", name, "corners"))
+            if area_corners is None:
                 self._draft.unread(span, "neither corners nor size of it are said", expressible=True)
                 continue
             self._draft.put(("rules", "no_fly", name, "id"), name, span)
-            self._draft.put(("rules", "no_fly", name, "area", "corners"), corners.value, span)
+            self._draft.put(("rules", "no_fly", name, "area", "corners"), area_corners.value, span)
         if self._fence is not None:
             piece, span = self._fence
-            found = self.outline if piece is self.world else self._draft.entries.get(("world", "areas", piece.id, "corners"))
-            if found is None:
+            fence_corners = (
+                self.outline if piece is self.world else self._draft.entries.get(("world", "areas", piece.id, "corners"))
+            )
+            if fence_corners is None:
                 self._draft.unread(span, "neither corners nor size of it are said", expressible=True)
             elif piece.kind != "FENCE":
-                self._draft.put(("rules", "geofence", "corners"), found if isinstance(found, list) else found.value, span)
+                self._draft.put(
+                    ("rules", "geofence", "corners"),
+                    fence_corners if isinstance(fence_corners, list) else fence_corners.value,
+                    span,
+                )
 
     def beside_line(self, line: tuple[Point, Point], direction: float) -> list[Point] | None:
         """The part of the area of interest on the side of a straight line that lies in a direction; None where there is none."""
@@ -298,11 +313,11 @@ class Ground:
             return None
         sign = math.copysign(1.0, towards)
 
-        def side(one: Point) -> float:
-            return sign * ((one["east_m"] - a["east_m"]) * normal[0] + (one["north_m"] - a["north_m"]) * normal[1])
+        def side(point: Point) -> float:
+            return sign * ((point["east_m"] - a["east_m"]) * normal[0] + (point["north_m"] - a["north_m"]) * normal[1])
 
-        kept = _cut(self.outline, side)
-        return kept if len(kept) >= 3 else None
+        corners = _cut(self.outline, side)
+        return corners if len(corners) >= 3 else None
 
 
 def _by_axes(phrase: Phrase) -> Part:
@@ -317,15 +332,17 @@ def _by_axes(phrase: Phrase) -> Part:
 
 def _cut(corners: Sequence[Point], side: Any) -> list[Point]:
     """The part of a convex polygon where `side` is not negative."""
-    kept: list[Point] = []
-    for one, following in zip(corners, [*corners[1:], corners[0]], strict=True):
-        here, there = side(one), side(following)
+    inside: list[Point] = []
+    for corner, following in zip(corners, [*corners[1:], corners[0]], strict=True):
+        here, there = side(corner), side(following)
         if here >= 0:
-            kept.append(one)
+            inside.append(corner)
         if here * there < 0:
             share = here / (here - there)
-            kept.append({name: round(one[name] + share * (following[name] - one[name]), 3) for name in ("east_m", "north_m")})
-    return kept
+            inside.append(
+                {name: round(corner[name] + share * (following[name] - corner[name]), 3) for name in ("east_m", "north_m")}
+            )
+    return inside
 
 
 def _part_of(box: tuple[float, float, float, float], direction: float | None) -> tuple[float, float, float, float]:

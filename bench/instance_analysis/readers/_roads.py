@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ._draft import Draft, Path
-from ._ground import Ground
-from ._phrases import Part, Phrase, Quantity
-from ._places import Places, Point, places_in
-from ._tokens import Span
+from .._draft import Draft, FieldPath
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import Defaults
+from ._ground import GroundReader
+from ._places import PlaceReader, Point, places_in
 from ._traits import length_of
-from ._vocabulary import Defaults
 
 WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 
@@ -31,17 +31,17 @@ class Road:
     width: tuple[float, Span] | None = None
 
 
-class Roads:
+class RoadReader:
     """The roads, laid out by `finish`. `current` are those that were last spoken of."""
 
     RULES = frozenset(["road", "roadgap", "roadside", "crossroads"])
     """What is said of a group."""
 
-    def __init__(self, draft: Draft, defaults: Defaults, ground: Ground, places: Places) -> None:
+    def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader) -> None:
         self._draft, self._defaults, self._ground, self._places = draft, defaults, ground, places
         self.roads: list[Road] = []
         self.current: list[Road] = []
-        self._meant: dict[Span, Road] = {}
+        self._resolve: dict[Span, Road] = {}
         self._sides: list[tuple[str, Road, float, Span]] = []
         self._hinted: Phrase | None = None
         """`the road` before anything is said of it."""
@@ -53,21 +53,21 @@ class Roads:
         """Roads that are spoken of; `the road` of which nothing is said makes none."""
         word = phrase.first("ROAD")
         assert word is not None
-        if not self.roads and self._plain(phrase) and self._definite(phrase):
+        if not self.roads and self._is_bare(phrase) and self._definite(phrase):
             self._hinted = self._hinted or phrase
             return
-        self._spoken(phrase)
+        self._roads_named(phrase)
 
-    def _plain(self, phrase: Phrase) -> bool:
+    def _is_bare(self, phrase: Phrase) -> bool:
         return not any(phrase.every(kind) for kind in ("COUNT", "DIR", "AXIS", "LENGTH"))
 
     def _definite(self, phrase: Phrase) -> bool:
         kinds = ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM")
-        begin = min((one.span.start for kind in kinds for one in phrase.every(kind)), default=phrase.span.start)
+        begin = min((part.span.start for kind in kinds for part in phrase.every(kind)), default=phrase.span.start)
         before = self._draft.text[:begin].lower().split()
         return bool(before) and before[-1] in ("the", "this", "that")
 
-    def _spoken(self, phrase: Phrase) -> list[Road]:
+    def _roads_named(self, phrase: Phrase) -> list[Road]:
         number = _count(phrase)
         described = bool(_part(phrase) or phrase.every("AXIS")) and not self._fitting(phrase)
         if not self.roads or (number or 1) > 1 or (described and (number or not self._definite(phrase))):
@@ -75,40 +75,40 @@ class Roads:
             return self.current
         fitting = self._fitting(phrase) or (self.roads if phrase.first("ROAD") else self.current) or self.roads
         if phrase.first("LENGTH") and len(fitting) > 1:
-            fitting = [one for one in fitting if one.width is None] or fitting
-        if len(fitting) > 1 and phrase.rule != "roads" and phrase.span not in self._meant:
-            chosen = self._draft.ask(phrase.span, "which road is meant?", [self._described(one) for one in fitting])
-            self._meant[phrase.span] = fitting[chosen]
-        self.current = [self._meant.get(phrase.span, fitting[0])] if phrase.rule != "roads" else fitting
-        for one in self.current:
-            self._describe(one, phrase)
+            fitting = [road for road in fitting if road.width is None] or fitting
+        if len(fitting) > 1 and phrase.rule != "roads" and phrase.span not in self._resolve:
+            chosen = self._draft.ask(phrase.span, "which road is meant?", [self._described(road) for road in fitting])
+            self._resolve[phrase.span] = fitting[chosen]
+        self.current = [self._resolve.get(phrase.span, fitting[0])] if phrase.rule != "roads" else fitting
+        for road in self.current:
+            self._describe(road, phrase)
         return self.current
 
     def _described(self, road: Road) -> str:
         return f"{road.id}, {self._draft.quote(road.axis_span or road.points_span or road.span)!r}"
 
-    def _taken_up(self) -> None:
+    def _create_hinted(self) -> None:
         if not self.roads and self._hinted is not None:
             self.current = [self._new(self._hinted)]
 
-    def is_meant(self, phrase: Phrase) -> Phrase:
+    def as_road_phrase(self, phrase: Phrase) -> Phrase:
         """`on it`, `beside it`, `30 m north of it`, where it is a road."""
         if phrase.rule in ("exact", "within", "atleast", "bearing"):
             rule = "roadside" if phrase.rule == "bearing" else "roadgap"
-            return Phrase(rule, tuple(one for one in phrase.parts if isinstance(one, Part)), phrase.span)
+            return Phrase(rule, tuple(part for part in phrase.parts if isinstance(part, Part)), phrase.span)
         side = phrase.first("ALONG") or Part("BESIDE", None, phrase.span)
         return Phrase("road", (side,), phrase.span)
 
     def _fitting(self, phrase: Phrase) -> list[Road]:
         """The roads there are that a phrase describes; none where it describes none."""
-        found = self.roads
+        candidates = self.roads
         if nth := phrase.first("NTH"):
             assert isinstance(nth.value, int | float)
-            return found[int(nth.value) - 1 : int(nth.value)]
+            return candidates[int(nth.value) - 1 : int(nth.value)]
         if part := _part(phrase):
-            return [one for one in found if one.part == part.value]
+            return [road for road in candidates if road.part == part.value]
         if axis := phrase.first("AXIS"):
-            return [one for one in found if one.axis == axis.value]
+            return [road for road in candidates if road.axis == axis.value]
         return []
 
     def _new(self, phrase: Phrase) -> Road:
@@ -127,13 +127,13 @@ class Roads:
 
     def axis(self, phrase: Phrase) -> None:
         """How a road runs: the first of those spoken of that nothing says it of yet."""
-        self._taken_up()
+        self._create_hinted()
         if phrase.first("CROSSING"):
-            for one in self.current[1:2] or self.roads[1:2]:
-                one.axis, one.axis_span = self._across(self.roads[0]), phrase.span
+            for road in self.current[1:2] or self.roads[1:2]:
+                road.axis, road.axis_span = self._across(self.roads[0]), phrase.span
             return
-        free = [one for one in self.current if one.axis is None and not one.points]
-        free = free or [one for one in self.roads if one.axis is None and not one.points]
+        free = [road for road in self.current if road.axis is None and not road.points]
+        free = free or [road for road in self.roads if road.axis is None and not road.points]
         if not free:
             self._draft.unread(phrase.span, "it is not said of which road", expressible=True)
             return
@@ -145,18 +145,18 @@ class Roads:
         return ((WEST_TO_EAST if road.axis is None else road.axis) + 90) % 180
 
     def width(self, phrase: Phrase) -> None:
-        self._taken_up()
+        self._create_hinted()
         length = length_of(self._draft, phrase)
-        for one in self.current:
-            one.width = (length.low, phrase.span)
+        for road in self.current:
+            road.width = (length.low, phrase.span)
         if not self.current:
             self._draft.unread(phrase.span, "it is not said of what", expressible=True)
 
     def through(self, phrase: Phrase) -> None:
         """The points of a road."""
-        self._taken_up()
-        points = [self._places.point(one) for one in places_in(phrase)]
-        free = [one for one in self.current if not one.points] or self.current
+        self._create_hinted()
+        points = [self._places.point(place) for place in places_in(phrase)]
+        free = [place for place in self.current if not place.points] or self.current
         if not free or len(points) < 2:
             self._draft.unread(phrase.span, "a road has two points at least", expressible=True)
             return
@@ -165,20 +165,20 @@ class Roads:
     # Of a group.
 
     def road(self, group: str, phrase: Phrase) -> None:
-        self._along(group, self._spoken(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span)
+        self._along(group, self._roads_named(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span)
 
     def _along(self, group: str, road: Road, where: str, span: Span) -> None:
-        base: Path = ("actors", group, "placement", "along")
+        base: FieldPath = ("actors", group, "placement", "along")
         self._draft.put((*base, "road"), road.id, span)
         self._draft.put((*base, "where"), where, span)
 
     def roadgap(self, group: str, phrase: Phrase) -> None:
-        road, length = self._spoken(phrase)[0], length_of(self._draft, phrase)
+        road, length = self._roads_named(phrase)[0], length_of(self._draft, phrase)
         low, high = (0.0 if length.single else length.low), length.high
         if length.single and not phrase.first("WITHIN"):
             share = self._defaults.exact_share
             low, high = length.low * (1 - share), length.high * (1 + share)
-        base: Path = ("actors", group, "placement", "along")
+        base: FieldPath = ("actors", group, "placement", "along")
         self._along(group, road, "beside", phrase.span)
         if phrase.first("ATLEAST"):
             self._draft.put((*base, "at_least_m"), length.low, phrase.span)
@@ -190,7 +190,7 @@ class Roads:
 
     def roadside(self, group: str, phrase: Phrase) -> None:
         """North of a road: in the part of the area that lies there."""
-        road, direction = self._spoken(phrase)[0], phrase.first("DIR")
+        road, direction = self._roads_named(phrase)[0], phrase.first("DIR")
         assert direction is not None
         assert isinstance(direction.value, float | int)
         self._sides.append((group, road, float(direction.value), phrase.span))
@@ -208,7 +208,7 @@ class Roads:
             self._draft.unread(self._hinted.span, "stands by itself", expressible=True)
         west, south, east, north = self._ground.box
         for group, low in self._unbounded:
-            path: Path = ("actors", group, "placement", "along", "within_m")
+            path: FieldPath = ("actors", group, "placement", "along", "within_m")
             self._draft.put(path, math.ceil(low + math.hypot(east - west, north - south)), None, "farther than the area goes")
         if self._crossings:
             for _ in range(2 - len(self.roads)):
@@ -228,7 +228,7 @@ class Roads:
             if middle is None:
                 self._draft.unread(span, "these roads do not cross")
                 continue
-            base: Path = ("actors", group, "placement", "distances")
+            base: FieldPath = ("actors", group, "placement", "distances")
             row = len({path[4] for path in self._draft.entries if path[:4] == base})
             self._draft.put((*base, row, "point"), middle, span)
             self._draft.put((*base, row, "max_m"), self._defaults.near_m, None, "what near means")
@@ -236,22 +236,22 @@ class Roads:
     @property
     def laid_out(self) -> dict[str, list[Point]]:
         """Points of every road, once `finish` has laid them out."""
-        return {one.id: self._draft.entries[("world", "roads", one.id, "points")].value for one in self.roads}
+        return {road.id: self._draft.entries[("world", "roads", road.id, "points")].value for road in self.roads}
 
     def _defaults_of_axes(self) -> None:
-        free = [one for one in self.roads if one.axis is None and not one.points and one.part is None]
-        taken = [one.axis for one in self.roads if one.axis is not None]
-        for one in free:
-            one.axis = next((axis for axis in (WEST_TO_EAST, NORTH_TO_SOUTH) if axis not in taken), None)
-            taken += [one.axis] if one.axis is not None else []
+        free = [road for road in self.roads if road.axis is None and not road.points and road.part is None]
+        taken = [road.axis for road in self.roads if road.axis is not None]
+        for road in free:
+            road.axis = next((axis for axis in (WEST_TO_EAST, NORTH_TO_SOUTH) if axis not in taken), None)
+            taken += [road.axis] if road.axis is not None else []
 
     def _lay_out(self, road: Road) -> list[Point]:
-        base: Path = ("world", "roads", road.id)
+        base: FieldPath = ("world", "roads", road.id)
         self._draft.put((*base, "id"), road.id, road.span)
         points = road.points or self._line(road)
-        said = road.points_span or road.axis_span or (road.span if road.part is not None else None)
+        span_of_line = road.points_span or road.axis_span or (road.span if road.part is not None else None)
         note = "" if road.points else self._note(road)
-        self._draft.put((*base, "points"), points, said, note)
+        self._draft.put((*base, "points"), points, span_of_line, note)
         width, span = road.width or (self._defaults.road_width_m, None)
         self._draft.put((*base, "width_m"), width, span)
         return points
@@ -284,8 +284,8 @@ class Roads:
 
 def _part(phrase: Phrase) -> Part | None:
     """The part of the area that a road lies in; `north of the road` says another thing with its first direction."""
-    found = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
-    return found[0] if found else None
+    candidates = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
+    return candidates[0] if candidates else None
 
 
 def _named(axis: float | None) -> str:
@@ -297,9 +297,9 @@ def _count(phrase: Phrase) -> int | None:
     return int(part.value.low) if part is not None and isinstance(part.value, Quantity) else None
 
 
-def _crossing(one: Sequence[Point], other: Sequence[Point]) -> Point | None:
+def _crossing(first: Sequence[Point], second: Sequence[Point]) -> Point | None:
     """Where two straight roads cross; None where they do not."""
-    a, b, c, d = one[0], one[-1], other[0], other[-1]
+    a, b, c, d = first[0], first[-1], second[0], second[-1]
     r = (b["east_m"] - a["east_m"], b["north_m"] - a["north_m"])
     s = (d["east_m"] - c["east_m"], d["north_m"] - c["north_m"])
     cross = r[0] * s[1] - r[1] * s[0]

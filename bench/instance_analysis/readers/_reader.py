@@ -6,25 +6,25 @@ from collections.abc import Callable, Sequence
 
 from bench.simspec import Role
 
-from ._cast import Cast
-from ._coordinates import Coordinates
-from ._draft import Draft
-from ._flight import Flight
-from ._ground import Ground
-from ._happenings import Happenings
-from ._phrases import DENIALS, Part, Phrase, Quantity
-from ._places import Places, places_in
-from ._relations import Relations
-from ._reports import Reports
-from ._roads import Roads
-from ._rulings import Rulings
-from ._sentences import sentences_of
-from ._sky import Sky
-from ._tokens import Word
-from ._traits import Traits, length_of
-from ._vocabulary import MotionWords, Vocabulary
+from .._draft import Draft
+from ..language._coordinates import Coordinates
+from ..language._phrases import DENIALS, Part, Phrase, Quantity
+from ..language._sentences import sentences_of
+from ..language._tokens import Word
+from ..language._vocabulary import MotionWords, Vocabulary
+from ._events import EventReader
+from ._flight import FlightReader
+from ._ground import GroundReader
+from ._groups import GroupRegister
+from ._intelligence import IntelligenceReader
+from ._places import PlaceReader, places_in
+from ._relations import RelationReader
+from ._roads import RoadReader
+from ._rules import RuleReader
+from ._traits import TraitReader, length_of
+from ._weather import WeatherReader
 
-WEAK = frozenset(
+INSIGNIFICANT_KINDS = frozenset(
     [
         *("OF", "TO", "AT", "FOR", "IN", "AND", "OR", "FROM", "HOME", "THEM"),
         *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
@@ -36,77 +36,77 @@ WEAK = frozenset(
 
 
 PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
-OF_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
+RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
-OF_A_GROUP = Relations.RULES | Traits.RULES | Roads.RULES | {"loop"}
-TO_ALL = frozenset(["road", "spread"])
+GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES | {"loop"}
+RULES_FOR_ALL_GROUPS = frozenset(["road", "spread"])
 """Relations that are said of every group before them, and not asked."""
 
 
-class Reader:
+class TextReader:
     """Reads the phrases of a text into a draft, sentence by sentence."""
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
         self.draft, self.vocabulary = draft, vocabulary
-        self.cast = Cast(draft, vocabulary)
+        self.groups = GroupRegister(draft, vocabulary)
         self.joined: list[str] = []
         self.waiting: list[Phrase] = []
         self.topic = ""
         """What places and points are said of: group, home, ground, road; nothing at the beginning of a sentence."""
         self.last = self.before = ""
         """What was spoken of last, in this sentence or one before; and what before the group that is spoken of."""
-        self.places = Places(draft, vocabulary.defaults)
-        self.sky = Sky(draft, self.places)
-        self.ground = Ground(draft, vocabulary.defaults, self.places)
-        self.roads = Roads(draft, vocabulary.defaults, self.ground, self.places)
-        self.relations = Relations(draft, vocabulary.defaults, self.ground, self.places, self.cast)
-        self.traits = Traits(draft, self.cast, self.relations.refine)
-        self.reports = Reports(draft, self.cast)
-        self.flight = Flight(draft, self.cast, self.ground, self.reports)
-        self.happenings = Happenings(draft, self.cast, self.reports)
-        self.rulings = Rulings(draft, self.cast)
+        self.places = PlaceReader(draft, vocabulary.defaults)
+        self.weather_reader = WeatherReader(draft, self.places)
+        self.ground = GroundReader(draft, vocabulary.defaults, self.places)
+        self.roads = RoadReader(draft, vocabulary.defaults, self.ground, self.places)
+        self.relations = RelationReader(draft, vocabulary.defaults, self.ground, self.places, self.groups)
+        self.traits = TraitReader(draft, self.groups, self.relations.refine)
+        self.intelligence_reader = IntelligenceReader(draft, self.groups)
+        self.flight = FlightReader(draft, self.groups, self.ground, self.intelligence_reader)
+        self.events = EventReader(draft, self.groups, self.intelligence_reader)
+        self.rules = RuleReader(draft, self.groups)
 
-    def read(self, found: Sequence[Phrase | Word]) -> None:
+    def read(self, items: Sequence[Phrase | Word]) -> None:
         """Read everything; the draft then has all but what `finish` adds."""
-        self._origin_and_home([one for one in found if isinstance(one, Phrase)])
-        for sentence in sentences_of(found, self.draft):
+        self._origin_and_home([item for item in items if isinstance(item, Phrase)])
+        for sentence in sentences_of(items, self.draft):
             self._sentence(sentence)
         self.finish()
 
     def _origin_and_home(self, phrases: Sequence[Phrase]) -> None:
         """What all other places are told from goes first, wherever it stands."""
-        placed = [one for one in phrases if one.rule == "place"]
-        for one in placed:
-            if one.first("ORIGIN"):
-                self.places.set_origin(one)
+        placed = [phrase for phrase in phrases if phrase.rule == "place"]
+        for phrase in placed:
+            if phrase.first("ORIGIN"):
+                self.places.set_origin(phrase)
         self.places.origin_of(phrases)
-        for one in placed:
-            if one.first("HOME") or one.first("LAUNCH"):
-                self.places.set_home(one)
+        for phrase in placed:
+            if phrase.first("HOME") or phrase.first("LAUNCH"):
+                self.places.set_home(phrase)
 
     def _sentence(self, sentence: list[Phrase | Word]) -> None:
-        self.cast.here, self.cast.spoken, self.joined, self.waiting, self.topic = False, [], [], [], ""
-        self.flying = any(_flies(one) for one in sentence)
-        self.flight.reporting = any(isinstance(one, Word) and one.text.lower().startswith("report") for one in sentence)
+        self.groups.in_sentence, self.groups.mentioned, self.joined, self.waiting, self.topic = False, [], [], [], ""
+        self.flying = any(_flies(item) for item in sentence)
+        self.flight.reporting = any(isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence)
         joins = False
-        for index, one in enumerate(sentence):
-            if isinstance(one, Word):
+        for index, item in enumerate(sentence):
+            if isinstance(item, Word):
                 # After a comma, `and` begins another clause.
-                joins = (not one.comma and any(m.kind == "AND" for m in one.meanings)) or (joins and one.filler)
-                self._relative(one, sentence[:index])
-                late = self._late_count(one, sentence[index - 1] if index else None)
-                if not late and not _of_a_rule(one, sentence[index + 1 :]):
-                    self._word(one)
+                joins = (not item.comma and any(m.kind == "AND" for m in item.meanings)) or (joins and item.filler)
+                self._relative(item, sentence[:index])
+                late = self._late_count(item, sentence[index - 1] if index else None)
+                if not late and not _of_a_rule(item, sentence[index + 1 :]):
+                    self._word(item)
                 continue
             if self._denied(sentence[:index]):
-                self.draft.unread(one.span, "what is denied, or only perhaps so, is not read", expressible=True)
+                self.draft.unread(item.span, "what is denied, or only perhaps so, is not read", expressible=True)
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
-            if later and one.rule in OF_A_GROUP and self._of_the_next(one, sentence[index + 1 :]):
-                self.waiting.append(one)
+            if later and item.rule in GROUP_RULES and self._of_the_next(item, sentence[index + 1 :]):
+                self.waiting.append(item)
                 joins = False
                 continue
-            self._phrase(one, joins=joins, later=later)
+            self._phrase(item, joins=joins, later=later)
             joins = False
         for waiting in self.waiting:
             self._of_group(waiting)
@@ -119,7 +119,7 @@ class Reader:
             return True
         if self.waiting:
             return True
-        following = next((one for one in rest if not (isinstance(one, Word) and one.filler)), None)
+        following = next((item for item in rest if not (isinstance(item, Word) and item.filler)), None)
         starts = before.endswith((",", " and"))
         return starts and phrase.rule in ("inside", "part") and isinstance(following, Phrase) and following.rule == "group"
 
@@ -127,24 +127,24 @@ class Reader:
         if phrase.rule == "group" and self._counts_again(phrase):
             return
         if phrase.rule == "group":
-            before = self.joined if joins else []
-            self.cast.introduce(phrase)
+            previous = self.joined if joins else []
+            self.groups.introduce(phrase)
             self.before, self.topic, self.last = self.last, "group", "group"
-            self.joined = [*before, *self.cast.subject]
+            self.joined = [*previous, *self.groups.subject]
             for waiting in self.waiting:
                 self._of_group(waiting)
             self.waiting = []
             return
-        for one in self._said_of_groups(phrase):
-            if (self.waiting or not self.cast.here) and later and one.rule != "density":
-                self.waiting.append(one)
+        for group_phrase in self._about_groups(phrase):
+            if (self.waiting or not self.groups.in_sentence) and later and group_phrase.rule != "density":
+                self.waiting.append(group_phrase)
             else:
-                self._of_group(one)
+                self._of_group(group_phrase)
                 self.joined = []
             return
         if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and len(places_in(phrase)) == 2):
             self._figures(phrase, later=later)
-        elif phrase.rule not in OF_A_GROUP:
+        elif phrase.rule not in GROUP_RULES:
             if phrase.rule in ("extent", "overfly", "stayin"):
                 self.topic = self.last = self.before = "ground"
             self._handler(phrase.rule)(phrase)
@@ -157,17 +157,17 @@ class Reader:
         if count is None or asset is None or len(phrase.parts) > 2 or not before.endswith((",", "(", ":")):
             return False
         generic = self.draft.quote(asset.span).lower() in ("persons", "people", "men", "adults", "individuals", "in all")
-        named = self.cast.subject if self.cast.here and not self.waiting else []
+        named = self.groups.subject if self.groups.in_sentence and not self.waiting else []
         if not generic or len(named) != 1 or not isinstance(count.value, Quantity):
             return False
-        person = self.vocabulary.assets[self.cast.groups[named[0]]].asset in PERSONS
-        return person and self.cast.count_later(named[0], count.value, phrase.span)
+        person = self.vocabulary.assets[self.groups.kinds[named[0]]].asset in PERSONS
+        return person and self.groups.count_later(named[0], count.value, phrase.span)
 
-    def _said_of_groups(self, phrase: Phrase) -> list[Phrase]:
+    def _about_groups(self, phrase: Phrase) -> list[Phrase]:
         """The phrase, where it says something of a group; none where it says it of ground or the vehicle's home."""
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (phrase.rule == "road" and phrase.first("THEM") is not None)
-        if it and self.roads.roads and (phrase.rule == "road" or (phrase.rule in OF_IT and self._it_is_a_road(phrase))):
-            return [self.roads.is_meant(phrase)]
+        if it and self.roads.roads and (phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))):
+            return [self.roads.as_road_phrase(phrase)]
         if it and self.before == "ground" and phrase.rule == "inside" and self.ground.current not in (None, self.ground.world):
             return [Phrase("inside", (), phrase.span)]
         if phrase.rule == "road" and it:
@@ -178,16 +178,18 @@ class Reader:
             named = phrase.first("GROUND") or phrase.first("NAMED")
             return [Phrase("inside", (named,), phrase.span)] if named else [Phrase("spread", (), phrase.span)]
         if phrase.rule == "landgap":
-            self.ground.mention(phrase).spoken = True
+            self.ground.mention(phrase).mentioned = True
         if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("NOFLY", "FENCE")):
             self._ground(phrase)
             return []
         if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
             self.ground.mention(phrase)
             self.topic = "group"
-        if phrase.rule == "motion" and (self.topic in ("ground", "road") or (not self.cast.here and self.cast.mission)):
+        if phrase.rule == "motion" and (
+            self.topic in ("ground", "road") or (not self.groups.in_sentence and self.groups.subject_is_mission)
+        ):
             return []
-        if phrase.rule not in OF_A_GROUP or self._said_of_ground(phrase) or len(places_in(phrase)) > 1:
+        if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or len(places_in(phrase)) > 1:
             return []
         return [phrase]
 
@@ -195,11 +197,11 @@ class Reader:
         """Whether a road was spoken of last before the subject, or `it` can be no group: all others are several."""
         if self.before == "road":
             return True
-        single = [one for one in self.cast.groups if one not in self.cast.plural and one not in self.cast.subject]
+        single = [group for group in self.groups.kinds if group not in self.groups.plural and group not in self.groups.subject]
         them = phrase.refs[0].first("THEM")
         return them is not None and self.draft.quote(them.span).lower() == "it" and not single
 
-    def _said_of_ground(self, phrase: Phrase) -> bool:
+    def _about_ground(self, phrase: Phrase) -> bool:
         """Whether the phrase was about a piece of ground, or about the vehicle's home; it is read then."""
         if self.topic == "home" and phrase.rule == "facing":
             self.places.home_heading(phrase)
@@ -216,8 +218,8 @@ class Reader:
         if phrase.rule in ("near", "within", "loop"):
             if phrase.rule == "within":
                 self.ground.round(length_of(self.draft, phrase), phrase.span)
-            for one in self.cast.ref(phrase):
-                self.ground.middle(one, phrase.span)
+            for place in self.groups.ref(phrase):
+                self.ground.middle(place, phrase.span)
             return True
         return False
 
@@ -227,80 +229,82 @@ class Reader:
             self.topic = "home"
             return
         patrols = any(
-            self.draft.entries.get(("actors", one, "motion", "kind")) is not None for one in self.cast.subject if self.cast.here
+            self.draft.entries.get(("actors", group_id, "motion", "kind")) is not None
+            for group_id in self.groups.subject
+            if self.groups.in_sentence
         )
         several = len(places_in(phrase))
         if self.topic == "road":
             self.roads.through(phrase)
         elif phrase.first("CORNERS") or self.topic == "ground":
             self.ground.corners(phrase)
-        elif phrase.first("ROUTE") or (self.cast.here and several > 1 and (patrols or phrase.rule != "place")):
-            for group in self.cast.subject:
+        elif phrase.first("ROUTE") or (self.groups.in_sentence and several > 1 and (patrols or phrase.rule != "place")):
+            for group in self.groups.subject:
                 self.places.walk(group, places_in(phrase), phrase.span)
-        elif several > 2 and not self._one_each(phrase):
+        elif several > 2 and not self._one_place_per_member(phrase):
             self.ground.corners(phrase)
-        elif later and not self.cast.here:
+        elif later and not self.groups.in_sentence:
             self.waiting.append(phrase)
         else:
             self._stand(phrase)
 
-    def _one_each(self, phrase: Phrase) -> bool:
+    def _one_place_per_member(self, phrase: Phrase) -> bool:
         """Whether as many places are given as the group that is spoken of has members."""
-        counts = [self.draft.entries.get(("actors", one, "count")) for one in self.cast.subject if self.cast.here]
+        counts = [self.draft.entries.get(("actors", group, "count")) for group in self.groups.subject if self.groups.in_sentence]
         return len(counts) == 1 and counts[0] is not None and counts[0].value == len(places_in(phrase))
 
     def _stand(self, phrase: Phrase) -> None:
-        if not self.cast.here and self.topic != "group":
+        if not self.groups.in_sentence and self.topic != "group":
             self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
             return
         places = places_in(phrase)
         if len(places) > 1:
             self._stand_apart(places, phrase)
             return
-        for group in self.cast.subject:
+        for group in self.groups.subject:
             place = self.places.place_of(phrase)
             if place is not None:
                 self.places.stand(group, place, phrase.span)
                 continue
-            for other in self.cast.groups_in(phrase):
+            for other in self.groups.groups_in(phrase):
                 east_m, north_m = self.places.steps(phrase)
                 self.relations.offset(group, east_m, north_m, other, phrase.span)
 
     def _stand_apart(self, places: Sequence[Coordinates], phrase: Phrase) -> None:
         """As many places as members: a group of one at each."""
-        if not self._one_each(phrase):
+        if not self._one_place_per_member(phrase):
             self.draft.unread(phrase.span, "as many places as members, or one, can be given", expressible=True)
             return
-        [group] = self.cast.subject
+        [group] = self.groups.subject
         self.draft.forget(("actors", group, "count"))
         self.draft.put(("actors", group, "count"), 1, phrase.span)
-        for group_id, place in zip([group, *self.cast.twins(group, len(places) - 1, phrase.span)], places, strict=True):
+        for group_id, place in zip([group, *self.groups.twins(group, len(places) - 1, phrase.span)], places, strict=True):
             self.places.stand(group_id, place, phrase.span)
 
     def _handler(self, rule: str) -> Callable[[Phrase], None]:
         """Who reads a phrase that is said of no group."""
         readers: list[tuple[object, frozenset[str]]] = [
-            (self.sky, Sky.RULES),
-            (self.rulings, Rulings.RULES),
-            (self.flight, Flight.RULES),
+            (self.weather_reader, WeatherReader.RULES),
+            (self.rules, RuleReader.RULES),
+            (self.flight, FlightReader.RULES),
             (self.ground, frozenset(["extent", "overfly", "stayin"])),
             (self.roads, frozenset(["axis", "width"])),
-            (self.happenings, frozenset(["event"])),
-            (self.reports, frozenset(["intelligence"])),
+            (self.events, frozenset(["event"])),
+            (self.intelligence_reader, frozenset(["intelligence"])),
         ]
         self.flight.of_ground = self.topic == "ground"
-        reader = next((one for one, rules in readers if rule in rules), None)
-        found: Callable[[Phrase], None] = getattr(self, f"_{rule}") if reader is None else getattr(reader, rule)
-        return found
+        reader = next((candidate for candidate, rules in readers if rule in rules), None)
+        handler: Callable[[Phrase], None] = getattr(self, f"_{rule}") if reader is None else getattr(reader, rule)
+        return handler
 
     def _denied(self, before: Sequence[Phrase | Word]) -> bool:
         """Whether what follows is said not to be so, or only perhaps: taking it at its word would say something else."""
-        for one in reversed(before):
-            if not isinstance(one, Word):
+        for item in reversed(before):
+            if not isinstance(item, Word):
                 return False
-            if one.text.lower() in DENIALS or any(meaning.kind == "NONE" for meaning in one.meanings):
+            if item.text.lower() in DENIALS or any(meaning.kind == "NONE" for meaning in item.meanings):
                 return True
-            if not one.filler and one.text not in ("a", "an", "it"):
+            if not item.filler and item.text not in ("a", "an", "it"):
                 return False
         return False
 
@@ -313,57 +317,65 @@ class Reader:
             return
         if last.rule == "group":
             self.joined = []  # `soldiers and civilians, who walk`: the civilians
-        elif last.rule in Roads.RULES:
+        elif last.rule in RoadReader.RULES:
             self.topic = "road"
         elif last.refs:
-            meant = [one for one in self.cast.meant.get(last.refs[-1].span, []) if one in self.cast.groups]
-            if meant:
-                self.cast.subject, self.cast.here, self.joined = [str(one) for one in meant], True, []
+            groups = [group for group in self.groups.referents.get(last.refs[-1].span, []) if group in self.groups.kinds]
+            if groups:
+                self.groups.subject, self.groups.in_sentence, self.joined = [str(group) for group in groups], True, []
                 self.topic = "group"
 
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
         """A number by itself says how many there are of who is spoken of: `soldiers: 4`, `there are two`."""
-        count = next((one.value for one in word.meanings if one.kind == "COUNT"), None)
-        if not isinstance(count, Quantity) or len(self.cast.subject) != 1 or self.topic in ("road", "home"):
+        count = next((meaning.value for meaning in word.meanings if meaning.kind == "COUNT"), None)
+        if not isinstance(count, Quantity) or len(self.groups.subject) != 1 or self.topic in ("road", "home"):
             return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
-        return self.cast.count_later(self.cast.subject[0], count, start.joined(word.span))
+        return self.groups.count_later(self.groups.subject[0], count, start.joined(word.span))
 
     def _word(self, word: Word) -> None:
-        kinds = {one.kind for one in word.meanings}
-        cast = self.cast
+        kinds = {meaning.kind for meaning in word.meanings}
+        groups = self.groups
         if "HOME" in kinds and word.text.lower().startswith("the vehicle "):
             self.draft.remark(word.span, "the vehicle is read as the drone under test")
         if kinds & {"HOME", "LAUNCH"}:
-            cast.here, cast.mission, cast.subject, self.topic = False, True, [], "home"
+            groups.in_sentence, groups.subject_is_mission, groups.subject, self.topic = False, True, [], "home"
         elif "THEM" in kinds and self.topic == "" and self.last in ("ground", "road"):
             self.topic = self.last
-        elif "THEM" in kinds and cast.subject:
-            cast.here, self.topic = True, "group"
+        elif "THEM" in kinds and groups.subject:
+            groups.in_sentence, self.topic = True, "group"
         elif "TARGET" in kinds:
-            adversaries = cast.of_role(Role.ADVERSARY)
+            adversaries = groups.of_role(Role.ADVERSARY)
             if adversaries:
-                cast.subject, cast.here, cast.mission = cast.one_of(adversaries, word.span), True, False
+                groups.subject, groups.in_sentence, groups.subject_is_mission = (
+                    groups.choose_one(adversaries, word.span),
+                    True,
+                    False,
+                )
                 self.topic = "group"
         if "FLY" in kinds:
-            cast.mission = True
-        length = next((one.value for one in word.meanings if one.kind == "LENGTH"), None)
-        if isinstance(length, Quantity) and not length.single and (self.waiting or (cast.here and not cast.mission)):
+            groups.subject_is_mission = True
+        length = next((meaning.value for meaning in word.meanings if meaning.kind == "LENGTH"), None)
+        if (
+            isinstance(length, Quantity)
+            and not length.single
+            and (self.waiting or (groups.in_sentence and not groups.subject_is_mission))
+        ):
             self._phrase(Phrase("radius", (Part("LENGTH", length, word.span),), word.span), joins=False, later=bool(self.waiting))
             return
-        if self.flying and not (cast.here and not cast.mission) and self._bare(word):
+        if self.flying and not (groups.in_sentence and not groups.subject_is_mission) and self._bare(word):
             return
-        if word.filler or kinds & WEAK or word.text.lower() in ("a", "an", "one", "single", "a single", "another"):
+        if word.filler or kinds & INSIGNIFICANT_KINDS or word.text.lower() in ("a", "an", "one", "single", "a single", "another"):
             return
         self.draft.unread(word.span, "nobody knows this here" if not kinds else "stands by itself", expressible=True)
 
     def _bare(self, word: Word) -> bool:
         """`we fly 90 m, four minutes`: height and time of the mission."""
         fields = {"LENGTH": ("altitude_m", "m"), "TIME": ("time_limit_s", "s")}
-        for one in word.meanings:
-            if one.kind in fields and isinstance(one.value, Quantity):
-                name, unit = fields[one.kind]
-                self.draft.vary(("mission", name), one.value.low, one.value.high, word.span, unit=unit)
+        for meaning in word.meanings:
+            if meaning.kind in fields and isinstance(meaning.value, Quantity):
+                name, unit = fields[meaning.kind]
+                self.draft.vary(("mission", name), meaning.value.low, meaning.value.high, word.span, unit=unit)
                 return True
         return False
 
@@ -373,17 +385,17 @@ class Reader:
         if phrase.rule in ("place", "stretch") or len(places_in(phrase)) > 1:
             self._figures(phrase, later=False)
             return
-        subject = self.cast.subject
+        subject = self.groups.subject
         if not subject:
             if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
                 self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
-                for one in phrase.refs:
-                    self.cast.ref(one)  # who is named is there, whatever is said of it
+                for item in phrase.refs:
+                    self.groups.ref(item)  # who is named is there, whatever is said of it
             return
         if phrase.rule == "inside" and phrase.first("AREAWORD"):
             return  # the area of interest, where everybody is
-        joined = [one for one in self.joined if not (phrase.refs and one in self.cast.ref(phrase))]
-        if len(joined) > 1 and phrase.rule not in TO_ALL and joined[-1:] == subject[-1:]:
+        joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
+        if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(joined)]
             if self.draft.ask(phrase.span, "of whom is this said?", readings) == 1:
                 subject = joined
@@ -391,7 +403,7 @@ class Reader:
             if phrase.rule == "loop":
                 self._loop(group, phrase)
                 continue
-            reader = next(one for one in (self.relations, self.traits, self.roads) if phrase.rule in one.RULES)
+            reader = next(item for item in (self.relations, self.traits, self.roads) if phrase.rule in item.RULES)
             getattr(reader, phrase.rule)(group, phrase)
             if phrase.rule == "motion":
                 self._patrols(group, phrase)
@@ -402,8 +414,8 @@ class Reader:
             self.places.patrol(group, phrase.span)
 
     def _loop(self, group: str, phrase: Phrase) -> None:
-        for one in self.cast.ref(phrase)[:1]:
-            self.places.walk_around(group, length_of(self.draft, phrase).low, one, phrase.span)
+        for target in self.groups.ref(phrase)[:1]:
+            self.places.walk_around(group, length_of(self.draft, phrase).low, target, phrase.span)
 
     # What is said of the rest.
 
@@ -430,37 +442,37 @@ class Reader:
         self.ground.when(phrase)
 
     def _standoff(self, phrase: Phrase) -> None:
-        if self.cast.here and self.cast.subject and not self.cast.mission:
+        if self.groups.in_sentence and self.groups.subject and not self.groups.subject_is_mission:
             read = self.relations.atleast if phrase.first("ATLEAST") or phrase.first("APPROACH") else self.relations.exact
-            for group in self.cast.subject:
+            for group in self.groups.subject:
                 read(group, phrase)
             return
-        self.rulings.standoff(phrase)
+        self.rules.standoff(phrase)
 
     # At the end, when everything is known.
 
     def finish(self) -> None:
         """What depends on several parts of the text: the moment, the ground, roads, ways, windows, the ceiling."""
-        self.happenings.finish()
-        self.reports.finish()
-        self.sky.finish()
+        self.events.finish()
+        self.intelligence_reader.finish()
+        self.weather_reader.finish()
         self.ground.finish()
         self.roads.finish()
         self.places.finish(self.roads.laid_out)
-        self.rulings.finish()
+        self.rules.finish()
 
 
-def _flies(one: Phrase | Word) -> bool:
+def _flies(item: Phrase | Word) -> bool:
     """Whether something in a sentence says that it is of the flight."""
-    if isinstance(one, Word):
-        return any(meaning.kind in ("FLY", "HOME") for meaning in one.meanings)
-    return one.rule in ("altitude", "speed") or (
-        one.rule == "set" and any(p.kind == "SET" for p in one.parts if isinstance(p, Part))
+    if isinstance(item, Word):
+        return any(meaning.kind in ("FLY", "HOME") for meaning in item.meanings)
+    return item.rule in ("altitude", "speed") or (
+        item.rule == "set" and any(p.kind == "SET" for p in item.parts if isinstance(p, Part))
     )
 
 
 def _of_a_rule(word: Word, rest: Sequence[Phrase | Word]) -> bool:
     """Whether `a target` is that of a rule, `a target must not be marked`: any target."""
-    following = next((one for one in rest if not (isinstance(one, Word) and one.filler)), None)
-    targets = any(one.kind == "TARGET" for one in word.meanings)
-    return targets and isinstance(following, Phrase) and following.rule in Rulings.RULES
+    following = next((item for item in rest if not (isinstance(item, Word) and item.filler)), None)
+    targets = any(item.kind == "TARGET" for item in word.meanings)
+    return targets and isinstance(following, Phrase) and following.rule in RuleReader.RULES

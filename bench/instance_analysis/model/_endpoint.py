@@ -48,9 +48,11 @@ class ModelEndpoint:
         or a package is missing.
         """
         provider = self.provider
-        from ._conversation import Door, converse
+        from ._conversation import ModelConnection, converse
 
-        return converse(Door(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s), brief, question, judge)
+        return converse(
+            ModelConnection(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s), brief, question, judge
+        )
 
 
 def _is_address(url: str) -> bool:

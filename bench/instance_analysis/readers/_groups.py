@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from bench.simspec import HOME, Role
 
-from ._coordinates import Coordinates
-from ._draft import Draft, Path
-from ._phrases import Part, Phrase, Quantity
-from ._tokens import Span
-from ._traits import moves
-from ._vocabulary import Meaning, Vocabulary
+from .._draft import Draft, FieldPath
+from ..language._coordinates import Coordinates
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import Meaning, Vocabulary
+from ._traits import put_motion
 
 PLURALS = frozenset(
     [
@@ -32,35 +32,35 @@ PLURALS = frozenset(
     ]
 )
 DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
-Whom = str | Coordinates
+RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
 ROOFED = frozenset(["house", "shed"])
 """What one can be inside of."""
 
 
-class Cast:
+class GroupRegister:
     """The groups as they come up. `subject` is who is spoken of now, `here` whether this sentence has said so."""
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
         self.draft, self.vocabulary = draft, vocabulary
-        self.groups: dict[str, str] = {}
+        self.kinds: dict[str, str] = {}
         """Ids of the groups, and the vocabulary's name of each."""
         self.plural: set[str] = set()
         self.subject: list[str] = []
-        self.here = False
-        self.mission = False
+        self.in_sentence = False
+        self.subject_is_mission = False
         self._uncounted: set[str] = set()
         """Groups of which it is not said how many there are."""
         self._defined: set[str] = set()
         """Groups that began with `the`: whoever counts them later means them."""
-        self.spoken: list[str] = []
+        self.mentioned: list[str] = []
         """The groups that this sentence has named; `it` is one of these before it is one of another sentence."""
-        self.meant: dict[Span, list[Whom]] = {}
+        self.referents: dict[Span, list[RelationTarget]] = {}
 
     def of_role(self, role: Role) -> list[str]:
-        return [one for one, name in self.groups.items() if self.vocabulary.role(name) is role]
+        return [group for group, name in self.kinds.items() if self.vocabulary.role(name) is role]
 
-    def one_of(self, ids: list[str], span: Span) -> list[str]:
+    def choose_one(self, ids: list[str], span: Span) -> list[str]:
         if len(ids) == 1:
             return ids
         chosen = self.draft.ask(span, f"which one is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"])
@@ -73,10 +73,12 @@ class Cast:
         assert part is not None
         assert isinstance(part.value, tuple)
         quote = self.draft.quote(part.span)
-        known = [name for name in part.value if name in self.groups.values()]
+        known = [name for name in part.value if name in self.kinds.values()]
         if len(known) == 1 and self._definite(part.span):
             return known[0], part.span
-        readings = [f"{self.vocabulary.assets[one].asset} ({self.vocabulary.assets[one].role})" for one in part.value]
+        readings = [
+            f"{self.vocabulary.assets[candidate].asset} ({self.vocabulary.assets[candidate].role})" for candidate in part.value
+        ]
         if self._definite(part.span):
             readings.append("the drone under test")
         chosen = self.draft.ask(part.span, f"what is meant by {quote!r}?", readings)
@@ -92,26 +94,26 @@ class Cast:
 
     def named(self, phrase: Phrase) -> list[str]:
         """The group or groups that a phrase names: those there are, or a new one."""
-        found = self._found(phrase)
-        self.spoken += found
-        return found
+        groups = self._groups_named(phrase)
+        self.mentioned += groups
+        return groups
 
-    def _found(self, phrase: Phrase) -> list[str]:
+    def _groups_named(self, phrase: Phrase) -> list[str]:
         name, span = self._thing(phrase)
         if not name:
-            self.mission = True
+            self.subject_is_mission = True
             return []
         counts, none = phrase.every("COUNT"), phrase.first("NONE")
         count = counts[-1] if counts else None  # `a squad of nine`
-        known = [one for one, other in self.groups.items() if other == name]
+        known = [group for group, asset in self.kinds.items() if asset == name]
         if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
             if count is not None and len(known) == 1 and known[0] in self._uncounted:
                 self._recount(known[0], phrase, count, span)  # `aid workers ...; the 6 aid workers`
-            return self.one_of(known, span)
+            return self.choose_one(known, span)
         if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
-            several = [one for one in known if one in self.plural]
+            several = [group for group in known if group in self.plural]
             if several:  # near a crate, where there are crates: near some member
-                return self.one_of(several, span)
+                return self.choose_one(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             return []
         if (
@@ -135,9 +137,9 @@ class Cast:
 
     def _not_counted(self, known: Sequence[str], *, there: bool) -> str | None:
         """The one group of these whose number has not been said; None where there is none, or more."""
-        told = self.plural | self._defined | (set(known) if there else set())
-        found = [one for one in known if one in self._uncounted and one in told]
-        return found[0] if len(found) == 1 else None
+        countable = self.plural | self._defined | (set(known) if there else set())
+        uncounted = [group for group in known if group in self._uncounted and group in countable]
+        return uncounted[0] if len(uncounted) == 1 else None
 
     def _recount(self, group: str, phrase: Phrase, count: Part, span: Span) -> None:
         self.draft.forget(("actors", group, "count"))
@@ -145,9 +147,9 @@ class Cast:
 
     def _new(self, phrase: Phrase, name: str, span: Span, count: Part | None) -> str:
         words = self.vocabulary.assets[name]
-        number = 1 + sum(1 for one in self.groups.values() if one == name)
+        number = 1 + sum(1 for other in self.kinds.values() if other == name)
         group = name if number == 1 else f"{name}-{number}"
-        self.groups[group] = name
+        self.kinds[group] = name
         put = self.draft.put
         put(("actors", group, "id"), group, span)
         put(("actors", group, "asset"), words.asset, span)
@@ -164,13 +166,13 @@ class Cast:
 
     def twins(self, group: str, number: int, span: Span) -> list[str]:
         """More groups of one of the same kind."""
-        name = self.groups[group]
+        name = self.kinds[group]
         word = Part("COUNT", Quantity("COUNT", 1.0, 1.0), span)
         return [self._new(Phrase("ref", (), span), name, span, word) for _ in range(number)]
 
     def count_later(self, group: str, quantity: Quantity, span: Span) -> bool:
         """Say how many there are of a group of which it has not been said; False where it has."""
-        path: Path = ("actors", group, "count")
+        path: FieldPath = ("actors", group, "count")
         entry = self.draft.entries.get(path)
         if entry is None or group not in self._uncounted or quantity.low != int(quantity.low):
             return False
@@ -182,14 +184,14 @@ class Cast:
         return True
 
     def _count(self, group: str, phrase: Phrase, count: Part | None, span: Span) -> None:
-        path: Path = ("actors", group, "count")
+        path: FieldPath = ("actors", group, "count")
         self._uncounted.discard(group)
         if count is None or not isinstance(count.value, Quantity):
             self._uncounted.add(group)
             if self._definite(span):
                 self._defined.add(group)
             if self._is_plural(span):
-                few, most = self._some()
+                few, most = self._vague_range()
                 self.plural.add(group)
                 self.draft.vary(path, few, most, None, unit=None, integer=True, note="how many is not said; taken for some")
             else:
@@ -209,7 +211,7 @@ class Cast:
             self.plural.add(group)
         self.draft.vary(path, low, high, where, unit=None, integer=True)
 
-    def _some(self) -> tuple[int, int]:
+    def _vague_range(self) -> tuple[int, int]:
         meaning = next((m for m in self.vocabulary.meanings.get("some", ()) if m.kind == "VAGUE"), Meaning("VAGUE", (2, 10)))
         assert isinstance(meaning.value, tuple)
         return int(meaning.value[0]), int(meaning.value[1])
@@ -218,15 +220,15 @@ class Cast:
         assert isinstance(count.value, Quantity)
         assert isinstance(per.value, float | int)
         self.draft.entries.pop(("actors", group, "count"), None)
-        self.draft.ranges = [one for one in self.draft.ranges if f"actors[{group}].count" not in one.paths]
+        self.draft.ranges = [varied for varied in self.draft.ranges if f"actors[{group}].count" not in varied.paths]
         low, high = count.value.low * per.value, count.value.high * per.value
         self.draft.vary(("actors", group, "density_per_km2"), low, high, span, unit="1/km2")
 
     def introduce(self, phrase: Phrase) -> None:
         """Speak of the group that a phrase names from now on."""
-        self.mission = False
+        self.subject_is_mission = False
         self.subject = self.named(phrase)
-        self.here = bool(self.subject)
+        self.in_sentence = bool(self.subject)
         for group in self.subject:
             self._adjectives(group, phrase)
 
@@ -234,20 +236,20 @@ class Cast:
         for part in phrase.every("CONCEAL"):
             self.draft.put(("actors", group, "concealment"), part.value, part.span)
         for part in phrase.every("MOTION"):
-            moves(self.draft, group, part, None)
+            put_motion(self.draft, group, part, None)
 
-    def ref(self, phrase: Phrase) -> list[Whom]:
+    def ref(self, phrase: Phrase) -> list[RelationTarget]:
         """Whom a relation is to: groups, the vehicle's home, or a place. The same words said of several groups mean the same."""
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
-        if ref.span not in self.meant:
-            self.meant[ref.span] = self._meant(ref, indoors=phrase.rule == "inside")
-        return self.meant[ref.span]
+        if ref.span not in self.referents:
+            self.referents[ref.span] = self._resolve(ref, indoors=phrase.rule == "inside")
+        return self.referents[ref.span]
 
     def groups_in(self, phrase: Phrase) -> list[str]:
         """The groups among those that a phrase is about."""
-        return [one for one in self.ref(phrase) if isinstance(one, str) and one in self.groups]
+        return [target for target in self.ref(phrase) if isinstance(target, str) and target in self.kinds]
 
-    def _meant(self, ref: Phrase, *, indoors: bool) -> list[Whom]:
+    def _resolve(self, ref: Phrase, *, indoors: bool) -> list[RelationTarget]:
         if point := ref.first("POINT"):
             assert isinstance(point.value, Coordinates)
             return [point.value]
@@ -256,30 +258,30 @@ class Cast:
         if ref.first("HOME"):
             return [HOME]
         if target := ref.first("TARGET"):
-            adversaries = [one for one in self.of_role(Role.ADVERSARY) if one not in self.subject]
-            return [*(self.one_of(adversaries, target.span) if adversaries else [self._new_target(target.span)])]
+            adversaries = [candidate for candidate in self.of_role(Role.ADVERSARY) if candidate not in self.subject]
+            return [*(self.choose_one(adversaries, target.span) if adversaries else [self._new_target(target.span)])]
         if them := ref.first("THEM"):
             return [*self._them(them.span, indoors=indoors)]
-        found = self.named(ref)
-        for group in found:
+        groups = self.named(ref)
+        for group in groups:
             self._adjectives(group, ref)
-        return [*found]
+        return [*groups]
 
     def _them(self, span: Span, *, indoors: bool = False) -> list[str]:
-        others = [one for one in self.groups if one not in self.subject]
+        others = [group for group in self.kinds if group not in self.subject]
         single = self.draft.quote(span).lower() in ("it", "him", "her")
         if indoors:
-            others = [one for one in others if self.vocabulary.assets[self.groups[one]].asset in ROOFED] or others
-        fitting = [one for one in others if (one not in self.plural) == single] or others
+            others = [group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED] or others
+        fitting = [group for group in others if (group not in self.plural) == single] or others
         if not fitting:
             self.draft.unread(span, "there is nothing before it that it could mean", expressible=True)
             return []
-        recent = [one for one in fitting if one in self.spoken]
-        return recent if len(recent) == 1 else self.one_of(fitting, span)
+        recent = [group for group in fitting if group in self.mentioned]
+        return recent if len(recent) == 1 else self.choose_one(fitting, span)
 
     def _new_target(self, span: Span) -> str:
-        adversaries = [name for name, one in self.vocabulary.assets.items() if one.role is Role.ADVERSARY]
-        chosen = self.draft.ask(span, "what is the target?", [self.vocabulary.assets[one].asset for one in adversaries])
+        adversaries = [asset for asset, words in self.vocabulary.assets.items() if words.role is Role.ADVERSARY]
+        chosen = self.draft.ask(span, "what is the target?", [self.vocabulary.assets[words].asset for words in adversaries])
         return self._new(Phrase("ref", (), span), adversaries[chosen], span, Part("COUNT", Quantity("COUNT", 1.0, 1.0), span))
 
     def of_bystanders(self, phrase: Phrase) -> bool:
@@ -289,5 +291,5 @@ class Cast:
             name = str(part.value)
             return self.vocabulary.role(name) is Role.BYSTANDER
         if ref.first("THEM"):
-            return bool(self.subject) and all(self.vocabulary.role(self.groups[one]) is Role.BYSTANDER for one in self.subject)
+            return bool(self.subject) and all(self.vocabulary.role(self.kinds[group]) is Role.BYSTANDER for group in self.subject)
         return False

@@ -118,7 +118,7 @@ class Vocabulary:
 
     def __init__(self, documents: list[VocabularyDocument]) -> None:
         self.assets: dict[str, AssetWords] = {}
-        self.defaults = next((one.defaults for one in documents if one.defaults), Defaults())
+        self.defaults = next((source.defaults for source in documents if source.defaults), Defaults())
         self.meanings: dict[str, tuple[Meaning, ...]] = {}
         for document in documents:
             self.assets = document.assets | self.assets
@@ -127,14 +127,16 @@ class Vocabulary:
                 if meaning not in added.setdefault(phrase, []):
                     added[phrase].append(meaning)
             for phrase, meanings in added.items():
-                before = self.meanings.get(phrase, ())
-                known = {one.kind for one in before}
-                self.meanings[phrase] = before + tuple(one for one in meanings if one.kind not in known or one.kind == "FIELD")
-        fillers = {word.lower() for one in documents for word in one.fillers}
+                earlier = self.meanings.get(phrase, ())
+                known = {source.kind for source in earlier}
+                self.meanings[phrase] = earlier + tuple(
+                    source for source in meanings if source.kind not in known or source.kind == "FIELD"
+                )
+        fillers = {word.lower() for source in documents for word in source.fillers}
         self.fillers = frozenset(fillers - set(self.meanings))
         self.longest = max(len(phrase.split()) for phrase in (*self.meanings, *self.fillers))
         self.single = frozenset(word for phrase in self.meanings for word in phrase.split() if word.isalpha())
-        others = [*self.fillers, *(word.lower() for one in documents for word in one.strangers)]
+        others = [*self.fillers, *(word.lower() for source in documents for word in source.strangers)]
         self.plain = self.single | {word for phrase in others for word in phrase.split()}
 
     def role(self, group: str) -> Role:
@@ -143,8 +145,8 @@ class Vocabulary:
 
 def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     """The bench's own vocabulary, after that of a file where one is given. Raises SetupError with every fault of the file."""
-    own = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
-    documents = [read_document(own, VocabularyDocument, source="vocabulary.yaml")]
+    shipped = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
+    documents = [read_document(shipped, VocabularyDocument, source="vocabulary.yaml")]
     if extra is not None:
         documents.insert(0, load_document(extra, VocabularyDocument))
     faults = [
@@ -155,10 +157,10 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     ]
     known = set(documents[-1].assets) | set(documents[0].assets)
     faults += [
-        Fault(f"{extra}: ambiguous.{word}", f"there is no asset {one!r}", f"known: {', '.join(sorted(known))}")
-        for word, ones in documents[0].ambiguous.items()
-        for one in ones
-        if one not in known
+        Fault(f"{extra}: ambiguous.{word}", f"there is no asset {asset_words!r}", f"known: {', '.join(sorted(known))}")
+        for word, names in documents[0].ambiguous.items()
+        for asset_words in names
+        if asset_words not in known
     ]
     if faults:
         raise SetupError(faults)
@@ -207,8 +209,8 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         yield from ((word.lower(), Meaning(name)) for word in words)
     for field in document.fields:
         yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
-    for one in document.sets:
-        yield from ((word.lower(), Meaning("SET", one)) for word in one.words)
+    for fixed in document.sets:
+        yield from ((word.lower(), Meaning("SET", fixed)) for word in fixed.words)
     for ordered, orders in document.orders.items():
         order = EventWords(part="orders", kind=ordered, words=orders)
         yield from ((word.lower(), Meaning("ORDER", order)) for word in orders)

@@ -4,58 +4,58 @@ from __future__ import annotations
 
 from bench.simspec import Role
 
-from ._cast import Cast
-from ._draft import Draft, Path
-from ._phrases import Phrase, Quantity
-from ._tokens import Span
+from .._draft import Draft, FieldPath
+from ..language._phrases import Phrase, Quantity
+from ..language._tokens import Span
+from ._groups import GroupRegister
 
 UNITS = {"latency_s": "s", "delivered_s": "s", "uncertainty_m": "m"}
 
 
-class Reports:
+class IntelligenceReader:
     """Reads reports into a draft; what is said of one before it is known whom it is about waits."""
 
-    def __init__(self, draft: Draft, cast: Cast) -> None:
-        self._draft, self._cast = draft, cast
+    def __init__(self, draft: Draft, cast: GroupRegister) -> None:
+        self._draft, self._groups = draft, cast
         self._report: str | None = None
         self._pending: list[tuple[str, Quantity, Span]] = []
-        self._said_of: list[str] = []
-        self._perhaps: list[str] = []
+        self._report_groups: list[str] = []
+        self._candidate_groups: list[str] = []
         """Who was spoken of when what waits was said."""
 
     def field(self, name: str, quantity: Quantity, span: Span) -> None:
         """A number of the report that is spoken of."""
-        of = self._one_spoken_of() if name == "priority" else None
-        if of is not None and (self._report is None or self._said_of not in ([of], [])):
-            self._report, self._said_of = self.on(of, span), [of]
+        of = self._single_group_in_sentence() if name == "priority" else None
+        if of is not None and (self._report is None or self._report_groups not in ([of], [])):
+            self._report, self._report_groups = self.on(of, span), [of]
         if self._report is None:
             self._pending.append((name, quantity, span))
-            self._perhaps += self._cast.subject
+            self._candidate_groups += self._groups.subject
             return
-        if self._cast.here and self._cast.subject != self._said_of and len(self._cast.subject) == 1:
-            spoken = f"{self._cast.subject[0]}-sighting"  # `the radar has priority 2, the soldiers have priority 1`
+        if self._groups.in_sentence and self._groups.subject != self._report_groups and len(self._groups.subject) == 1:
+            spoken = f"{self._groups.subject[0]}-sighting"  # `the radar has priority 2, the soldiers have priority 1`
             if ("intelligence", spoken, "id") in self._draft.entries:
                 self._report = spoken
-        path: Path = ("intelligence", self._report, name)
+        path: FieldPath = ("intelligence", self._report, name)
         self._draft.vary(path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority")
 
-    def _one_spoken_of(self) -> str | None:
+    def _single_group_in_sentence(self) -> str | None:
         """The group that the sentence is about, where a report may be about it."""
-        cast = self._cast
-        if not cast.here or len(cast.subject) != 1 or cast.vocabulary.role(cast.groups[cast.subject[0]]) is Role.CLUTTER:
+        cast = self._groups
+        if not cast.in_sentence or len(cast.subject) != 1 or cast.vocabulary.role(cast.kinds[cast.subject[0]]) is Role.CLUTTER:
             return None
         return cast.subject[0]
 
     def intelligence(self, phrase: Phrase) -> None:
-        of_subject = self._cast.subject and phrase.refs[0].first("THEM")
-        groups = self._cast.subject if of_subject else self._cast.groups_in(phrase)
-        if not self._cast.here:
-            self._cast.subject = groups
+        of_subject = self._groups.subject and phrase.refs[0].first("THEM")
+        groups = self._groups.subject if of_subject else self._groups.groups_in(phrase)
+        if not self._groups.in_sentence:
+            self._groups.subject = groups
         for group in groups:
-            if self._cast.vocabulary.role(self._cast.groups[group]) is Role.CLUTTER:
+            if self._groups.vocabulary.role(self._groups.kinds[group]) is Role.CLUTTER:
                 self._draft.unread(phrase.span, "intelligence here is about adversaries or bystanders")
                 continue
-            self._report, self._said_of = self.on(group, phrase.span), list(self._cast.subject)
+            self._report, self._report_groups = self.on(group, phrase.span), list(self._groups.subject)
             if (time := phrase.first("TIME")) and isinstance(time.value, Quantity):
                 self.field("delivered_s", time.value, phrase.span)
             pending, self._pending = self._pending, []
@@ -77,7 +77,7 @@ class Reports:
 
     def finish(self) -> None:
         """What is said of a sighting without whom it is of is of the one adversary; with several it is asked."""
-        adversaries = self._cast.of_role(Role.ADVERSARY)
+        adversaries = self._groups.of_role(Role.ADVERSARY)
         if not self._pending:
             return
         span = self._pending[0][2]
@@ -85,7 +85,7 @@ class Reports:
             for _name, _, where in self._pending:
                 self._draft.unread(where, "no intelligence is spoken of", expressible=True)
             return
-        adversaries = [one for one in adversaries if one in self._perhaps] or adversaries
+        adversaries = [group for group in adversaries if group in self._candidate_groups] or adversaries
         chosen = 0
         if len(adversaries) > 1:
             chosen = self._draft.ask(span, "about whom is this report?", adversaries)

@@ -6,43 +6,43 @@ import re
 from collections.abc import Callable
 from typing import Protocol
 
-from ._draft import Draft, Path
-from ._phrases import Part, Phrase, Quantity
-from ._tokens import Span
-from ._vocabulary import MotionWords
+from .._draft import Draft, FieldPath
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import MotionWords
 
-OWN_SPEED = "the word's own speed"
+DEFAULT_SPEED_NOTE = "the word's own speed"
 
 
-class Who(Protocol):
+class DensityWriter(Protocol):
     """Who is spoken of."""
 
     def density_of(self, group: str, count: Part, per: Part, span: Span) -> None:
         """Say how many of a group there are in a place."""
 
 
-class Traits:
+class TraitReader:
     """Reads what is said of one group into a draft; each rule of the grammar by the method of its name."""
 
     RULES = frozenset(["motion", "radius", "concealment", "density"])
 
-    def __init__(self, draft: Draft, who: Who, refine: Callable[[str, Quantity, Span], None]) -> None:
-        self._draft, self._who, self._refine = draft, who, refine
+    def __init__(self, draft: Draft, who: DensityWriter, refine: Callable[[str, Quantity, Span], None]) -> None:
+        self._draft, self._groups, self._refine = draft, who, refine
 
     def density(self, group: str, phrase: Phrase) -> None:
         count, per = phrase.first("COUNT"), phrase.first("PERAREA")
         assert count is not None
         assert per is not None
-        self._who.density_of(group, count, per, phrase.span)
+        self._groups.density_of(group, count, per, phrase.span)
 
     def motion(self, group: str, phrase: Phrase) -> None:
         motion = phrase.first("MOTION")
         assert motion is not None
         speed = phrase.first("SPEED")
-        moves(self._draft, group, motion, speed)
+        put_motion(self._draft, group, motion, speed)
 
     def radius(self, group: str, phrase: Phrase) -> None:
-        base: Path = ("actors", group, "motion")
+        base: FieldPath = ("actors", group, "motion")
         kind = self._draft.entries.get((*base, "kind"))
         length = length_of(self._draft, phrase)
         if kind is None or kind.value != "wander":
@@ -51,7 +51,7 @@ class Traits:
         self._draft.vary((*base, "radius_m"), length.low, length.high, phrase.span, unit="m")
 
     def concealment(self, group: str, phrase: Phrase) -> None:
-        path: Path = ("actors", group, "concealment")
+        path: FieldPath = ("actors", group, "concealment")
         given = phrase.first("PERCENT") or phrase.first("COUNT")
         before = self._draft.entries.get(path)
         if given is not None and isinstance(given.value, Quantity):
@@ -62,28 +62,28 @@ class Traits:
             self._draft.put(path, word.value, phrase.span)
 
 
-def say_speed(draft: Draft, group: str, quantity: Quantity, span: Span) -> None:
+def put_speed(draft: Draft, group: str, quantity: Quantity, span: Span) -> None:
     """A speed that is said goes before the one that `driving` has by itself."""
-    path: Path = ("actors", group, "motion", "speed_mps")
+    path: FieldPath = ("actors", group, "motion", "speed_mps")
     before = draft.entries.get(path)
-    if before is not None and before.note == OWN_SPEED:
+    if before is not None and before.note == DEFAULT_SPEED_NOTE:
         del draft.entries[path]
     draft.vary(path, quantity.low, quantity.high, span, unit="m/s")
 
 
-def moves(draft: Draft, group: str, part: Part, speed: Part | None) -> None:
+def put_motion(draft: Draft, group: str, part: Part, speed: Part | None) -> None:
     """Say how a group moves, with the speed that is given or that the word has by itself."""
     assert isinstance(part.value, MotionWords)
-    base: Path = ("actors", group, "motion")
+    base: FieldPath = ("actors", group, "motion")
     before = draft.entries.get((*base, "kind"))
     if before is None or before.value in ("still", "wander") or part.value.kind == "still":
         draft.put((*base, "kind"), part.value.kind, part.span)
     elif speed is None:
         return  # `patrols between ..., moving`
     if speed is not None and isinstance(speed.value, Quantity):
-        say_speed(draft, group, speed.value, speed.span)
+        put_speed(draft, group, speed.value, speed.span)
     elif part.value.speed_mps is not None and (*base, "speed_mps") not in draft.entries:
-        draft.put((*base, "speed_mps"), part.value.speed_mps, part.span, OWN_SPEED)
+        draft.put((*base, "speed_mps"), part.value.speed_mps, part.span, DEFAULT_SPEED_NOTE)
 
 
 def length_of(draft: Draft, phrase: Phrase) -> Quantity:

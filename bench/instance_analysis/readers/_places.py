@@ -8,18 +8,18 @@ from collections.abc import Sequence
 
 from bench.simspec import HOME, Origin
 
-from ._coordinates import Coordinates, local_m
-from ._draft import Draft, Path
-from ._phrases import Part, Phrase, Quantity
-from ._tokens import Span
-from ._vocabulary import Defaults
+from .._draft import Draft, FieldPath
+from ..language._coordinates import Coordinates, local_m
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ..language._vocabulary import Defaults
 
 Point = dict[str, float]
 FARTHEST_M = 20_000.0
 """Degrees further than this from an origin that is not said are taken for another origin."""
 
 
-class Places:
+class PlaceReader:
     """Reads coordinates into a draft. `finish` settles what a fixed place leaves of a group's other relations."""
 
     def __init__(self, draft: Draft, defaults: Defaults) -> None:
@@ -40,8 +40,8 @@ class Places:
 
     @property
     def home(self) -> Point:
-        found = [self._draft.entries.get(("vehicle", "home", name)) for name in ("east_m", "north_m")]
-        east, north = (one.value if one else 0.0 for one in found)
+        fields = [self._draft.entries.get(("vehicle", "home", name)) for name in ("east_m", "north_m")]
+        east, north = (field.value if field else 0.0 for field in fields)
         return {"east_m": east, "north_m": north}
 
     def point(self, place: Coordinates) -> Point:
@@ -133,10 +133,10 @@ class Places:
         self._patrols.setdefault(group, span)
 
     def walk(self, group: str, places: Sequence[Coordinates], span: Span) -> None:
-        self._route(group, [self.point(one) for one in places], span)
+        self._route(group, [self.point(place) for place in places], span)
 
     def _route(self, group: str, points: list[Point], span: Span, note: str = "") -> None:
-        base: Path = ("actors", group, "motion")
+        base: FieldPath = ("actors", group, "motion")
         self._draft.forget((*base, "kind"))
         self._draft.put((*base, "kind"), "patrol", span)
         self._draft.put((*base, "route"), points, span, note)
@@ -174,10 +174,10 @@ class Places:
         self._route(group, route, span)
 
     def _stand(self, group: str, place: Coordinates, span: Span) -> None:
-        base: Path = ("actors", group, "placement")
+        base: FieldPath = ("actors", group, "placement")
         count = self._draft.entries.get(("actors", group, "count"))
         point, note = self.point(place), self._converted(place)
-        if count is None or count.value != 1 or any(f"actors[{group}].count" in one.paths for one in self._draft.ranges):
+        if count is None or count.value != 1 or any(f"actors[{group}].count" in varied.paths for varied in self._draft.ranges):
             self._draft.remark(span, "several cannot stand in one place: they stand near it")
             number = len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
             self._draft.put((*base, "distances", number, "point"), point, span, note)
@@ -192,7 +192,7 @@ class Places:
 
     def _heading(self, group: str, point: Point) -> tuple[float | None, Span | None]:
         """What a fixed group heads to, in degrees; None where that is not known before placement."""
-        facing: Path = ("actors", group, "placement", "facing")
+        facing: FieldPath = ("actors", group, "placement", "facing")
         for name in ("heading_deg", "point", "of"):
             entry = self._draft.entries.get((*facing, name))
             if entry is None:
@@ -211,7 +211,7 @@ class Places:
 
     def _turn_over(self, group: str) -> None:
         """A relation of a fixed group to a single free one is said of that other; what cannot be is listed."""
-        base: Path = ("actors", group, "placement")
+        base: FieldPath = ("actors", group, "placement")
         placed = {
             path[:4]
             for path in self._draft.entries
@@ -244,15 +244,15 @@ class Places:
         count = self._draft.entries.get(("actors", group, "count"))
         return group not in self._fixed and count is not None and count.value == 1
 
-    def _has(self, relation: Path) -> bool:
+    def _has(self, relation: FieldPath) -> bool:
         return any(path[: len(relation)] == relation for path in self._draft.entries)
 
 
 def _parts(phrase: Phrase) -> list[Part]:
-    inner = [_parts(one) if isinstance(one, Phrase) else [one] for one in phrase.parts]
+    inner = [_parts(part) if isinstance(part, Phrase) else [part] for part in phrase.parts]
     return list(itertools.chain.from_iterable(inner))
 
 
 def places_in(phrase: Phrase) -> list[Coordinates]:
     """Every place that a phrase states, in order."""
-    return [one.value for one in _parts(phrase) if isinstance(one.value, Coordinates)]
+    return [part.value for part in _parts(phrase) if isinstance(part.value, Coordinates)]

@@ -47,7 +47,7 @@ def coordinates_of(text: str) -> Coordinates:
     """The place that a stretch of the form PLACE states."""
     lower = text.lower().replace("−", "-")
     if lower.lstrip().startswith("lat"):
-        latitude, longitude = (float(one) for one in re.findall(r"-?\d+(?:\.\d+)?", lower))
+        latitude, longitude = (float(figure) for figure in re.findall(r"-?\d+(?:\.\d+)?", lower))
         return Coordinates(latitude, longitude, degrees=True)
     if flat := re.fullmatch(r"(\S+?)\s*(east|west)[\s,]*(\S+?)\s*(north|south)", lower):
         east, north = (float(flat[1]) * (-1 if flat[2] == "west" else 1), float(flat[3]) * (-1 if flat[4] == "south" else 1))
@@ -56,12 +56,12 @@ def coordinates_of(text: str) -> Coordinates:
     if len(sides) == 2:
         latitude, longitude = (_degrees(figures) * (-1 if side in "sw" else 1) for figures, side in sides)
         return Coordinates(latitude, longitude, degrees=True)
-    first, second = (float(one) for one in re.findall(r"[-+]?\d+(?:\.\d+)?", lower))
+    first, second = (float(figure) for figure in re.findall(r"[-+]?\d+(?:\.\d+)?", lower))
     return Coordinates(first, second)
 
 
 def _degrees(figures: str) -> float:
-    return float(sum(float(one) / 60.0**index for index, one in enumerate(re.findall(r"\d+(?:\.\d+)?", figures))))
+    return float(sum(float(figure) / 60.0**index for index, figure in enumerate(re.findall(r"\d+(?:\.\d+)?", figures))))
 
 
 def name_of(text: str) -> str:

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from bench.simspec import Mission, Rules
 
-from ._cast import Cast
-from ._draft import Draft, Path
-from ._phrases import Part, Phrase, Quantity
-from ._tokens import Span
+from .._draft import Draft, FieldPath
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ._groups import GroupRegister
 
 UNIT_NAMES = {"LENGTH": "m", "TIME": "s", "SPEED": "m/s", "ANGLE": "deg"}
 MARKS = "read as a rule of marks: a report with mark true is what the bench holds back near bystanders"
 
 
-class Rulings:
+class RuleReader:
     """Reads rules into a draft; each rule of the grammar by the method of its name."""
 
     RULES = frozenset(["nomark", "noreport", "slow", "loiter", "window", "linklost"])
 
-    def __init__(self, draft: Draft, cast: Cast) -> None:
-        self._draft, self._cast = draft, cast
+    def __init__(self, draft: Draft, cast: GroupRegister) -> None:
+        self._draft, self._groups = draft, cast
         self._windows: list[tuple[float, float | None, Span]] = []
         self._silences: list[tuple[float, float | None, Span]] = []
 
     def _rule(self, phrase: Phrase, fields: dict[str, str], note: str = "") -> bool:
-        if phrase.refs and not any(self._cast.of_bystanders(one) for one in phrase.refs):
+        if phrase.refs and not any(self._groups.of_bystanders(ref) for ref in phrase.refs):
             self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders alone")
             return False
         for name, kind in fields.items():
@@ -66,7 +66,7 @@ class Rulings:
         assert what is not None
         self._draft.put(("rules", "link_lost"), what.value, phrase.span)
         if (time := phrase.first("TIME")) and isinstance(time.value, Quantity):
-            path: Path = ("rules", "link_lost_after_s")
+            path: FieldPath = ("rules", "link_lost_after_s")
             self._draft.vary(path, time.value.low, time.value.high, phrase.span, unit="s")
 
     def finish(self) -> None:
@@ -79,8 +79,8 @@ class Rulings:
         open_s = sorted((low, limit if high is None else high, span) for low, high, span in self._windows) or None
         for low, high, span in self._silences:
             top = limit if high is None else high
-            kept = open_s if open_s is not None else [(0.0, limit, span)]
-            open_s = [part for one in kept for part in _without(one, low, top, span)]
+            windows = open_s if open_s is not None else [(0.0, limit, span)]
+            open_s = [part for window in windows for part in _without(window, low, top, span)]
         for number, (low, high, span) in enumerate(open_s or []):
             self._draft.put(("rules", "report_windows", number, "from_s"), low, span)
             self._draft.put(("rules", "report_windows", number, "until_s"), high, span)
@@ -89,8 +89,8 @@ class Rulings:
         height = self._draft.entries.get(("mission", "altitude_m"))
         if height is None or height.span is None or ("rules", "max_altitude_m") in self._draft.entries:
             return
-        highs = [one.high for one in self._draft.ranges if "mission.altitude_m" in one.paths]
-        top = max([height.value, *(one for one in highs if one is not None)])
+        highs = [varied.high for varied in self._draft.ranges if "mission.altitude_m" in varied.paths]
+        top = max([height.value, *(varied for varied in highs if varied is not None)])
         usual = Rules().max_altitude_m
         if top > usual:
             readings = [f"rules.max_altitude_m = {top:g}", f"keep the ceiling of {usual:g} m, and the mission at it"]
@@ -107,10 +107,10 @@ def _stretch(before: str, time: Quantity) -> tuple[float, float | None]:
     return (0.0, time.low) if before in ("UNTIL", "BEFORE", "WITHIN", "IN") else (time.low, None)
 
 
-def _without(one: tuple[float, float, Span], low: float, high: float, span: Span) -> list[tuple[float, float, Span]]:
+def _without(window: tuple[float, float, Span], low: float, high: float, span: Span) -> list[tuple[float, float, Span]]:
     """What is left of a stretch when another is taken out of it."""
-    begin, end, _ = one
+    begin, end, _ = window
     if high <= begin or low >= end:
-        return [one]
+        return [window]
     parts = [(begin, min(low, end)), (max(high, begin), end)]
     return [(a, b, span) for a, b in parts if a < b]

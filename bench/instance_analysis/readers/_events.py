@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ._cast import Cast
-from ._draft import Draft, Path
-from ._phrases import Part, Phrase, Quantity
-from ._reports import Reports
-from ._vocabulary import EventWords
+from .._draft import Draft, FieldPath
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._vocabulary import EventWords
+from ._groups import GroupRegister
+from ._intelligence import IntelligenceReader
 
 TIMES = {"AT": "at", "AFTER": "at", "FROM": "at", "FOR": "lasting", "OF": "lasting", "WITHIN": "within", "UNTIL": "until"}
 """What a time is by the word before it."""
-LASTINGS_S = (10.0, 30.0, 60.0)
+DURATION_CHOICES_S = (10.0, 30.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True)
-class _When:
+class EventTiming:
     """When something happens, for how long, and what else is said of it; None for what is not."""
 
     at_s: float | None = None
@@ -24,11 +24,11 @@ class _When:
     within_s: float | None = None
 
 
-class Happenings:
+class EventReader:
     """Reads events into a draft, in the order in which they are spoken of."""
 
-    def __init__(self, draft: Draft, cast: Cast, reports: Reports) -> None:
-        self._draft, self._cast, self._reports = draft, cast, reports
+    def __init__(self, draft: Draft, cast: GroupRegister, reports: IntelligenceReader) -> None:
+        self._draft, self._groups, self._intelligence = draft, cast, reports
         self._numbers: dict[str, int] = {}
         self._last = ""
         self._timeless: list[tuple[EventWords, Phrase]] = []
@@ -38,9 +38,9 @@ class Happenings:
         part = phrase.first("EVENT") or phrase.first("TASK") or phrase.first("ORDER")
         event = part.value if part is not None else EventWords(part="vehicle.failures", kind="motor_off", words=())
         assert isinstance(event, EventWords)
-        when = _when(phrase)
+        when = _timing_of(phrase)
         if part is not None and part.kind == "ORDER" and when.at_s is None:
-            when = _When(_low(phrase, "COUNT"))
+            when = EventTiming(_low(phrase, "COUNT"))
             self._draft.remark(phrase.span, "a number without a unit is read as seconds")
         if when.at_s is None:
             self._timeless.append((event, phrase))
@@ -51,9 +51,9 @@ class Happenings:
         """When something happens is asked where it is said nowhere."""
         for event, phrase in self._timeless:
             if (event.part, event.kind) not in self._timed:
-                self._happens(event, phrase, _when(phrase))
+                self._happens(event, phrase, _timing_of(phrase))
 
-    def _happens(self, event: EventWords, phrase: Phrase, when: _When) -> None:
+    def _happens(self, event: EventWords, phrase: Phrase, when: EventTiming) -> None:
         at_s = when.at_s
         part = phrase.first("TASK")
         if at_s is None:
@@ -65,7 +65,9 @@ class Happenings:
         base = self._begin(event.part, kind, at_s, phrase)
         lasting = when.lasting_s
         if lasting is None and event.part == "outages":
-            lasting = LASTINGS_S[self._draft.ask(phrase.span, "for how long?", [f"{one:g} s" for one in LASTINGS_S])]
+            lasting = DURATION_CHOICES_S[
+                self._draft.ask(phrase.span, "for how long?", [f"{choice:g} s" for choice in DURATION_CHOICES_S])
+            ]
         if event.kind == "stop_reporting" and lasting is not None:
             self._begin(event.part, "resume_reporting", at_s + lasting, phrase)
         if lasting is not None and event.part != "orders" and event.kind != "battery_drop":
@@ -77,10 +79,10 @@ class Happenings:
         if part is not None:
             self._task(base, phrase)
 
-    def _begin(self, part: str, kind: str, at_s: float, phrase: Phrase) -> Path:
+    def _begin(self, part: str, kind: str, at_s: float, phrase: Phrase) -> FieldPath:
         number = self._numbers[part] = self._numbers.get(part, -1) + 1
         key: str | int = f"{kind.replace('_', '-')}-{number + 1}" if part == "orders" else number
-        base: Path = (*part.split("."), key)
+        base: FieldPath = (*part.split("."), key)
         self._last = kind
         if part == "orders":
             self._draft.put((*base, "id"), key, phrase.span)
@@ -88,18 +90,18 @@ class Happenings:
         self._draft.put((*base, "kind"), kind, phrase.span)
         return base
 
-    def _failure(self, base: Path, kind: str, phrase: Phrase) -> None:
+    def _failure(self, base: FieldPath, kind: str, phrase: Phrase) -> None:
         if kind == "battery_drop":
-            left = _low(phrase, "PERCENT")
-            if left is None:
+            fraction = _low(phrase, "PERCENT")
+            if fraction is None:
                 readings = [0.1, 0.3]
-                left = readings[self._draft.ask(phrase.span, "to what charge?", [f"{one:.0%}" for one in readings])]
-            self._draft.put((*base, "to_fraction"), left, phrase.span)
+                fraction = readings[self._draft.ask(phrase.span, "to what charge?", [f"{choice:.0%}" for choice in readings])]
+            self._draft.put((*base, "to_fraction"), fraction, phrase.span)
         if kind == "gps_drift":
             speed = _low(phrase, "SPEED")
             if speed is None:
                 readings = [0.2, 0.5, 1.0]
-                speed = readings[self._draft.ask(phrase.span, "how fast?", [f"{one:g} m/s" for one in readings])]
+                speed = readings[self._draft.ask(phrase.span, "how fast?", [f"{choice:g} m/s" for choice in readings])]
             self._draft.put((*base, "drift_mps"), speed, phrase.span)
             if direction := phrase.first("DIR"):
                 self._draft.put((*base, "towards_deg"), direction.value, phrase.span)
@@ -109,14 +111,14 @@ class Happenings:
                 number = 1 + self._draft.ask(phrase.span, "which motor?", ["motor 1", "motor 2", "motor 3", "motor 4"])
             self._draft.put((*base, "instance"), int(number), phrase.span)
 
-    def _task(self, base: Path, phrase: Phrase) -> None:
+    def _task(self, base: FieldPath, phrase: Phrase) -> None:
         it = phrase.refs[0].first("THEM")
-        groups = self._reports.last() or self._cast.subject if it else self._cast.groups_in(phrase)
+        groups = self._intelligence.last() or self._groups.subject if it else self._groups.groups_in(phrase)
         if not groups:
             self._draft.unread(phrase.span, "an order to mark or to go somewhere is about a report on a group")
             self._draft.forget(base)
             return
-        self._draft.put((*base, "intelligence"), self._reports.on(groups[0], phrase.span), phrase.span)
+        self._draft.put((*base, "intelligence"), self._intelligence.on(groups[0], phrase.span), phrase.span)
 
 
 def _low(phrase: Phrase, kind: str) -> float | None:
@@ -124,25 +126,25 @@ def _low(phrase: Phrase, kind: str) -> float | None:
     return part.value.low if part is not None and isinstance(part.value, Quantity) else None
 
 
-def _when(phrase: Phrase) -> _When:
-    said: dict[str, float] = {}
+def _timing_of(phrase: Phrase) -> EventTiming:
+    times: dict[str, float] = {}
     bare: list[float] = []
-    before = ""
+    preceding = ""
     for part in phrase.parts:
         if isinstance(part, Part) and part.kind == "TIME" and isinstance(part.value, Quantity):
             time = part.value
-            if not time.single and before not in ("FOR", "OF", "WITHIN"):
-                said |= {"at": time.low, "until": time.high}
-            elif name := TIMES.get(before):
-                said[name] = time.low
+            if not time.single and preceding not in ("FOR", "OF", "WITHIN"):
+                times |= {"at": time.low, "until": time.high}
+            elif name := TIMES.get(preceding):
+                times[name] = time.low
             else:
                 bare.append(time.low)
-        before = part.kind if isinstance(part, Part) else ""
-    if bare and "at" not in said:
-        said["at"] = bare.pop(0)
+        preceding = part.kind if isinstance(part, Part) else ""
+    if bare and "at" not in times:
+        times["at"] = bare.pop(0)
     if bare:
-        said.setdefault("lasting", bare[0])
-    if "until" in said:
-        said.setdefault("at", 0.0)
-        said["lasting"] = said["until"] - said["at"]
-    return _When(said.get("at"), said.get("lasting"), said.get("within"))
+        times.setdefault("lasting", bare[0])
+    if "until" in times:
+        times.setdefault("at", 0.0)
+        times["lasting"] = times["until"] - times["at"]
+    return EventTiming(times.get("at"), times.get("lasting"), times.get("within"))
