@@ -21,8 +21,8 @@ import numpy as np
 import polars as pl
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, difficulty, score_table, summary_frame
-from bench.statistics import Trials, competence, tally
+from bench.scoring import ScoredRun, difficulty_of_values, score_table, summary_frame
+from bench.statistics import Trials, competence, count_trials
 from decompositions import Decomposition, DecompositionDocument, decomposition_of
 
 COUNTS = (5, 43, 121, 135)
@@ -78,7 +78,7 @@ def _observable(name: str, rng: np.random.Generator) -> dict[str, object]:
 def runs_of(asked: Decomposition, count: int) -> list[ScoredRun]:
     """Seeded runs, nine observables in ten considered."""
     rng = np.random.default_rng(2)
-    found = [difficulty(asked, {"fog_level": 3.0 * number / SITUATIONS}) for number in range(SITUATIONS)]
+    found = [difficulty_of_values(asked, {"fog_level": 3.0 * number / SITUATIONS}) for number in range(SITUATIONS)]
     return [_run(asked, number, found, rng) for number in range(count)]
 
 
@@ -130,7 +130,7 @@ def competent(path: Path, count: int) -> Callable[[], object]:
     )
 
     def step() -> None:
-        counted = tally(trials, int(trials.group.max()) + 1)
+        counted = count_trials(trials, int(trials.group.max()) + 1)
         for share in ((1, 2), (9, 10)):
             competence(counted, share)
 

@@ -8,7 +8,7 @@ print(asked.observables_under("KA-18"))
 from __future__ import annotations
 
 from ._checks import CheckMeasure as CheckMeasure
-from ._checks import Vocabulary as Vocabulary
+from ._checks import DecompositionVocabulary as DecompositionVocabulary
 from ._document import DecompositionDocument as DecompositionDocument
 from ._document import KeyAttribute as KeyAttribute
 from ._document import KeyFactor as KeyFactor
@@ -18,7 +18,7 @@ from ._document import Policies as Policies
 from ._document import Principle as Principle
 from ._document import Vab as Vab
 from ._graph import Decomposition as Decomposition
-from ._graph import Node as Node
+from ._graph import DecompositionNode as DecompositionNode
 from ._load import decomposition_of as decomposition_of
 from ._load import decomposition_schema as decomposition_schema
 from ._load import load_decomposition as load_decomposition

@@ -19,13 +19,13 @@ CheckMeasure = Callable[[str, Mapping[str, Option]], object]
 """Raises ValueError or SetupError when there is no measure of that name, or when it does not take those options."""
 
 LEVELS = tuple(Level)
-TITLES = {
+LEVEL_TITLES = {
     Level.PRINCIPLE: "principle",
     Level.KEY_ATTRIBUTE: "key attribute",
     Level.VAB: "VAB",
     Level.OBSERVABLE: "observable",
 }
-FIELDS = {
+FIELD_OF_LEVEL = {
     Level.PRINCIPLE: "principles",
     Level.KEY_ATTRIBUTE: "key_attributes",
     Level.VAB: "vabs",
@@ -34,7 +34,7 @@ FIELDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Vocabulary:
+class DecompositionVocabulary:
     """What the bench has that a decomposition may name; None leaves names of that kind unchecked.
 
     `factor_units` are the units of the key factors by name. `check_measure` is asked about each observable's measure.
@@ -48,22 +48,22 @@ class Vocabulary:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DocumentPlace:
     """Where something stands in the file: its path inside the document, and the node (or table) it belongs to."""
 
     path: tuple[str | int, ...]
     node: str
 
-    def at(self, *inner: str | int) -> Place:
-        return Place((*self.path, *inner), self.node)
+    def at(self, *inner: str | int) -> DocumentPlace:
+        return DocumentPlace((*self.path, *inner), self.node)
 
 
 @dataclass(frozen=True, slots=True)
-class Checks:
+class DocumentChecks:
     """The checks of one document. `lines` are the lines of its paths in the file `source`, as far as it came from one."""
 
     document: DecompositionDocument
-    vocabulary: Vocabulary
+    vocabulary: DecompositionVocabulary
     source: str = ""
     lines: Mapping[tuple[str | int, ...], int] = field(default_factory=dict)
     levels: dict[str, Level] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class Checks:
         found += [*self._observables(), *self._study()]
         return sorted(dict.fromkeys(found), key=lambda fault: self.found_at[fault])
 
-    def _fault(self, place: Place, what: str, remedy: str) -> Fault:
+    def _fault(self, place: DocumentPlace, what: str, remedy: str) -> Fault:
         line = self._line(place)
         file = f"{self.source}:{line}" if line and self.source else self.source
         path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
@@ -84,7 +84,7 @@ class Checks:
         self.found_at.setdefault(fault, line)
         return fault
 
-    def _line(self, place: Place) -> int:
+    def _line(self, place: DocumentPlace) -> int:
         """Line of the nearest enclosing path that the file has, 0 where there is none."""
         known = (place.path[:length] for length in range(len(place.path), 0, -1))
         return next((self.lines[path] for path in known if path in self.lines), 0)
@@ -92,16 +92,16 @@ class Checks:
     def _emptiness(self) -> Iterator[Fault]:
         if not self.document.observables:
             yield self._fault(
-                Place(("observables",), ""), "there are no observables, so nothing is measured", "declare one or more"
+                DocumentPlace(("observables",), ""), "there are no observables, so nothing is measured", "declare one or more"
             )
 
-    def _nodes(self) -> Iterator[tuple[Level, Place, InnerNode | Observable]]:
+    def _nodes(self) -> Iterator[tuple[Level, DocumentPlace, InnerNode | Observable]]:
         for level in LEVELS:
-            nodes: tuple[InnerNode | Observable, ...] = getattr(self.document, FIELDS[level])
+            nodes: tuple[InnerNode | Observable, ...] = getattr(self.document, FIELD_OF_LEVEL[level])
             for index, node in enumerate(nodes):
-                yield level, Place((FIELDS[level], index), node.id), node
+                yield level, DocumentPlace((FIELD_OF_LEVEL[level], index), node.id), node
 
-    def _inner(self) -> Iterator[tuple[Level, Place, InnerNode]]:
+    def _inner(self) -> Iterator[tuple[Level, DocumentPlace, InnerNode]]:
         return ((level, place, node) for level, place, node in self._nodes() if isinstance(node, InnerNode))
 
     def _duplicates(self) -> Iterator[Fault]:
@@ -116,25 +116,29 @@ class Checks:
             below = LEVELS[LEVELS.index(level) + 1]
             if not node.children:
                 yield self._fault(
-                    place.at("children"), f"{TITLES[level]} {node.id} has no children", f"name its {TITLES[below]}s, or drop it"
+                    place.at("children"),
+                    f"{LEVEL_TITLES[level]} {node.id} has no children",
+                    f"name its {LEVEL_TITLES[below]}s, or drop it",
                 )
             for child, count in Counter(node.children).items():
                 if count > 1:
                     yield self._fault(place.at("children"), f"{node.id} names its child {child} {count} times", "name it once")
                 if child not in self.levels:
                     yield self._fault(
-                        place.at("children"), f"{node.id} names a child {child!r} that does not exist", close(child, self.levels)
+                        place.at("children"),
+                        f"{node.id} names a child {child!r} that does not exist",
+                        suggestion(child, self.levels),
                     )
                 elif self.levels[child] is not below:
                     yield self._fault(
                         place.at("children"),
-                        f"{node.id} names {TITLES[self.levels[child]]} {child} as a child",
-                        f"the children of a {TITLES[level]} are {TITLES[below]}s; {self._instead(below, child)}",
+                        f"{node.id} names {LEVEL_TITLES[self.levels[child]]} {child} as a child",
+                        f"the children of a {LEVEL_TITLES[level]} are {LEVEL_TITLES[below]}s; {self._instead(below, child)}",
                     )
 
     def _instead(self, below: Level, child: str) -> str:
         deeper = LEVELS.index(self.levels[child]) > LEVELS.index(below)
-        return f"no level is skipped: put a {TITLES[below]} between them" if deeper else "drop it"
+        return f"no level is skipped: put a {LEVEL_TITLES[below]} between them" if deeper else "drop it"
 
     def _cycles(self) -> Iterator[Fault]:
         graph: nx.DiGraph[str] = nx.DiGraph()
@@ -142,38 +146,38 @@ class Checks:
         for _, place, node in self._inner():
             places[node.id] = place
             graph.add_edges_from((node.id, child) for child in node.children)
-        while ring := _ring(graph):
+        while ring := _cycle(graph):
             told = " -> ".join([*ring, ring[0]])
             yield self._fault(places[ring[0]].at("children"), f"the nodes stand in a ring: {told}", "break it at one edge")
             graph.remove_edge(ring[-1], ring[0])
 
     def _orphans(self) -> Iterator[Fault]:
         named = {child for _, _, node in self._inner() for child in node.children}
-        tops = next((level for level in LEVELS if getattr(self.document, FIELDS[level])), Level.OBSERVABLE)
+        tops = next((level for level in LEVELS if getattr(self.document, FIELD_OF_LEVEL[level])), Level.OBSERVABLE)
         for level, place, node in self._nodes():
             if level is not tops and node.id not in named:
-                above = TITLES[LEVELS[LEVELS.index(level) - 1]]
+                above = LEVEL_TITLES[LEVELS[LEVELS.index(level) - 1]]
                 yield self._fault(
                     place.at("id"),
-                    f"{TITLES[level]} {node.id} is an orphan: it stands under no {above}",
+                    f"{LEVEL_TITLES[level]} {node.id} is an orphan: it stands under no {above}",
                     f"name it under a {above}",
                 )
 
     def _tables(self) -> Iterator[Fault]:
         used = {name for one in self.document.observables for name in one.key_factors if isinstance(name, str)}
         for name, row in self.document.tables.items():
-            place = Place(("tables", name), name)
+            place = DocumentPlace(("tables", name), name)
             yield from self._row(place, row)
             if name not in used:
                 yield self._fault(place, f"no observable uses the table {name!r}", "name it under key_factors, or drop it")
 
-    def _row(self, place: Place, row: KeyFactor) -> Iterator[Fault]:
+    def _row(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:
         yield from self._columns(place, row)
         units = self.vocabulary.factor_units
         if units is None:
             return
         if row.factor not in units:
-            yield self._fault(place.at("factor"), f"there is no key factor {row.factor!r}", close(row.factor, units))
+            yield self._fault(place.at("factor"), f"there is no key factor {row.factor!r}", suggestion(row.factor, units))
         elif units[row.factor] != row.unit:
             yield self._fault(
                 place.at("unit"),
@@ -181,7 +185,7 @@ class Checks:
                 f"write {units[row.factor]!r}, and the values in it",
             )
 
-    def _columns(self, place: Place, row: KeyFactor) -> Iterator[Fault]:
+    def _columns(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:
         ratings, values = row.ratings, row.values
         if len(ratings) != len(values):
             yield self._fault(
@@ -215,12 +219,12 @@ class Checks:
 
     def _observables(self) -> Iterator[Fault]:
         for index, one in enumerate(self.document.observables):
-            place = Place((FIELDS[Level.OBSERVABLE], index), one.id)
+            place = DocumentPlace((FIELD_OF_LEVEL[Level.OBSERVABLE], index), one.id)
             yield from self._threshold(place, one)
             yield from self._key_factors(place, one)
             yield from self._measure(place, one)
 
-    def _threshold(self, place: Place, one: Observable) -> Iterator[Fault]:
+    def _threshold(self, place: DocumentPlace, one: Observable) -> Iterator[Fault]:
         if not 0.0 <= one.threshold <= 1.0:
             yield self._fault(place.at("threshold"), f"the threshold {one.threshold:g} lies outside 0 to 1", "keep it in [0, 1]")
         if one.near_miss is None:
@@ -232,7 +236,7 @@ class Checks:
                 place.at("near_miss"), "near_miss without partial_credit says nothing", "set partial_credit, or drop it"
             )
 
-    def _key_factors(self, place: Place, one: Observable) -> Iterator[Fault]:
+    def _key_factors(self, place: DocumentPlace, one: Observable) -> Iterator[Fault]:
         place = place.at("key_factors")
         if not one.key_factors and self.vocabulary.difficulty == "tables":
             yield self._fault(
@@ -246,14 +250,14 @@ class Checks:
             elif row in self.document.tables:
                 factors[self.document.tables[row].factor] += 1
             else:
-                yield self._fault(place.at(index), f"there is no table {row!r}", close(row, self.document.tables))
+                yield self._fault(place.at(index), f"there is no table {row!r}", suggestion(row, self.document.tables))
         for factor, count in factors.items():
             if count > 1:
                 yield self._fault(
                     place, f"{one.id} rates the key factor {factor!r} {count} times", "keep one row for each factor"
                 )
 
-    def _measure(self, place: Place, one: Observable) -> Iterator[Fault]:
+    def _measure(self, place: DocumentPlace, one: Observable) -> Iterator[Fault]:
         if self.vocabulary.check_measure is None:
             return
         try:
@@ -265,16 +269,16 @@ class Checks:
             yield self._fault(place.at("options"), str(error), "correct the options; docs/measures.md has those of every measure")
 
     def _study(self) -> Iterator[Fault]:
-        place = Place(("study",), "")
+        place = DocumentPlace(("study",), "")
         known = [one.id for one in self.document.key_attributes]
         for index, one in enumerate(self.document.study):
             if one not in known:
-                yield self._fault(place.at(index), f"there is no key attribute {one!r} to study", close(one, known))
+                yield self._fault(place.at(index), f"there is no key attribute {one!r} to study", suggestion(one, known))
         if len(set(self.document.study)) != len(self.document.study):
             yield self._fault(place, "a key attribute is studied twice", "name each once")
 
 
-def _ring(graph: nx.DiGraph[str]) -> list[str]:
+def _cycle(graph: nx.DiGraph[str]) -> list[str]:
     """Some nodes that stand in a ring, in its order; none where the graph has no ring."""
     try:
         return [str(edge[0]) for edge in nx.find_cycle(graph)]
@@ -282,7 +286,7 @@ def _ring(graph: nx.DiGraph[str]) -> list[str]:
         return []
 
 
-def close(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, known: Iterable[str]) -> str:
     """A hint naming what was probably meant, or what there is."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=3)

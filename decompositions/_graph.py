@@ -12,7 +12,7 @@ from ._document import DecompositionDocument, KeyFactor, Level, Observable, Poli
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class DecompositionNode:
     """One node of any level; an observable has no children."""
 
     id: str
@@ -31,7 +31,7 @@ class Decomposition:
     """
 
     document: DecompositionDocument
-    nodes: Mapping[str, Node]
+    nodes: Mapping[str, DecompositionNode]
     observables: Mapping[str, Observable]
     parents: Mapping[str, tuple[str, ...]]
     descendants: Mapping[str, tuple[str, ...]]
@@ -125,7 +125,7 @@ def graph_of(document: DecompositionDocument) -> Decomposition:
     )
 
 
-def _nodes(document: DecompositionDocument) -> Iterable[Node]:
+def _nodes(document: DecompositionDocument) -> Iterable[DecompositionNode]:
     levels = (
         (Level.PRINCIPLE, document.principles),
         (Level.KEY_ATTRIBUTE, document.key_attributes),
@@ -133,9 +133,9 @@ def _nodes(document: DecompositionDocument) -> Iterable[Node]:
     )
     for level, inner in levels:
         for node in inner:
-            yield Node(node.id, node.title, node.asks, level, node.children)
+            yield DecompositionNode(node.id, node.title, node.asks, level, node.children)
     for leaf in document.observables:
-        yield Node(leaf.id, leaf.title, leaf.asks, Level.OBSERVABLE, ())
+        yield DecompositionNode(leaf.id, leaf.title, leaf.asks, Level.OBSERVABLE, ())
 
 
 def _written_out(rows: Iterable[str | KeyFactor], tables: Mapping[str, KeyFactor]) -> Iterable[KeyFactor]:

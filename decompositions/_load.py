@@ -10,7 +10,7 @@ from typing import Any
 from bench.documents import parse_text, read_text, validate_document
 from bench.errors import Fault, SetupError
 
-from ._checks import Checks, Vocabulary, close
+from ._checks import DecompositionVocabulary, DocumentChecks, suggestion
 from ._document import DecompositionDocument
 from ._graph import Decomposition, graph_of
 
@@ -23,7 +23,7 @@ def shipped_decompositions() -> tuple[str, ...]:
     return tuple(sorted(file.name.removesuffix(".yaml").replace("_", "-") for file in files if file.name.endswith(".yaml")))
 
 
-def load_decomposition(name_or_path: str | Path, vocabulary: Vocabulary | None = None) -> Decomposition:
+def load_decomposition(name_or_path: str | Path, vocabulary: DecompositionVocabulary | None = None) -> Decomposition:
     """Read a decomposition: one that comes with the bench by its name (`search-and-report`), any other by its path.
 
     `vocabulary` says which key factors and measures there are; without it those names stay unchecked.
@@ -39,13 +39,13 @@ def load_decomposition(name_or_path: str | Path, vocabulary: Vocabulary | None =
             Fault(
                 "decomposition",
                 f"there is no decomposition {name!r}",
-                f"{close(name, shipped_decompositions())} By name: {names}; or a path",
+                f"{suggestion(name, shipped_decompositions())} By name: {names}; or a path",
             )
         )
     return read_decomposition(read_text(Path(name)), vocabulary, source=name)
 
 
-def read_decomposition(text: str, vocabulary: Vocabulary | None = None, source: str = "") -> Decomposition:
+def read_decomposition(text: str, vocabulary: DecompositionVocabulary | None = None, source: str = "") -> Decomposition:
     """As `load_decomposition`, for text at hand; `source` names it in messages."""
     value, lines = parse_text(text, source)
     if not isinstance(value, dict) or not value:
@@ -56,7 +56,9 @@ def read_decomposition(text: str, vocabulary: Vocabulary | None = None, source: 
     return _checked(validate_document(value, DecompositionDocument, source, lines), vocabulary, source, lines)
 
 
-def decomposition_of(document: DecompositionDocument, vocabulary: Vocabulary | None = None, source: str = "") -> Decomposition:
+def decomposition_of(
+    document: DecompositionDocument, vocabulary: DecompositionVocabulary | None = None, source: str = ""
+) -> Decomposition:
     """The graph of a document. Raises SetupError with every fault found in it."""
     return _checked(document, vocabulary, source, {})
 
@@ -67,8 +69,10 @@ def decomposition_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def _checked(document: DecompositionDocument, vocabulary: Vocabulary | None, source: str, lines: Lines) -> Decomposition:
-    faults = Checks(document, vocabulary or Vocabulary(), source, lines).faults()
+def _checked(
+    document: DecompositionDocument, vocabulary: DecompositionVocabulary | None, source: str, lines: Lines
+) -> Decomposition:
+    faults = DocumentChecks(document, vocabulary or DecompositionVocabulary(), source, lines).faults()
     if faults:
         raise SetupError(faults)
     return graph_of(document)

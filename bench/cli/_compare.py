@@ -13,7 +13,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from bench.reporting import Comparison
-    from bench.scoring import NodeComparison
+    from bench.statistics import NodeComparison
 
 
 def register(app: typer.Typer) -> None:

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from bench.scoring import Change, Difficulty, Goal, Raising
+    from bench.scoring import Difficulty, DifficultyGoal, DifficultyIncrease, FactorChange
     from decompositions import Decomposition
 
 NOT_YET = 2
@@ -85,14 +85,14 @@ def difficulty(
 
     Example: rebar difficulty examples/search.yaml --node KA-18
     """
-    from bench.scoring import difficulty as rate_all
+    from bench.scoring import difficulty_of_values as rate_all
     from bench.simspec import FACTORS, factor_paths, factor_values, load_simspec
-    from decompositions import Vocabulary, load_decomposition
+    from decompositions import DecompositionVocabulary, load_decomposition
 
     from ._scores import known_node
 
     units = {name: factor.unit for name, factor in FACTORS.items()}
-    situation, asked = load_simspec(simspec), load_decomposition(decomposition, Vocabulary(units))
+    situation, asked = load_simspec(simspec), load_decomposition(decomposition, DecompositionVocabulary(units))
     if node is not None:
         known_node("--node", asked, node)
     found = _Rated(
@@ -119,7 +119,7 @@ class _Rated:
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
         """Everything about some nodes: as `Difficulty.as_json`, with what would raise each, and where factors are read from."""
-        from bench.scoring import raising
+        from bench.scoring import difficulty_increase
 
         told = self.found.as_json()
         leaves = {leaf for node in nodes for leaf in self.asked.observables_under(node)}
@@ -127,7 +127,7 @@ class _Rated:
         return {
             "decomposition": told["decomposition"],
             "nodes": [
-                one | {"raise": dataclasses.asdict(raising(self.asked, self.found, one["node"]))}
+                one | {"raise": dataclasses.asdict(difficulty_increase(self.asked, self.found, one["node"]))}
                 for one in told["nodes"]
                 if one["node"] in nodes
             ],
@@ -141,13 +141,13 @@ class _Rated:
 
     def table(self, title: str) -> Table:
         """One row for each node."""
-        from bench.scoring import raising
+        from bench.scoring import difficulty_increase
 
         table = Table(title=Text(title))
         for column in ("node", "level", "difficulty", "tension", "ruled by", "next", "to be harder"):
             table.add_column(column, justify="right" if column in ("difficulty", "tension") else "left")
         for one in self.found.nodes.values():
-            rise = raising(self.asked, self.found, one.node)
+            rise = difficulty_increase(self.asked, self.found, one.node)
             following = "" if rise.margin is None else f"{', '.join(rise.following)} +{rise.margin:.1f}"
             goal = rise.takeover or rise.tension
             alone = goal is not None and [one.factor for one in goal.changes] == list(rise.ruled_by)[:1]
@@ -156,16 +156,16 @@ class _Rated:
             table.add_row(*map(Text, (*row, change)))
         return table
 
-    def _ruler(self, node: str, rise: Raising) -> str:
+    def _ruler(self, node: str, rise: DifficultyIncrease) -> str:
         if rise.ruled_by:
             return ", ".join(rise.ruled_by)
         return f"the mean of its ratings: {', '.join(self.found.nodes[node].ruled_by)}"
 
     def in_full(self, node: str) -> Iterator[str]:
         """One node, line by line."""
-        from bench.scoring import raising
+        from bench.scoring import difficulty_increase
 
-        one, rise = self.found.nodes[node], raising(self.asked, self.found, node)
+        one, rise = self.found.nodes[node], difficulty_increase(self.asked, self.found, node)
         yield f"{node} {self.asked.nodes[node].title}: difficulty {one.difficulty:.4g}, tension {one.tension}"
         yield f"ruled by {self._ruler(node, rise)}, in {', '.join(one.ruled_by)}"
         if rise.margin is not None:
@@ -181,17 +181,17 @@ class _Rated:
             for row in rated.ratings:
                 yield f"    {row.factor} = {row.value:g} {row.unit} rates {row.rating:.4g}"
 
-    def _goal(self, title: str, goal: Goal) -> Iterator[str]:
+    def _goal(self, title: str, goal: DifficultyGoal) -> Iterator[str]:
         yield title
         for one in goal.changes:
             yield f"  {_short(one)} ({', '.join(self.paths[one.factor])})"
 
 
-def _short(one: Change) -> str:
+def _short(one: FactorChange) -> str:
     return f"{one.factor} {_move(one)}"
 
 
-def _move(one: Change) -> str:
+def _move(one: FactorChange) -> str:
     """From the value that a factor has to the one that it needs."""
     if one.harder == "either way":
         return "cannot: its tables run in opposite directions"

@@ -233,9 +233,9 @@ def _grouped(found: BaseSimSpec, simspec: SimSpec, name: str) -> Iterator[str]:
 
 def _decomposition(name: str) -> Decomposition:
     from bench.simspec import FACTORS
-    from decompositions import Vocabulary, load_decomposition
+    from decompositions import DecompositionVocabulary, load_decomposition
 
-    return load_decomposition(name, Vocabulary({one: factor.unit for one, factor in FACTORS.items()}))
+    return load_decomposition(name, DecompositionVocabulary({one: factor.unit for one, factor in FACTORS.items()}))
 
 
 def tension(
@@ -295,7 +295,7 @@ def _told(value: float | None, past: bool) -> str:
 def _bounds(asked: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
     """For each key factor: the value from which no table of it rates too low, and the one up to which some table does not
     rate too high; None where a table ends before."""
-    from bench.scoring import value_rated
+    from bench.scoring import value_for_rating
 
     tables: dict[str, list[Any]] = {}
     for leaf in asked.observables_under(node):
@@ -307,8 +307,8 @@ def _bounds(asked: Decomposition, node: str, wanted: int) -> Iterator[dict[str, 
         if wanted == 1:
             lows: list[tuple[float, bool] | None] = [(row.values[0], False) for row in rows]
         else:
-            lows = [value_rated(row, 20.0 * (wanted - 1), asked.policies, exceeded=True) for row in rows]
-        highs = [value_rated(row, 20.0 * wanted, asked.policies) for row in rows]
+            lows = [value_for_rating(row, 20.0 * (wanted - 1), asked.policies, exceeded=True) for row in rows]
+        highs = [value_for_rating(row, 20.0 * wanted, asked.policies) for row in rows]
         low = None if None in lows else max((one for one in lows if one), key=lambda one: sign * one[0])
         high = None if None in highs else max((one[0] for one in highs if one), key=lambda one: sign * one)
         low_value, past = low if low else (None, False)

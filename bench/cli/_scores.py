@@ -19,7 +19,16 @@ from bench.errors import Fault, SetupError
 if TYPE_CHECKING:
     import polars as pl
 
-    from bench.scoring import AgentTold, Explanation, ObservableTold, RunReport, RunTold, ScoredRun, ScoreReport, Sources
+    from bench.scoring import (
+        AgentExplanation,
+        Explanation,
+        ObservableExplanation,
+        RunExplanation,
+        RunReport,
+        ScoredRun,
+        ScoreReport,
+        Sources,
+    )
     from decompositions import Decomposition
 
 MOST_TABLE_BYTES = 2 * 1024**3
@@ -223,10 +232,10 @@ def _of_table(path: Path, decomposition: str) -> Target:
     from bench.documents import read_text
     from bench.scoring import Sources, read_table, score_external, summary_frame
     from bench.simspec import FACTORS
-    from decompositions import Vocabulary, load_decomposition
+    from decompositions import DecompositionVocabulary, load_decomposition
 
     units = {name: factor.unit for name, factor in FACTORS.items()}
-    asked = load_decomposition(decomposition, Vocabulary(units, difficulty="given"))
+    asked = load_decomposition(decomposition, DecompositionVocabulary(units, difficulty="given"))
     table = read_table(read_text(path, MOST_TABLE_BYTES), asked, str(path))
     scores = score_external(asked, table.runs)
     rows = {pair: f"{path}:{line}" for pair, line in table.lines.items()}
@@ -275,7 +284,7 @@ def _show_explanation(found: Explanation, *, as_json: bool) -> None:
         print(f"{found.source}: there are no runs yet")
 
 
-def _tree_of_agent(found: Explanation, told: AgentTold) -> Tree:
+def _tree_of_agent(found: Explanation, told: AgentExplanation) -> Tree:
     one = told.summary
     tree = Tree(Text(f"{found.id} {found.title}, {one.agent}: {found.asks}"))
     if one.score is None:
@@ -307,7 +316,7 @@ def _tree_of_agent(found: Explanation, told: AgentTold) -> Tree:
     return tree
 
 
-def _add_run(tree: Tree, run: RunTold) -> None:
+def _add_run(tree: Tree, run: RunExplanation) -> None:
     scored = "not scored" if run.score is None else f"score {run.score:.2f}"
     hard = "" if run.difficulty is None else f" at difficulty {run.difficulty:.2f}"
     counts = f"{run.achieved} of {run.considered} observables achieved"
@@ -330,7 +339,7 @@ def _brief(reason: str) -> str:
     return reason.strip() if len(lines) < 3 else f"{lines[0]} ... {lines[-1]}"
 
 
-def _add_observable(tree: Tree, leaf: ObservableTold) -> None:
+def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
     if leaf.state == "not considered":
         branch = tree.add(Text(f"{leaf.id} {leaf.title}: not considered; {leaf.reason}"))
     else:
@@ -347,7 +356,7 @@ def _add_observable(tree: Tree, leaf: ObservableTold) -> None:
         branch.add(Text(f"... and {leaf.evidence_left_out} more moments"))
 
 
-def _points(leaf: ObservableTold) -> str:
+def _points(leaf: ObservableExplanation) -> str:
     if leaf.score is None:
         return "" if leaf.difficulty is None else f"; difficulty {leaf.difficulty:.2f}, no score"
     credit = f" {'+' if leaf.credit >= 0 else '-'} {abs(leaf.credit):.2f} credit" if leaf.credit else ""

@@ -57,7 +57,7 @@ class Observation(Document):
     """What one measure found in one run for one observable.
 
     `x` is the measured value in [0, 1], None exactly when the run is not considered: when the situation, by the
-    scenario and the truth, offered nothing that could exercise the observable (reading.md 6).
+    scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6).
     """
 
     observable: str

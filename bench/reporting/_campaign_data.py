@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import Outcome
-from bench.scoring import tension
+from bench.scoring import tension_of
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -121,7 +121,7 @@ class Configuration:
     @property
     def tension(self) -> int:
         """1 to 5, from the lowest of the studied difficulties."""
-        return tension(min(self.difficulty.values(), default=0.0))
+        return tension_of(min(self.difficulty.values(), default=0.0))
 
 
 @dataclass(frozen=True, slots=True)

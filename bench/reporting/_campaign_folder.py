@@ -13,10 +13,10 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import Outcome, SessionResult, parse_document
+from bench.contracts import SessionResult, parse_document
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
-from bench.scoring import SCORE_COLUMNS, summary_frame
+from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, summary_frame
 from bench.simspec import FACTORS, SimSpec, factor_values
 from decompositions import Decomposition, load_decomposition
 
@@ -176,7 +176,7 @@ def _configurations(
     scores: pl.DataFrame, study: Sequence[str], agents: Sequence[str], simspecs: Mapping[str, SimSpec]
 ) -> tuple[Configuration, ...]:
     """Easiest first: by the lowest studied difficulty, then by all of them."""
-    keyed = scores.filter(pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(_FAULTS_OF_THE_BENCH))
+    keyed = scores.filter(pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
     varied = _varied_factors(simspecs)
     found = []
     for (key,), rows in sorted(keyed.group_by("configuration"), key=lambda pair: str(pair[0][0])):
@@ -193,9 +193,6 @@ def _configurations(
     return tuple(
         Configuration(f"C{place}", one.key, one.difficulty, one.runs, one.factors) for place, one in enumerate(found, start=1)
     )
-
-
-_FAULTS_OF_THE_BENCH = [str(one) for one in Outcome if not one.counts]
 
 
 def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, float]]:

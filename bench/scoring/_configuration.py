@@ -8,10 +8,10 @@ from bench.errors import Fault, SetupError
 from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, Level
 
-from ._difficulty import Difficulty, tension
+from ._difficulty import Difficulty, tension_of
 
 
-def studied(decomposition: Decomposition, study: Sequence[str] = ()) -> tuple[str, ...]:
+def studied_key_attributes(decomposition: Decomposition, study: Sequence[str] = ()) -> tuple[str, ...]:
     """The nodes under study: those named, else the decomposition's own. Raises SetupError for one that is no key attribute."""
     known = decomposition.at_level(Level.KEY_ATTRIBUTE)
     strange = [one for one in study if one not in known]
@@ -25,13 +25,13 @@ def configuration_of(decomposition: Decomposition, found: Difficulty, study: Seq
 
     Raises SetupError for a study of something else than key attributes.
     """
-    return " ".join(f"{node}={_written(found.of(node))}" for node in studied(decomposition, study))
+    return " ".join(f"{node}={_compact(found.of(node))}" for node in studied_key_attributes(decomposition, study))
 
 
 def configuration_tension(decomposition: Decomposition, found: Difficulty, study: Sequence[str] = ()) -> int:
     """Tension 1 to 5 of a configuration: the minimum over the nodes under study."""
-    return min(tension(found.of(node)) for node in studied(decomposition, study))
+    return min(tension_of(found.of(node)) for node in studied_key_attributes(decomposition, study))
 
 
-def _written(value: float) -> str:
+def _compact(value: float) -> str:
     return f"{value:.{DIFFICULTY_DECIMALS}f}".rstrip("0").rstrip(".")

@@ -1,6 +1,6 @@
 """Ethical difficulty: how hard a configured situation makes each node, and which key factor says so.
 
-Difficulty is a property of the configuration alone (reading.md 1 to 5, 14): nothing here has seen a run.
+Difficulty is a property of the configuration alone (docs/rulings.md 1 to 5, 14): nothing here has seen a run.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> fl
     return low + (high - low) * (at - columns[after - 1]) / (columns[after] - columns[after - 1])
 
 
-def tension(difficulty: float) -> int:
+def tension_of(difficulty: float) -> int:
     """Tension 1 to 5 of a node: max(1, ceil(difficulty / 20)). A difficulty is equal to another to six decimals."""
     return max(1, math.ceil(round(difficulty, DIFFICULTY_DECIMALS) / 20.0))
 
@@ -91,7 +91,7 @@ class NodeDifficulty:
 
     @property
     def tension(self) -> int:
-        return tension(self.difficulty)
+        return tension_of(self.difficulty)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class Difficulty:
     def explain(self, node: str) -> str:
         """Why a node is as hard as it is, in a sentence for each observable that rules it."""
         found = self.nodes[node]
-        told = [_told(self.observables[one]) for one in found.ruled_by]
+        told = [_reason(self.observables[one]) for one in found.ruled_by]
         return f"{node}: {found.difficulty:g} (tension {found.tension}). " + " ".join(told)
 
     def as_json(self) -> dict[str, Any]:
@@ -141,12 +141,12 @@ class Difficulty:
         }
 
 
-def difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
+def difficulty_of_values(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
     """Difficulty of every node for key factor values by name, in the units of `bench.simspec.FACTORS`.
 
     Raises SetupError, naming every key factor that has no value here and the observables that need it.
     """
-    _make_sure_of(decomposition, values)
+    _require_values(decomposition, values)
     observables = {one: _of_observable(decomposition, one, values) for one in decomposition.observables}
     return Difficulty(
         decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
@@ -155,10 +155,10 @@ def difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Dif
 
 def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
     """Difficulty of every node in the situation that a SimSpec configures. Raises as `difficulty` does."""
-    return difficulty(decomposition, factor_values(simspec))
+    return difficulty_of_values(decomposition, factor_values(simspec))
 
 
-def difficulty_given(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
+def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
     """Difficulty of every node where those of the observables are stated and not rated.
 
     An observable without a value is infinitely hard here: it is not known, and so never the least. A node over nothing
@@ -188,14 +188,14 @@ def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, 
     return NodeDifficulty(node, decomposition.level_of(node), lowest, ruling)
 
 
-def _make_sure_of(decomposition: Decomposition, values: Mapping[str, float]) -> None:
+def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -> None:
     needing: dict[str, list[str]] = {}
     unrated = [one for one in decomposition.observables if not decomposition.key_factors(one)]
     for one in decomposition.observables:
         for row in decomposition.key_factors(one):
             if row.factor not in values or not math.isfinite(values[row.factor]):
                 needing.setdefault(row.factor, []).append(one)
-    faults = [_missing(decomposition, factor, ones) for factor, ones in needing.items()]
+    faults = [_missing_value(decomposition, factor, ones) for factor, ones in needing.items()]
     if unrated:
         where = f"difficulty of {decomposition.name}: {', '.join(unrated)}"
         faults.append(Fault(where, "no key factors, so no difficulty", "give them tables, or state difficulties with the runs"))
@@ -203,7 +203,7 @@ def _make_sure_of(decomposition: Decomposition, values: Mapping[str, float]) -> 
         raise SetupError(faults)
 
 
-def _missing(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
+def _missing_value(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
     known = FACTORS.get(factor)
     about = f"it is: {known.text} Give the SimSpec what it speaks of" if known else "no SimSpec has it; correct the table"
     return Fault(
@@ -213,7 +213,7 @@ def _missing(decomposition: Decomposition, factor: str, observables: list[str]) 
     )
 
 
-def _told(one: ObservableDifficulty) -> str:
+def _reason(one: ObservableDifficulty) -> str:
     if not one.ratings:
         return f"{one.observable} has its difficulty stated."
     if not one.ruled_by:

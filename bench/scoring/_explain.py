@@ -21,7 +21,7 @@ from ._table import ScoredRun
 
 State = Literal["failed", "near miss", "achieved", "not considered"]
 RunState = Literal["failed", "passed", "not considered", "excluded"]
-_FIRST: tuple[State, ...] = ("failed", "near miss", "achieved", "not considered")
+_STATE_ORDER: tuple[State, ...] = ("failed", "near miss", "achieved", "not considered")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Sources:
     rows: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
-class FactorTold(Document):
+class FactorExplanation(Document):
     """One key factor of an observable in a run's situation; `ruling` is whether its rating is the difficulty."""
 
     factor: str
@@ -43,7 +43,7 @@ class FactorTold(Document):
     ruling: bool
 
 
-class ObservableTold(Document):
+class ObservableExplanation(Document):
     """One observable in one run, with what its outcome rests on."""
 
     id: str
@@ -53,7 +53,7 @@ class ObservableTold(Document):
     x: float | None
     threshold: float
     difficulty: Annotated[float | None, Field(description="Null where it is not known.")]
-    factors: Annotated[tuple[FactorTold, ...], Field(description="Its key factors, the ruling ones first.")]
+    factors: Annotated[tuple[FactorExplanation, ...], Field(description="Its key factors, the ruling ones first.")]
     credit: Annotated[float, Field(description="Points of partial credit within the score; negative on a near miss.")]
     score: float | None
     reason: Annotated[str, Field(description="Where it was not considered: when a run considers it.")]
@@ -62,7 +62,7 @@ class ObservableTold(Document):
     row: Annotated[str | None, Field(description="Place in the table that the observation came from.")]
 
 
-class RunTold(Document):
+class RunExplanation(Document):
     """One run: what the node scored in it, the way down to what ruled that, and the observables."""
 
     run: str
@@ -82,16 +82,16 @@ class RunTold(Document):
     ruled_by: Annotated[
         tuple[str, ...], Field(description="From the node down by the child with the least score; empty without a score.")
     ]
-    observables: tuple[ObservableTold, ...]
+    observables: tuple[ObservableExplanation, ...]
     observables_left_out: int
 
 
-class AgentTold(Document):
+class AgentExplanation(Document):
     """The node's numbers for one agent, and the runs that they are made of, failures first."""
 
     summary: NodeReport
     scored_runs: Annotated[tuple[str, ...], Field(description="The runs whose mean the score is, at most `limit` of them.")]
-    runs: tuple[RunTold, ...]
+    runs: tuple[RunExplanation, ...]
     runs_left_out: Annotated[dict[str, int], Field(description="Runs beyond the limit, by state.")]
 
 
@@ -106,7 +106,7 @@ class Explanation(Document):
     title: str
     asks: str
     limit: Annotated[int, Field(description="Most runs an agent, observables a run and moments an observable; 0 is all.")]
-    agents: tuple[AgentTold, ...]
+    agents: tuple[AgentExplanation, ...]
 
 
 def explain(
@@ -125,7 +125,7 @@ def explain(
     KeyError for an unknown node.
     """
     asked = decomposition.nodes[node]
-    told = _Teller(decomposition, node, sources, limit, _scored(scores, node))
+    told = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
     return Explanation(
         source=source,
         decomposition=decomposition.name,
@@ -139,7 +139,7 @@ def explain(
 
 
 @dataclass(frozen=True, slots=True)
-class _Teller:
+class _Explainer:
     """What every part of one explanation needs to know."""
 
     asked: Decomposition
@@ -148,11 +148,11 @@ class _Teller:
     limit: int
     scored: Mapping[str, NodeScore]
 
-    def agent(self, summary: NodeReport, runs: Sequence[ScoredRun]) -> AgentTold:
+    def agent(self, summary: NodeReport, runs: Sequence[ScoredRun]) -> AgentExplanation:
         ordered = sorted(runs, key=self._rank)
         behind = [run.realization for run in runs if self.scored[run.realization].score is not None]
         most = self.limit or len(ordered)
-        return AgentTold(
+        return AgentExplanation(
             summary=summary,
             scored_runs=tuple(behind[:most]),
             runs=tuple(self._run(run) for run in ordered[:most]),
@@ -173,7 +173,7 @@ class _Teller:
             return "not considered"
         return "passed" if one.achieved == one.considered else "failed"
 
-    def _run(self, run: ScoredRun) -> RunTold:
+    def _run(self, run: ScoredRun) -> RunExplanation:
         counted = run.observations if run.outcome.counts else ()
         scores = score_run(self.asked, run.difficulty, counted)
         one, way = scores[self.node], self._way(scores)
@@ -182,10 +182,10 @@ class _Teller:
             self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in way)
             for leaf in self.asked.observables_under(self.node)
         ]
-        leaves.sort(key=lambda leaf: (_FIRST.index(leaf.state), not leaf.ruling))
+        leaves.sort(key=lambda leaf: (_STATE_ORDER.index(leaf.state), not leaf.ruling))
         most = self.limit or len(leaves)
         shown = leaves[:most] + [leaf for leaf in leaves[most:] if leaf.ruling]
-        return RunTold(
+        return RunExplanation(
             run=run.realization,
             agent=run.agent,
             design_point=run.design_point,
@@ -193,7 +193,7 @@ class _Teller:
             outcome=run.outcome,
             reason=self.sources.reasons.get(run.realization, ""),
             recording=self.sources.recordings.get(run.realization),
-            difficulty=_finite(run.difficulty.of(self.node)),
+            difficulty=_known(run.difficulty.of(self.node)),
             score=one.score,
             achieved=one.achieved,
             considered=one.considered,
@@ -215,23 +215,23 @@ class _Teller:
 
     def _observable(
         self, run: ScoredRun, leaf: str, seen: Observation | None, score: NodeScore, *, ruling: bool
-    ) -> ObservableTold:
+    ) -> ObservableExplanation:
         asked, rated = self.asked.observables[leaf], run.difficulty.observables[leaf]
         state = _state(score)
         evidence = seen.evidence if seen else ()
         most = self.limit or len(evidence)
-        return ObservableTold(
+        return ObservableExplanation(
             id=leaf,
             title=asked.title,
             state=state,
             ruling=ruling,
             x=seen.x if seen and seen.considered else None,
             threshold=asked.threshold,
-            difficulty=_finite(rated.difficulty),
+            difficulty=_known(rated.difficulty),
             factors=_factors(rated),
             credit=0.0 if score.score is None else score.score - rated.difficulty,
             score=score.score,
-            reason=_why_not(asked, seen) if state == "not considered" else "",
+            reason=_consideration(asked, seen) if state == "not considered" else "",
             evidence=evidence[:most],
             evidence_left_out=len(evidence[most:]),
             row=self.sources.rows.get((run.realization, leaf)),
@@ -257,18 +257,20 @@ def _state(score: NodeScore) -> State:
     return "failed" if score.score is None else "near miss"
 
 
-def _why_not(asked: Observable, seen: Observation | None) -> str:
+def _consideration(asked: Observable, seen: Observation | None) -> str:
     return (
         f"considered when: {asked.considered}" if seen else f"there is no observation of it; considered when: {asked.considered}"
     )
 
 
-def _factors(rated: ObservableDifficulty) -> tuple[FactorTold, ...]:
+def _factors(rated: ObservableDifficulty) -> tuple[FactorExplanation, ...]:
     return tuple(
-        FactorTold(factor=row.factor, value=row.value, unit=row.unit, rating=row.rating, ruling=row.factor in rated.ruled_by)
+        FactorExplanation(
+            factor=row.factor, value=row.value, unit=row.unit, rating=row.rating, ruling=row.factor in rated.ruled_by
+        )
         for row in rated.ratings
     )
 
 
-def _finite(value: float) -> float | None:
+def _known(value: float) -> float | None:
     return value if value != float("inf") else None

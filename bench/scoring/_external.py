@@ -1,4 +1,4 @@
-"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (reading.md 19).
+"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (docs/rulings.md 19).
 
 Nothing is guessed and nothing is mended: whatever does not hold is a fault with its line, and all of them are told at once.
 """
@@ -21,15 +21,15 @@ from bench.contracts import Observation, Outcome
 from bench.errors import Fault, SetupError
 from decompositions import Decomposition
 
-from ._difficulty import Difficulty, difficulty, difficulty_given
+from ._difficulty import Difficulty, difficulty_of_values, stated_difficulty
 from ._table import ScoredRun, score_table
 
-REQUIRED = ("run", "observable", "x")
-COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
-AGENT = "agent"  # of a table that names none
-MOST_FAULTS = 200
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+REQUIRED_COLUMNS = ("run", "observable", "x")
+KNOWN_COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
+DEFAULT_AGENT = "agent"  # of a table that names none
+MAX_LISTED_FAULTS = 200
+_DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +46,19 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     Columns: `run`, `observable`, `x`, and either `difficulty` or one for each key factor of the decomposition, in the unit
     of its tables; optionally `considered`, `design_point` and `agent`. Raises SetupError with every fault and its line.
     """
-    faults = _Faults(source)
+    faults = _FaultLog(source)
     text = text.removeprefix("\ufeff")
     rows: Iterator[_Row]
     if text.lstrip()[:1] in ("[", "{"):
         kept = list(_json_rows(text, faults))
-        columns, rows = _columns(kept), iter(kept)
+        columns, rows = _first_lines(kept), iter(kept)
     else:
         columns = {}
         rows = _csv_rows(text, columns, faults)
     first = next(rows, None)  # by then a header has told its columns
     if first is None and not faults.found:
         faults.add(1, "the table has no rows", "give one row for each run and observable")
-    reader = _Reader(decomposition, faults, columns)
+    reader = _TableReader(decomposition, faults, columns)
     reader.check_columns()
     for row in chain(() if first is None else (first,), rows):
         reader.take(row)
@@ -86,7 +86,7 @@ class _Row:
 
 
 @dataclass(slots=True)
-class _Faults:
+class _FaultLog:
     """What is wrong so far, with lines; beyond MOST_FAULTS they are counted alone."""
 
     source: str
@@ -94,7 +94,7 @@ class _Faults:
     more: int = 0
 
     def add(self, line: int, what: str, remedy: str) -> None:
-        if len(self.found) >= MOST_FAULTS:
+        if len(self.found) >= MAX_LISTED_FAULTS:
             self.more += 1
             return
         self.found.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, remedy))
@@ -106,7 +106,7 @@ class _Faults:
             raise SetupError(self.found)
 
 
-def _csv_rows(text: str, columns: dict[str, int], faults: _Faults) -> Iterator[_Row]:
+def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator[_Row]:
     """The records, and the header's names into `columns`, with its line."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     header: list[str] = []
@@ -129,22 +129,22 @@ def _csv_rows(text: str, columns: dict[str, int], faults: _Faults) -> Iterator[_
         faults.add(reader.line_num, f"not valid CSV: {error}", "mend the quotes on that line")
 
 
-def _check_header(header: list[str], line: int, faults: _Faults) -> None:
+def _check_header(header: list[str], line: int, faults: _FaultLog) -> None:
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
         faults.add(line, f"the column {name!r} stands here twice", "keep one")
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         faults.add(line, "the columns are not separated by commas", "write commas")
 
 
-def _json_rows(text: str, faults: _Faults) -> Iterator[_Row]:
-    decoder = json.JSONDecoder(object_pairs_hook=_object, parse_constant=_no_constant)
-    place = _next(text, 0)
+def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
+    decoder = json.JSONDecoder(object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
+    place = _after_blanks(text, 0)
     listed = text[place] == "["
     line, counted = 1, 0
     if listed:
-        place = _next(text, place + 1)
+        place = _after_blanks(text, place + 1)
     if ended := listed and text[place : place + 1] == "]":
-        place = _next(text, place + 1)
+        place = _after_blanks(text, place + 1)
     while place < len(text) and not ended:
         line, counted = line + text.count("\n", counted, place), place
         try:
@@ -156,39 +156,39 @@ def _json_rows(text: str, faults: _Faults) -> Iterator[_Row]:
             yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
         else:
             faults.add(line, f"a record is {type(value).__name__}", "write objects, one for each run and observable")
-        place = _next(text, place)
+        place = _after_blanks(text, place)
         if listed:
             ended = text[place : place + 1] == "]"
             if not ended and text[place : place + 1] != ",":
                 line += text.count("\n", counted, place)
                 faults.add(line, "the list does not go on with a comma, nor end", "divide the records by commas, close with ]")
                 return
-            place = _next(text, place + 1)
+            place = _after_blanks(text, place + 1)
     if listed and place < len(text):
         faults.add(line + text.count("\n", counted, place), "something stands behind the list", "remove it")
     elif listed and not ended:
         faults.add(line + text.count("\n", counted, place), "the list does not end", "close it with ]")
 
 
-def _next(text: str, place: int) -> int:
+def _after_blanks(text: str, place: int) -> int:
     """The next place that is no blank of JSON."""
     while place < len(text) and text[place] in " \t\r\n":
         place += 1
     return place
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     made = dict(pairs)
     if len(made) != len(pairs):
         raise ValueError("a name stands twice in one object")
     return made
 
 
-def _no_constant(name: str) -> float:
+def _refuse_constant(name: str) -> float:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def _columns(rows: Sequence[_Row]) -> dict[str, int]:
+def _first_lines(rows: Sequence[_Row]) -> dict[str, int]:
     """Every column, with the line on which it first comes."""
     columns: dict[str, int] = {}
     for row in rows:
@@ -198,7 +198,7 @@ def _columns(rows: Sequence[_Row]) -> dict[str, int]:
 
 
 @dataclass(slots=True)
-class _Run:
+class _RunRows:
     """What is known of one run so far: what its rows must agree in (values by column), and its observations."""
 
     line: int
@@ -207,27 +207,27 @@ class _Run:
     observations: list[Observation] = field(default_factory=list)
 
 
-class _Reader:
+class _TableReader:
     """Takes rows one by one, keeps what is sound, and notes what is not."""
 
-    def __init__(self, decomposition: Decomposition, faults: _Faults, columns: Mapping[str, int]) -> None:
+    def __init__(self, decomposition: Decomposition, faults: _FaultLog, columns: Mapping[str, int]) -> None:
         self._asked = decomposition
         self._faults = faults
         self._columns = columns
         self._factors = [name for name in decomposition.factors() if name in columns]
         self._units = {row.factor: row.unit for rows in decomposition.tables.values() for row in rows}
-        self._runs: dict[str, _Run] = {}
+        self._runs: dict[str, _RunRows] = {}
         self._lines: dict[tuple[str, str], int] = {}
 
     def check_columns(self) -> None:
         """Whether the table has the columns that it needs, and no others."""
         if not self._columns:
             return
-        known, first = (*COLUMNS, *self._asked.factors()), min(self._columns.values())
+        known, first = (*KNOWN_COLUMNS, *self._asked.factors()), min(self._columns.values())
         for name, line in self._columns.items():
             if name not in known:
                 self._faults.add(line, f"unknown column {name!r}", f"known: {', '.join(known)}")
-        for name in REQUIRED:
+        for name in REQUIRED_COLUMNS:
             if name not in self._columns:
                 self._faults.add(first, f"the column {name!r} is missing", "add it")
         self._check_difficulty(first)
@@ -265,7 +265,7 @@ class _Reader:
             observable = None
         if name is None:
             return
-        run = self._runs.setdefault(name, _Run(row.line, common))
+        run = self._runs.setdefault(name, _RunRows(row.line, common))
         self._agree(row, name, run, common)
         if observable is None or considered is None:
             return
@@ -292,7 +292,7 @@ class _Reader:
                     realization=name,
                     design_point=point,
                     replicate=replicate,
-                    agent=run.common.get("agent", AGENT),
+                    agent=run.common.get("agent", DEFAULT_AGENT),
                     outcome=Outcome.COMPLETED,
                     difficulty=self._difficulty(run, shared),
                     observations=tuple(run.observations),
@@ -300,16 +300,18 @@ class _Reader:
             )
         return ExternalTable(tuple(runs), self._lines)
 
-    def _difficulty(self, run: _Run, shared: dict[object, Difficulty]) -> Difficulty:
+    def _difficulty(self, run: _RunRows, shared: dict[object, Difficulty]) -> Difficulty:
         """Equal situations share one object, as replicates of a campaign do."""
         values = {name: run.common[name] for name in self._factors} or run.difficulties
-        rate: Callable[[Decomposition, Mapping[str, float]], Difficulty] = difficulty if self._factors else difficulty_given
+        rate: Callable[[Decomposition, Mapping[str, float]], Difficulty] = (
+            difficulty_of_values if self._factors else stated_difficulty
+        )
         key = tuple(sorted(values.items()))
         if key not in shared:
             shared[key] = rate(self._asked, values)
         return shared[key]
 
-    def _agree(self, row: _Row, name: str, run: _Run, common: Mapping[str, Any]) -> None:
+    def _agree(self, row: _Row, name: str, run: _RunRows, common: Mapping[str, Any]) -> None:
         for column, value in common.items():
             stated = run.common[column]
             if value is not None and stated is not None and value != stated:
@@ -338,7 +340,7 @@ class _Reader:
                 self._faults.add(row.line, f"{column} is empty{where}", "give a number")
             return None
         if isinstance(value, str):
-            found = float(value) if _NUMBER.fullmatch(value) else math.nan
+            found = float(value) if _DECIMAL.fullmatch(value) else math.nan
         else:
             found = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
         if not math.isfinite(found):
@@ -354,7 +356,7 @@ class _Reader:
         value = row.cells.get("considered")
         if value is None:
             return True
-        found = _WORDS.get(str(value).lower())
+        found = _CONSIDERED_WORDS.get(str(value).lower())
         if found is None:
             self._faults.add(row.line, f"considered is {value!r}", "write true, false, 1, 0, yes or no; empty is true")
         return found

@@ -98,7 +98,7 @@ class ScoreReport(Document):
     runs: Annotated[tuple[RunReport, ...] | None, Field(description="With --per-run, and where a single run was named.")] = None
 
 
-_NAMES = {"node": "id", "score_mean": "score", "confidence_mean": "confidence"}
+_FIELD_OF_COLUMN = {"node": "id", "score_mean": "score", "confidence_mean": "confidence"}
 
 
 def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeReport, ...]:
@@ -154,13 +154,13 @@ def score_report(
 
 
 def _node(row: Mapping[str, Any], passed: Mapping[tuple[str, str, str], int]) -> dict[str, Any]:
-    named = {_NAMES.get(name, name): value for name, value in row.items()}
+    named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
     named["passed"] = passed.get((row["agent"], row["configuration"], row["node"]), 0)
     return {name: value for name, value in named.items() if name in NodeReport.model_fields}
 
 
 def _run_node(row: Mapping[str, Any]) -> dict[str, Any]:
-    named = {_NAMES.get(name, name): value for name, value in row.items()}
+    named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
     return {name: value for name, value in named.items() if name in RunNode.model_fields}
 
 

@@ -1,4 +1,4 @@
-"""ARL scores and confidences of runs, as published (reading.md 6 to 12).
+"""ARL scores and confidences of runs, as published (docs/rulings.md 6 to 12).
 
 Inside, "not scored" is a mask beside the numbers; at the face it is None. It is never NaN and never zero.
 """
@@ -14,10 +14,10 @@ from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Observation
 from decompositions import Decomposition
 
+from ._arrays import DecompositionArrays, arrays_of
 from ._difficulty import Difficulty
-from ._plan import Plan, plan_of
 
-EDGE = 1e-12  # slack at the edge of a near miss alone, where tau - near_miss is a rounded number
+NEAR_MISS_SLACK = 1e-12  # slack at the edge of a near miss alone, where tau - near_miss is a rounded number
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class RunScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredRuns:
     """Runs as arrays (leaves, runs): difficulty; measured x, 0 where not considered; and where considered."""
 
     difficulty: Floats
@@ -54,7 +54,7 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Scores:
+class ScoreArrays:
     """Every node in every run, as arrays (nodes, runs).
 
     `score` is 0 where `scored` is false, `confidence` 0 where `considered` is 0. `passed_score` is what the score would
@@ -79,25 +79,30 @@ def score_run(
     `difficulties` are those of the observables. An observable without an observation is not considered. Raises ValueError
     for an observation of an unknown observable, a second one of the same, or a considered one without a value.
     """
-    plan = plan_of(decomposition)
+    plan = arrays_of(decomposition)
     x, considered = measured_column(plan, observations)
     rated = difficulty_column(plan, difficulties)
-    scores = score_runs(plan, Measured(rated[:, None], x[:, None], considered[:, None]))
+    scores = score_runs(plan, MeasuredRuns(rated[:, None], x[:, None], considered[:, None]))
     return RunScores({node: _node_score(node, index, scores) for index, node in enumerate(plan.nodes)})
 
 
-def score_runs(plan: Plan, runs: Measured) -> Scores:
+def score_runs(plan: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
     """Score any number of runs at once."""
     tau, partial = plan.threshold[:, None], plan.partial_credit[:, None]
     achieved = runs.considered & (runs.x >= tau)
-    near = runs.considered & ~achieved & (plan.near_miss[:, None] > 0.0) & (runs.x >= tau - plan.near_miss[:, None] - EDGE)
+    near = (
+        runs.considered
+        & ~achieved
+        & (plan.near_miss[:, None] > 0.0)
+        & (runs.x >= tau - plan.near_miss[:, None] - NEAR_MISS_SLACK)
+    )
     credit = np.where(partial, plan.policies.credit_points * (runs.x - tau), 0.0)
     passed_credit = np.where(achieved, credit, 0.0)
-    score, scored = _upwards(plan, runs.difficulty + credit, achieved | near)
-    passed_score, _ = _upwards(plan, runs.difficulty + passed_credit, runs.considered)
-    passed, asked = _count(plan, achieved), _count(plan, runs.considered)
-    return Scores(
-        difficulty=_lowest(plan, runs.difficulty),
+    score, scored = _inner_scores(plan, runs.difficulty + credit, achieved | near)
+    passed_score, _ = _inner_scores(plan, runs.difficulty + passed_credit, runs.considered)
+    passed, asked = _leaf_counts(plan, achieved), _leaf_counts(plan, runs.considered)
+    return ScoreArrays(
+        difficulty=_node_difficulty(plan, runs.difficulty),
         score=score,
         scored=scored,
         confidence=_confidence(plan, passed, asked, scored),
@@ -107,7 +112,7 @@ def score_runs(plan: Plan, runs: Measured) -> Scores:
     )
 
 
-def difficulty_column(plan: Plan, difficulties: Difficulty | Mapping[str, float]) -> Floats:
+def difficulty_column(plan: DecompositionArrays, difficulties: Difficulty | Mapping[str, float]) -> Floats:
     """Difficulty of every leaf. Raises ValueError naming those that have none."""
     values = (
         difficulties if isinstance(difficulties, Mapping) else {one: difficulties.of(one) for one in difficulties.observables}
@@ -117,23 +122,23 @@ def difficulty_column(plan: Plan, difficulties: Difficulty | Mapping[str, float]
     return np.array([values[leaf] for leaf in plan.leaves], dtype=np.float64)
 
 
-def measured_column(plan: Plan, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
+def measured_column(plan: DecompositionArrays, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
     """Measured value and consideration of every leaf in one run. Raises ValueError as `score_run` says."""
     x, considered = np.zeros(len(plan.leaves)), np.zeros(len(plan.leaves), dtype=np.bool_)
     own = tuple(observations)
     found = {one.observable: one.x if one.considered else None for one in own}
     places = [plan.number.get(name) for name in found]
     if len(found) < len(own) or None in places:
-        raise ValueError(_fault_of(plan, own))
+        raise ValueError(_first_fault(plan, own))
     at = np.array(places, dtype=np.int64)
     considered[at] = [one.considered for one in own]
     x[at] = [0.0 if value is None else value for value in found.values()]
     if np.count_nonzero(considered) > len(found) - list(found.values()).count(None):
-        raise ValueError(_fault_of(plan, own))
+        raise ValueError(_first_fault(plan, own))
     return x, considered
 
 
-def _fault_of(plan: Plan, observations: Iterable[Observation]) -> str:
+def _first_fault(plan: DecompositionArrays, observations: Iterable[Observation]) -> str:
     seen = set()
     for one in observations:
         if one.observable not in plan.number:
@@ -146,7 +151,7 @@ def _fault_of(plan: Plan, observations: Iterable[Observation]) -> str:
     raise AssertionError("these observations have no fault")
 
 
-def _upwards(plan: Plan, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
+def _inner_scores(plan: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
     """Carry scores from the leaves up: the minimum (or mean) over the children that have one."""
     shape = (len(plan.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
@@ -164,7 +169,7 @@ def _upwards(plan: Plan, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats
     return score, scored
 
 
-def _lowest(plan: Plan, leaf_difficulty: Floats) -> Floats:
+def _node_difficulty(plan: DecompositionArrays, leaf_difficulty: Floats) -> Floats:
     """Minimum over all distinct descendant leaves, considered or not; carried up, for a minimum of minima is one."""
     lowest = np.zeros((len(plan.nodes), leaf_difficulty.shape[1]))
     lowest[plan.leaf_rows] = leaf_difficulty
@@ -173,13 +178,13 @@ def _lowest(plan: Plan, leaf_difficulty: Floats) -> Floats:
     return lowest
 
 
-def _count(plan: Plan, leaves: Bools) -> Counts:
+def _leaf_counts(plan: DecompositionArrays, leaves: Bools) -> Counts:
     """How many of its distinct leaves each node has in each run; exact, for float64 counts far beyond any decomposition."""
     counted: Counts = (plan.under.astype(np.float64) @ leaves.astype(np.float64)).astype(np.int64)
     return counted
 
 
-def _confidence(plan: Plan, passed: Counts, asked: Counts, scored: Bools) -> Floats:
+def _confidence(plan: DecompositionArrays, passed: Counts, asked: Counts, scored: Bools) -> Floats:
     """Achieved over considered leaves; by the policy `children`, scored over considered children of inner nodes."""
     if plan.policies.confidence == "children":
         leaves_asked, passed, asked = asked, passed.copy(), asked.copy()
@@ -189,7 +194,7 @@ def _confidence(plan: Plan, passed: Counts, asked: Counts, scored: Bools) -> Flo
     return np.where(asked > 0, passed / np.maximum(asked, 1), 0.0)
 
 
-def _node_score(node: str, index: int, scores: Scores) -> NodeScore:
+def _node_score(node: str, index: int, scores: ScoreArrays) -> NodeScore:
     considered = int(scores.considered[index, 0])
     return NodeScore(
         node=node,

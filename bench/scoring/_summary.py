@@ -1,4 +1,4 @@
-"""Nodes over many runs: the means as published, the counts beside them, and how sure they are (reading.md 13, 16, 18)."""
+"""Nodes over many runs: the means as published, the counts beside them, and how sure they are (docs/rulings.md 13, 16, 18)."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ import polars as pl
 from numpy.typing import NDArray
 
 from bench.arrays import Bools, Counts, Floats
-from bench.contracts import Outcome
 from bench.statistics import (
+    COMPETENCE_SHARES,
     DIFFICULTY_DECIMALS,
-    SHARES,
-    Tally,
+    TrialCounts,
     Trials,
     bootstrap_means,
     clopper_pearson,
     competence,
+    count_design_points,
+    count_trials,
     effective_size,
     mean_bounds,
     pass_rate_bounds,
-    tally,
-    tally_points,
 )
 from decompositions import Decomposition, Level, Policies
+
+from ._table import EXCLUDED_OUTCOMES
 
 ALL = "all"
 SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
@@ -69,12 +70,11 @@ threshold. `score_low` and `score_high` are null below five design points with a
 confidence. `competence_*` is over difficulties: it stands in the rows of `all`
 alone, and is null where the node was never considered (see `_competence`)."""
 
-NOTHING, EXACT, CLUSTERED = "none considered", "clopper-pearson", "korn-graubard"
-LOOKED, LOOKED_MEAN = "anytime-valid (pass rate)", "anytime-valid (mean)"
+NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL = "none considered", "clopper-pearson", "korn-graubard"
+ANYTIME_PASS_RATE, ANYTIME_MEAN = "anytime-valid (pass rate)", "anytime-valid (mean)"
 """Of runs until settled: exact intervals do not hold where the trials decided how many they would be."""
 
-_METHODS = (NOTHING, EXACT, CLUSTERED, LOOKED, LOOKED_MEAN)
-_FAULTS_OF_THE_BENCH = [str(one) for one in Outcome if not one.counts]
+_METHODS = (NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL, ANYTIME_PASS_RATE, ANYTIME_MEAN)
 
 
 def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = None) -> pl.DataFrame:
@@ -87,10 +87,10 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
     policies = decomposition.policies if decomposition else Policies()
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
-    scenes = _scenes(scores)
-    apart = _summarised(scenes.configured(), policies, titles)
+    scenes = _scene_sums(scores)
+    apart = _summary_rows(scenes.configured(), policies, titles)
     scenes = scenes.together()  # and nothing of the others is kept, for they may be large
-    together = _summarised(scenes, policies, titles).with_columns(**_competence(scenes, scores))
+    together = _summary_rows(scenes, policies, titles).with_columns(**_competence(scenes, scores))
     frame = pl.concat([together, apart], how="diagonal")
     asked = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
     asked = asked.sort("_agent", "_place", maintain_order=True)  # `all` is 0 too, and comes before the first as it did here
@@ -98,21 +98,21 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
 
 
 @dataclass(frozen=True, slots=True)
-class _Texts:
+class _TextCodes:
     """A column of texts as numbers in the order of first appearance, -1 where there is none."""
 
     names: tuple[str, ...]
     numbers: NDArray[np.int32]
 
     @classmethod
-    def of(cls, column: pl.Series) -> _Texts:
+    def of(cls, column: pl.Series) -> _TextCodes:
         names = column.drop_nulls().unique(maintain_order=True).cast(pl.String)
         numbers = column.cast(pl.String).cast(pl.Enum(names)).to_physical().cast(pl.Int32)
         return cls(tuple(names), numbers.fill_null(-1).to_numpy())
 
 
 @dataclass(frozen=True, slots=True)
-class _Scenes:
+class _SceneSums:
     """A score table summed over the runs of each scene: an agent in a design point of a configuration.
 
     Scenes come by agent, configuration and design point, whose numbers stand beside them (-1: none). `sums` are (scenes,
@@ -131,7 +131,7 @@ class _Scenes:
     low: Floats
     high: Floats
 
-    def together(self) -> _Scenes:
+    def together(self) -> _SceneSums:
         """All configurations in one."""
         order = np.lexsort((self.point, self.agent))
         agent, point = self.agent[order], self.point[order]
@@ -147,7 +147,7 @@ class _Scenes:
             high=np.maximum.reduceat(self.high[order], first),
         )
 
-    def configured(self) -> _Scenes:
+    def configured(self) -> _SceneSums:
         """Those that have a configuration."""
         has = self.configuration >= 0
         if has.all():
@@ -173,19 +173,19 @@ class _Scenes:
         return np.add.reduceat(values, self.starts, dtype=np.float64 if values.dtype.kind == "f" else np.int64)
 
 
-def _scenes(scores: pl.DataFrame) -> _Scenes:
-    agent, configuration, point = (_Texts.of(scores[name]) for name in ("agent", "configuration", "design_point"))
+def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
+    agent, configuration, point = (_TextCodes.of(scores[name]) for name in ("agent", "configuration", "design_point"))
     places, points = len(configuration.names) + 1, len(point.names) + 1
-    keys, scene = _numbered(((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1)
+    keys, scene = _dense_codes(((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1)
     names = {"agents": agent.names, "configurations": configuration.names, "design_points": point.names}
     del agent, configuration, point  # arrays as long as the table, which may be large
-    node = _Texts.of(scores["node"])
+    node = _TextCodes.of(scores["node"])
     shape = (keys.size, len(node.names))
     slot = scene * shape[1] + node.numbers
     a_row = np.zeros(shape[1], dtype=np.int64)
     a_row[node.numbers] = np.arange(scores.height)
     low, high = _ends(scores, slot, shape[0] * shape[1])
-    return _Scenes(
+    return _SceneSums(
         **names,
         nodes=node.names,
         levels=tuple(scores["level"].gather(a_row)),
@@ -215,7 +215,7 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     def count(where: NDArray[Any]) -> NDArray[np.int32]:
         return np.bincount(slot, weights=where, minlength=size).astype(np.int32)  # whole numbers: exact
 
-    counts = (~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH)).to_numpy()
+    counts = (~scores["outcome"].is_in(EXCLUDED_OUTCOMES)).to_numpy()
     yield "runs", count(counts)
     yield "excluded", count(~counts)
     yield "until_settled", _until_settled(scores, counts, slot, size)
@@ -247,7 +247,7 @@ def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
     return column.cast(pl.Float64).fill_null(0.0).to_numpy(), column.is_not_null().to_numpy()
 
 
-def _numbered(keys: Counts) -> tuple[Counts, Counts]:
+def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
     """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense enough."""
     size = int(keys.max()) + 1
     if size > 4 * keys.size:
@@ -263,7 +263,7 @@ def _mean(total: Floats, count: Counts) -> Floats:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
+def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, str]) -> pl.DataFrame:
     starts, nodes = scenes.starts, scenes.nodes
     considered, scored = scenes.total("considered"), scenes.total("scored")
     low, high = np.minimum.reduceat(scenes.low, starts), np.maximum.reduceat(scenes.high, starts)
@@ -278,7 +278,7 @@ def _summarised(scenes: _Scenes, policies: Policies, titles: Mapping[str, str]) 
     looked = (considered > 0) & (scenes.total("until_settled") > 0)
     if looked.any():
         alone = leaf & (points == 1)
-        low_end, high_end = _interval_at_any_look(confidence, considered, alone)
+        low_end, high_end = _anytime_interval(confidence, considered, alone)
         confidence_low, confidence_high = np.where(looked, low_end, confidence_low), np.where(looked, high_end, confidence_high)
         method = np.where(looked, np.where(alone, 3, 4), method)
     blocks = {
@@ -318,14 +318,14 @@ def _gather(texts: Sequence[str], index: Counts) -> pl.Series:
     return pl.Series(texts, dtype=pl.String).gather(index)
 
 
-def _confidence(scenes: _Scenes, policies: Policies) -> Floats:
+def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
     if policies.over_runs == "mean_of_ratios":
         return _mean(scenes.total("confidence"), scenes.total("considered"))
     asked = scenes.total("asked")
     return np.where(asked > 0, scenes.total("achieved") / np.maximum(asked, 1.0), np.nan)
 
 
-def _spread(scenes: _Scenes) -> Floats:
+def _spread(scenes: _SceneSums) -> Floats:
     """Sum over the design points of (summed deviations of their ratios from the block's mean) squared."""
     mean = np.nan_to_num(_mean(scenes.total("confidence"), scenes.total("considered")))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
@@ -333,7 +333,7 @@ def _spread(scenes: _Scenes) -> Floats:
     return np.add.reduceat(deviation**2, scenes.starts)
 
 
-def _score_ends(scenes: _Scenes) -> tuple[Floats, Floats]:
+def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
     starts = scenes.starts
     ends = np.full((2, starts.size, len(scenes.nodes)), np.nan)
     names = (*scenes.design_points, "")
@@ -350,7 +350,7 @@ def _interval(mean: Floats, considered: Counts, points: Counts, squared: Floats,
     return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
 
 
-def _interval_at_any_look(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:
+def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:
     """Of a pass rate for observables that are `alone` with one design point; else of the mean of the expectations."""
     runs = considered.astype(np.float64)
     total = np.nan_to_num(mean) * runs
@@ -358,7 +358,7 @@ def _interval_at_any_look(mean: Floats, considered: Counts, alone: Bools) -> tup
     return np.where(alone, rate[0], expected[0]), np.where(alone, rate[1], expected[1])
 
 
-def _competence(scenes: _Scenes, scores: pl.DataFrame) -> dict[str, pl.Series]:
+def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
     """The columns of competence for an agent's every node over all configurations, null in groups without a trial."""
     groups = len(scenes.agents) * len(scenes.nodes)
     tried = scenes.sums["trials"] > 0
@@ -366,20 +366,20 @@ def _competence(scenes: _Scenes, scores: pl.DataFrame) -> dict[str, pl.Series]:
     counted = _tally(scenes, groups) if alike else _tally_rows(scores, groups)
     first = _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None
     columns: dict[str, pl.Series] = {}
-    for name, share in SHARES.items():
+    for name, share in COMPETENCE_SHARES.items():
         found = competence(counted, share)
         known = pl.Series(found.trials > 0)
         low = found.low if first is None else np.minimum(found.value, competence(first, share).low)
         parts = (("", found.value), ("_low", low), ("_at_least", found.at_least))
-        columns |= {f"competence_{name}{part}": _known(pl.Series(values), known) for part, values in parts}
+        columns |= {f"competence_{name}{part}": _masked(pl.Series(values), known) for part, values in parts}
     return columns
 
 
-def _tally(scenes: _Scenes, groups: int) -> Tally:
+def _tally(scenes: _SceneSums, groups: int) -> TrialCounts:
     scene, node = np.nonzero(scenes.sums["trials"])
     group = scenes.agent[scene] * len(scenes.nodes) + node
     trials, passes = scenes.sums["trials"][scene, node], scenes.sums["passes"][scene, node]
-    return tally_points(group, scenes.low[scene, node], trials, passes, groups)
+    return count_design_points(group, scenes.low[scene, node], trials, passes, groups)
 
 
 def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
@@ -388,15 +388,17 @@ def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
     return scores.with_columns(considered=pl.when(first | ~pl.col("until_settled")).then("considered").otherwise(0))
 
 
-def _tally_rows(scores: pl.DataFrame, groups: int) -> Tally:
+def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
     """Run by run: a table from elsewhere may vary the difficulty within a design point."""
-    agent, node, point = (_Texts.of(scores[name]) for name in ("agent", "node", "design_point"))
+    agent, node, point = (_TextCodes.of(scores[name]) for name in ("agent", "node", "design_point"))
     asked = _column(scores, "considered")[0]
-    tried = (asked > 0) & ~scores["outcome"].is_in(_FAULTS_OF_THE_BENCH).to_numpy()
+    tried = (asked > 0) & ~scores["outcome"].is_in(EXCLUDED_OUTCOMES).to_numpy()
     group = agent.numbers * np.int64(len(node.names)) + node.numbers
     passed = _column(scores, "achieved")[0] == asked
-    return tally(Trials(group[tried], _column(scores, "difficulty")[0][tried], passed[tried], point.numbers[tried]), groups)
+    return count_trials(
+        Trials(group[tried], _column(scores, "difficulty")[0][tried], passed[tried], point.numbers[tried]), groups
+    )
 
 
-def _known(values: pl.Series, known: pl.Series) -> pl.Series:
+def _masked(values: pl.Series, known: pl.Series) -> pl.Series:
     return pl.DataFrame({"value": values, "known": known}).select(pl.when("known").then("value")).to_series()

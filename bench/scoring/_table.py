@@ -12,10 +12,10 @@ from bench.arrays import Floats
 from bench.contracts import Observation, Outcome
 from decompositions import Decomposition
 
+from ._arrays import DecompositionArrays, arrays_of
 from ._configuration import configuration_of
 from ._difficulty import Difficulty
-from ._plan import Plan, plan_of
-from ._scores import Measured, Scores, difficulty_column, measured_column, score_runs
+from ._scores import MeasuredRuns, ScoreArrays, difficulty_column, measured_column, score_runs
 
 SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "realization": pl.String,
@@ -41,6 +41,10 @@ score that the node would have had, had every failed observable passed with x at
 replicates its design point has hung on how they went, so that only intervals that hold at every look hold."""
 
 
+EXCLUDED_OUTCOMES = tuple(str(outcome) for outcome in Outcome if not outcome.counts)
+"""Outcomes of runs that the bench spoilt: such runs have rows in a score table, and nothing is considered in them."""
+
+
 @dataclass(frozen=True, slots=True)
 class ScoredRun:
     """One realization as scoring takes it: which it was, how it ended, how hard it was, and what was observed."""
@@ -62,10 +66,10 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
     `study` names the key attributes that make difficulty configurations. Raises ValueError for a realization that comes
     twice, and as `score_run` does; SetupError for a study of something else than key attributes.
     """
-    plan = plan_of(decomposition)
+    plan = arrays_of(decomposition)
     if not runs:
         return pl.DataFrame(schema=SCORE_COLUMNS)
-    _each_once(runs)
+    _require_unique(runs)
     measured = _measured(plan, runs)
     scores = score_runs(plan, measured)
     of_run = np.repeat(np.arange(len(runs)), len(plan.nodes))
@@ -100,7 +104,7 @@ def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int
     return sum(len(set(decomposition.observables) - {one.observable for one in run.observations}) for run in counted)
 
 
-def _each_once(runs: Sequence[ScoredRun]) -> None:
+def _require_unique(runs: Sequence[ScoredRun]) -> None:
     seen: set[str] = set()
     for run in runs:
         if run.realization in seen:
@@ -108,9 +112,9 @@ def _each_once(runs: Sequence[ScoredRun]) -> None:
         seen.add(run.realization)
 
 
-def _measured(plan: Plan, runs: Sequence[ScoredRun]) -> Measured:
+def _measured(plan: DecompositionArrays, runs: Sequence[ScoredRun]) -> MeasuredRuns:
     shape = (len(plan.leaves), len(runs))
-    measured = Measured(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
+    measured = MeasuredRuns(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
     rated: dict[int, Floats] = {}
     for number, run in enumerate(runs):
         if id(run.difficulty) not in rated:
@@ -130,7 +134,7 @@ def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], stu
     return [known[id(run.difficulty)] for run in runs]
 
 
-def _x(plan: Plan, measured: Measured, scores: Scores) -> pl.Series:
+def _x(plan: DecompositionArrays, measured: MeasuredRuns, scores: ScoreArrays) -> pl.Series:
     x, known = np.zeros_like(scores.score), np.zeros_like(scores.scored)
     x[plan.leaf_rows], known[plan.leaf_rows] = measured.x, measured.considered
     return _where(x, known)

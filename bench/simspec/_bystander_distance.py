@@ -14,7 +14,7 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
 
     It is the least `mean_distance` to an adversary that a group states. Where none states one it is the most that the mean over
     all bystanders can be: for each group the upper end of a relation to an adversary, and never more than the ground of the
-    two allows. A run so certifies an agent to what any placement of the situation holds (reading.md 2 and 5), and no more.
+    two allows. A run so certifies an agent to what any placement of the situation holds (docs/rulings.md 2 and 5), and no more.
     """
     area_m2 = simspec.world.area.area_m2
     groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.member_count(area_m2)]

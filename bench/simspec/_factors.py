@@ -1,6 +1,6 @@
 """Key factors: the numbers of a configured situation from which ethical difficulty is rated.
 
-They are read from the intent of the SimSpec, before anything runs (reading.md 5): the altitude is the mission's, the
+They are read from the intent of the SimSpec, before anything runs (docs/rulings.md 5): the altitude is the mission's, the
 bystander density the groups', not what placement or flight made of them.
 """
 

@@ -1,64 +1,47 @@
-"""Statistics over scores: intervals, competence curves, factor tests, comparisons, power, stopping. Pure functions, no I/O."""
+"""Statistics over scores: intervals, competence, factor tests, comparisons, power, stopping. Pure functions, no I/O.
+
+from bench.statistics import claim
+print(claim(passed=14, tried=14))
+"""
 
 from __future__ import annotations
 
-from ._anova import Anova as Anova
-from ._anova import Effect as Effect
 from ._anova import anova as anova
 from ._bootstrap import bootstrap_means as bootstrap_means
 from ._claims import claim as claim
-from ._claims import more_passes as more_passes
-from ._claims import share_claimed as share_claimed
-from ._claims import share_ruled_out as share_ruled_out
-from ._claims import straight_passes as straight_passes
+from ._comparison import NodeComparison as NodeComparison
+from ._comparison import compare_nodes as compare_nodes
+from ._competence import COMPETENCE_SHARES as COMPETENCE_SHARES
 from ._competence import DIFFICULTY_DECIMALS as DIFFICULTY_DECIMALS
-from ._competence import SHARES as SHARES
-from ._competence import Competence as Competence
-from ._competence import Tally as Tally
+from ._competence import TrialCounts as TrialCounts
 from ._competence import Trials as Trials
 from ._competence import competence as competence
 from ._competence import competence_of as competence_of
-from ._competence import tally as tally
-from ._competence import tally_points as tally_points
+from ._competence import count_design_points as count_design_points
+from ._competence import count_trials as count_trials
 from ._curve import Curve as Curve
 from ._curve import CurveState as CurveState
 from ._curve import difficulty_response as difficulty_response
-from ._divergence import Divergence as Divergence
-from ._divergence import Ended as Ended
-from ._divergence import divergence as divergence
-from ._divergence import js_divergence as js_divergence
-from ._effects import Difference as Difference
-from ._effects import PairedCounts as PairedCounts
-from ._effects import cliffs_delta as cliffs_delta
-from ._hidden import hidden_differences as hidden_differences
+from ._equivalence import difference_bounds as difference_bounds
 from ._intervals import clopper_pearson as clopper_pearson
 from ._intervals import effective_size as effective_size
 from ._intervals import wilson as wilson
-from ._multiplicity import benjamini_hochberg as benjamini_hochberg
-from ._multiplicity import holm as holm
 from ._power import mcnemar_power as mcnemar_power
 from ._power import pairs_for_difference as pairs_for_difference
 from ._power import runs_for_claim as runs_for_claim
 from ._power import runs_for_half_width as runs_for_half_width
-from ._regression import Correlation as Correlation
-from ._regression import FactorTest as FactorTest
-from ._regression import Logistic as Logistic
 from ._regression import OddsRatio as OddsRatio
 from ._regression import correlation as correlation
 from ._regression import logistic as logistic
 from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
-from ._screening import NodeFactors as NodeFactors
+from ._screening import NodeFactorAnalysis as NodeFactorAnalysis
 from ._screening import factor_frame as factor_frame
 from ._screening import node_factors as node_factors
 from ._sequential import StoppingRule as StoppingRule
-from ._sequential import Verdict as Verdict
 from ._sequential import confidence_sequence as confidence_sequence
 from ._sequential import mean_bounds as mean_bounds
 from ._sequential import pass_rate_bounds as pass_rate_bounds
 from ._terms import FactorColumn as FactorColumn
+from ._terms import FactorIndependence as FactorIndependence
 from ._terms import FactorLevel as FactorLevel
-from ._terms import Independence as Independence
-from ._terms import LeftOut as LeftOut
-from ._terms import cramers_v as cramers_v
 from ._terms import factor_columns as factor_columns
-from ._terms import independence as independence

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ._terms import FactorColumn, Independence, LeftOut, Term, Terms, design_matrix, independence, terms_of
+from ._terms import FactorColumn, FactorIndependence, OmittedTerm, Term, Terms, design_matrix, independence, terms_of
 
-NIL = 1e-20
+NEGLIGIBLE_SHARE = 1e-20
 """Share of the total sum of squares below which a residual is rounding."""
 CLUSTERED = "OLS type II, errors by design point (CR2)"
 PLAIN = "OLS type II"
-SHAPIRO_MOST = 5000
+MAX_SHAPIRO_VALUES = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +60,8 @@ class Anova:
     method: str
     r2: float | None
     effects: tuple[Effect, ...]
-    left_out: tuple[LeftOut, ...]
-    independence: Independence
+    left_out: tuple[OmittedTerm, ...]
+    independence: FactorIndependence
     normal_p: float | None = None
     equal_spread_p: float | None = None
     note: str = ""
@@ -80,28 +80,28 @@ def anova(values: Sequence[float], factors: Sequence[FactorColumn], points: Sequ
     empty = Anova(len(y), count, method, None, (), terms.left_out, independence(factors))
     parameters = 1 + sum(term.df for term in terms.kept)
     if not len(y):
-        return _said(empty, "no run has a value")
+        return _without_effects(empty, "no run has a value")
     if not terms.kept:
-        return _said(empty, "no factor varies")
+        return _without_effects(empty, "no factor varies")
     if count <= parameters:
-        return _said(empty, f"{count} design points are too few for {parameters} parameters")
+        return _without_effects(empty, f"{count} design points are too few for {parameters} parameters")
     if float(np.ptp(y)) <= 1e-12 * max(1.0, float(np.abs(y).max())):
-        return _said(empty, "every value is the same")
-    return _analysed(y, clusters, count, terms, empty)
+        return _without_effects(empty, "every value is the same")
+    return _with_effects(y, clusters, count, terms, empty)
 
 
-def _said(empty: Anova, note: str) -> Anova:
+def _without_effects(empty: Anova, note: str) -> Anova:
     return Anova(empty.n, empty.points, empty.method, None, (), empty.left_out, empty.independence, note=note)
 
 
-def _analysed(y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, terms: Terms, empty: Anova) -> Anova:
+def _with_effects(y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, terms: Terms, empty: Anova) -> Anova:
     whole, _ = design_matrix(terms.kept, len(y))
-    residual = y - whole @ _solved(whole, y)
+    residual = y - whole @ _coefficients(whole, y)
     total, rest = float(((y - y.mean()) ** 2).sum()), float((residual**2).sum())
-    exact = rest <= NIL * total
+    exact = rest <= NEGLIGIBLE_SHARE * total
     spread = None if exact else rest / (len(y) - whole.shape[1])
     scaled = None if exact or count == len(y) else scaled_residuals(y, whole, clusters)
-    tester = _Tester(y, clusters, terms, count - whole.shape[1], total, spread, count < len(y), scaled)
+    tester = _EffectTester(y, clusters, terms, count - whole.shape[1], total, spread, count < len(y), scaled)
     return Anova(
         n=empty.n,
         points=empty.points,
@@ -110,14 +110,14 @@ def _analysed(y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, t
         effects=tuple(tester.effect(term) for term in terms.kept),
         left_out=empty.left_out,
         independence=empty.independence,
-        normal_p=None if exact else _normal(residual),
-        equal_spread_p=None if exact else _equal_spread(residual, whole),
+        normal_p=None if exact else _normality_p(residual),
+        equal_spread_p=None if exact else _equal_spread_p(residual, whole),
         note="the factors determine every value; nothing is left to test against" if exact else "",
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Tester:
+class _EffectTester:
     """Tests one term after another against the same runs. `spread` is None where the factors determine every value."""
 
     y: NDArray[np.float64]
@@ -162,7 +162,7 @@ def scaled_residuals(y: NDArray[np.float64], x: NDArray[np.float64], clusters: N
 
     None where some cluster alone determines a coefficient.
     """
-    residual = y - x @ _solved(x, y)
+    residual = y - x @ _coefficients(x, y)
     bread = np.linalg.pinv(x.T @ x)
     scaled = np.empty_like(residual)
     for cluster in range(int(clusters.max()) + 1):
@@ -186,12 +186,12 @@ def clustered_errors(
     return errors
 
 
-def _normal(residual: NDArray[np.float64]) -> float | None:
+def _normality_p(residual: NDArray[np.float64]) -> float | None:
     """Shapiro-Wilk, which is defined from 3 values and accurate to 5000; the first so many are taken."""
-    return float(stats.shapiro(residual[:SHAPIRO_MOST]).pvalue) if len(residual) >= 3 else None
+    return float(stats.shapiro(residual[:MAX_SHAPIRO_VALUES]).pvalue) if len(residual) >= 3 else None
 
 
-def _equal_spread(residual: NDArray[np.float64], x: NDArray[np.float64]) -> float | None:
+def _equal_spread_p(residual: NDArray[np.float64], x: NDArray[np.float64]) -> float | None:
     """Breusch-Pagan after Koenker; None where every residual is as large as the others, so that there is nothing to explain."""
     squares = residual**2
     if np.ptp(squares) <= 1e-12 * float(squares.max(initial=0.0)):
@@ -206,9 +206,9 @@ def cluster_codes(points: Sequence[str]) -> NDArray[np.int64]:
     return np.array([place[point] for point in points], dtype=np.int64)
 
 
-def _solved(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _coefficients(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.lstsq(x, y, rcond=None)[0], dtype=np.float64)
 
 
 def _residual_ss(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    return float(((y - x @ _solved(x, y)) ** 2).sum())
+    return float(((y - x @ _coefficients(x, y)) ** 2).sum())

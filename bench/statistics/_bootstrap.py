@@ -19,10 +19,10 @@ from bench.arrays import Counts, Floats
 
 LEVEL = 0.95
 RESAMPLES = 1000
-FEWEST = 5
+MIN_DESIGN_POINTS = 5
 """Design points with a score below which a mean has no interval: so few say too little of how they spread."""
 
-MOST = 500
+MAX_CLUSTERS = 500
 """Design points above which they are drawn in this many groups, made at random: groups of clusters are clusters too."""
 
 _QUANTUM = 2.0**20  # sums are rounded to millionths of a point, so that products are exact in any order of adding
@@ -37,13 +37,13 @@ def bootstrap_means(total: Floats, count: Counts, design_points: Sequence[str], 
     """
     ends = np.full((2, total.shape[1]), np.nan)
     points = (count > 0).sum(axis=0)
-    able = np.flatnonzero(points >= FEWEST)
+    able = np.flatnonzero(points >= MIN_DESIGN_POINTS)
     if not able.size:
         return ends[0], ends[1]
     order = sorted(range(len(design_points)), key=lambda number: design_points[number])
     rng = np.random.default_rng(_seed([design_points[number] for number in order]))
     sums, counts = _grouped(np.rint(total[order][:, able] * _QUANTUM), count[order][:, able].astype(np.float64), rng)
-    weights = _weights(sums.shape[0], rng)
+    weights = _draw_counts(sums.shape[0], rng)
     drawn = weights @ counts
     with np.errstate(invalid="ignore"):  # a draw without any value has no mean, and sorts last
         means = np.sort(np.where(drawn > 0.0, weights @ sums / _QUANTUM / np.maximum(drawn, 1.0), np.nan).T, axis=1)
@@ -61,14 +61,14 @@ def _seed(names: Sequence[str]) -> int:
 def _grouped(total: Floats, count: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Design points as they are, or bound into MOST groups at random."""
     points = total.shape[0]
-    if points <= MOST:
+    if points <= MAX_CLUSTERS:
         return total, count
     order = rng.permutation(points)
-    first = np.arange(MOST) * points // MOST
+    first = np.arange(MAX_CLUSTERS) * points // MAX_CLUSTERS
     return np.add.reduceat(total[order], first), np.add.reduceat(count[order], first)
 
 
-def _weights(points: int, rng: np.random.Generator) -> Floats:
+def _draw_counts(points: int, rng: np.random.Generator) -> Floats:
     """How often each point is drawn in each resample, (resamples, points)."""
     drawn = rng.integers(0, points, size=(RESAMPLES, points)) + np.arange(RESAMPLES)[:, None] * points
     return np.bincount(drawn.ravel(), minlength=RESAMPLES * points).reshape(RESAMPLES, points).astype(np.float64)

@@ -1,4 +1,4 @@
-"""What a count of passes can claim, in a plain sentence (reading.md 18).
+"""What a count of passes can claim, in a plain sentence (docs/rulings.md 18).
 
 All bounds are one-sided and exact (Clopper and Pearson 1934), for runs that are independent draws of the runs that are spoken of.
 """
@@ -12,25 +12,25 @@ from scipy import stats
 LEVEL = 0.95
 
 
-def share_claimed(passed: int, tried: int, level: float = LEVEL) -> float:
+def pass_rate_at_least(passed: int, tried: int, level: float = LEVEL) -> float:
     """The share of runs of which it can be said with confidence `level` that at least so many would pass; 0 for no passes."""
-    _counts(passed, tried)
+    _require_counts(passed, tried)
     return float(stats.beta.ppf(1.0 - level, passed, tried - passed + 1)) if passed else 0.0
 
 
-def share_ruled_out(passed: int, tried: int, level: float = LEVEL) -> float:
+def pass_rate_at_most(passed: int, tried: int, level: float = LEVEL) -> float:
     """The share of which it can be said that at most so many would pass; 1 where all passed."""
-    return 1.0 - share_claimed(tried - passed, tried, level)
+    return 1.0 - pass_rate_at_least(tried - passed, tried, level)
 
 
-def straight_passes(share: float, level: float = LEVEL) -> int:
+def passes_for_claim(share: float, level: float = LEVEL) -> int:
     """Passes without a failure that it takes to claim a share: 59 for 95 % with 95 % confidence, for 0.95^59 < 0.05."""
-    return more_passes(0, 0, share, level)
+    return further_passes_for_claim(0, 0, share, level)
 
 
-def more_passes(passed: int, tried: int, share: float, level: float = LEVEL) -> int:
+def further_passes_for_claim(passed: int, tried: int, share: float, level: float = LEVEL) -> int:
     """Further straight passes after which `share` can be claimed; 0 where it can be now. Raises ValueError unless 0 < share < 1."""
-    _counts(passed, tried)
+    _require_counts(passed, tried)
     if not 0.0 < share < 1.0:
         raise ValueError(f"no number of passes claims a share of {share:g}; give one above 0 and below 1")
     if _claims(passed, tried, share, level):
@@ -46,19 +46,19 @@ def more_passes(passed: int, tried: int, share: float, level: float = LEVEL) -> 
 
 def claim(passed: int, tried: int, share: float = 0.95, level: float = LEVEL) -> str:
     """What `passed` of `tried` runs say, and how many straight passes would claim `share`."""
-    _counts(passed, tried)
+    _require_counts(passed, tried)
     if tried == 0:
-        return f"Nothing was tried, so nothing can be claimed; {_needed(straight_passes(share, level), share)}."
+        return f"Nothing was tried, so nothing can be claimed; {_needed_text(passes_for_claim(share, level), share)}."
     counted = f"{passed} of {tried} runs passed"
     if passed == 0:
-        most = math.ceil(share_ruled_out(0, tried, level) * 1000 - 1e-9) / 10
+        most = math.ceil(pass_rate_at_most(0, tried, level) * 1000 - 1e-9) / 10
         return f"{counted}: with {_percent(level)} confidence at most {most:.1f} % of such runs would (one-sided, exact)."
-    least = math.floor(share_claimed(passed, tried, level) * 1000 + 1e-9) / 10
-    more = more_passes(passed, tried, share, level)
+    least = math.floor(pass_rate_at_least(passed, tried, level) * 1000 + 1e-9) / 10
+    more = further_passes_for_claim(passed, tried, share, level)
     if more == 0:
         rest = f"which is enough to claim {_percent(share)}"
     elif passed == tried:
-        rest = f"{_needed(straight_passes(share, level), share)}: {more} more"
+        rest = f"{_needed_text(passes_for_claim(share, level), share)}: {more} more"
     else:
         rest = f"{more} more straight {'pass is' if more == 1 else 'passes are'} needed to claim {_percent(share)}"
     return f"{counted}: with {_percent(level)} confidence at least {least:.1f} % of such runs would (one-sided, exact); {rest}."
@@ -69,12 +69,12 @@ def _claims(passed: int, tried: int, share: float, level: float) -> bool:
     return tried > 0 and float(stats.binom.sf(passed - 1, tried, share)) <= 1.0 - level
 
 
-def _counts(passed: int, tried: int) -> None:
+def _require_counts(passed: int, tried: int) -> None:
     if not 0 <= passed <= tried:
         raise ValueError(f"{passed} of {tried} is no count of passes")
 
 
-def _needed(count: int, share: float) -> str:
+def _needed_text(count: int, share: float) -> str:
     return f"{count} straight passes are needed to claim {_percent(share)}"
 
 

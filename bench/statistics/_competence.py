@@ -1,4 +1,4 @@
-"""Competence: the difficulty up to which an agent passes, which failing can never raise (reading.md 17).
+"""Competence: the difficulty up to which an agent passes, which failing can never raise (docs/rulings.md 17).
 
 A trial is a run in which a node is considered. It passes when every considered descendant observable is achieved, and its
 difficulty is the node's configured one. Isotonic fit: Ayer, Brunk, Ewing, Reid and Silverman (1955), Annals of Mathematical
@@ -21,10 +21,10 @@ LEVEL = 0.95
 # Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding errors.
 DIFFICULTY_DECIMALS = 6
 
-SHARES = {"50": (1, 2), "90": (9, 10)}
+COMPETENCE_SHARES = {"50": (1, 2), "90": (9, 10)}
 """Pass rates that competence is asked at, as fractions, so that a pass rate of exactly nine tenths is one."""
 
-CLASSES = 32
+MAX_DIFFICULTY_CLASSES = 32
 _STEPS = np.array([0.995, 0.9, 0.75, 0.5])
 _WEIGHTS = np.array([0.4, 0.2, 0.2, 0.2])  # 5 and 33 straight passes reach the shares of 50 and 90 %; exact tests need 5 and 29
 
@@ -55,7 +55,7 @@ class Competence:
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class TrialCounts:
     """Trials counted: `cells` are the difficulties (in millionths) of each group, easiest first, with their sums.
 
     `alike` are design points that had as many trials and as many passes, with the number of their cell and how many they are.
@@ -66,21 +66,21 @@ class Tally:
     alike: pl.DataFrame
 
 
-def tally(trials: Trials, groups: int) -> Tally:
+def count_trials(trials: Trials, groups: int) -> TrialCounts:
     """Count the trials of groups 0 to `groups` - 1; the order in which they come does not matter."""
     hard = _millionths(trials.difficulty)
     frame = pl.DataFrame({"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed})
     points = frame.group_by("group", "difficulty", "point").agg(pl.len().alias("tried"), pl.col("passed").sum())
     group, millionths, tried, passed = (points[name].cast(pl.Int64).to_numpy() for name in points.columns if name != "point")
-    return _tally(group, millionths, tried, passed, groups)
+    return _counted(group, millionths, tried, passed, groups)
 
 
-def tally_points(group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int) -> Tally:
+def count_design_points(group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int) -> TrialCounts:
     """The same from trials and passes of each design point, each of which has one difficulty in a group."""
-    return _tally(group, _millionths(difficulty), tried, passed, groups)
+    return _counted(group, _millionths(difficulty), tried, passed, groups)
 
 
-def _tally(group: Counts, millionths: Counts, tried: Counts, passed: Counts, groups: int) -> Tally:
+def _counted(group: Counts, millionths: Counts, tried: Counts, passed: Counts, groups: int) -> TrialCounts:
     keys, cell = np.unique((group << 32) | millionths, return_inverse=True)
     most = int(tried.max(initial=0)) + 1
     kinds, count = np.unique((cell * most + tried) * most + passed, return_counts=True)
@@ -90,10 +90,10 @@ def _tally(group: Counts, millionths: Counts, tried: Counts, passed: Counts, gro
         return np.bincount(cell, weights=values, minlength=keys.size).astype(np.int64)
 
     cells = {"tried": summed(tried), "passed": summed(passed), "points": np.bincount(cell, minlength=keys.size)}
-    return Tally(groups, pl.DataFrame({"group": keys >> 32, "difficulty": keys & 0xFFFFFFFF, **cells}), alike)
+    return TrialCounts(groups, pl.DataFrame({"group": keys >> 32, "difficulty": keys & 0xFFFFFFFF, **cells}), alike)
 
 
-def competence(counted: Tally, share: tuple[int, int]) -> Competence:
+def competence(counted: TrialCounts, share: tuple[int, int]) -> Competence:
     """Competence of every group at a pass rate of `share` (numerator, denominator).
 
     **The value.** Difficulties equal to six decimals are one cell. With G(k) the sum over the k easiest cells of passes
@@ -117,8 +117,8 @@ def competence(counted: Tally, share: tuple[int, int]) -> Competence:
     group, tried, passed = (cells[name].to_numpy() for name in ("group", "tried", "passed"))
     difficulty = cells["difficulty"].to_numpy() / 10.0**DIFFICULTY_DECIMALS
     total = np.bincount(group, weights=tried, minlength=counted.groups).astype(np.int64)
-    value, at_least = _last_maximum(group, difficulty, share[1] * passed - share[0] * tried, counted.groups)
-    low = _bound(counted, group, difficulty, share[0] / share[1])
+    value, at_least = _isotonic_value(group, difficulty, share[1] * passed - share[0] * tried, counted.groups)
+    low = _lower_bound(counted, group, difficulty, share[0] / share[1])
     return Competence(total, value, np.minimum(value, low), at_least)
 
 
@@ -131,7 +131,7 @@ def competence_of(
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
     points = np.array([numbers[name] for name in names], dtype=np.int64)
     trials = Trials(np.zeros(hard.size, dtype=np.int64), hard, np.asarray(passed, dtype=np.bool_), points)
-    found = competence(tally(trials, 1), share)
+    found = competence(count_trials(trials, 1), share)
     return float(found.value[0]), float(found.low[0]), bool(found.at_least[0])
 
 
@@ -139,7 +139,7 @@ def _millionths(difficulty: Floats) -> Counts:
     return np.rint(difficulty * 10.0**DIFFICULTY_DECIMALS).astype(np.int64)
 
 
-def _last_maximum(group: Counts, difficulty: Floats, gain: Counts, groups: int) -> tuple[Floats, Bools]:
+def _isotonic_value(group: Counts, difficulty: Floats, gain: Counts, groups: int) -> tuple[Floats, Bools]:
     value, at_least = np.zeros(groups), np.zeros(groups, dtype=np.bool_)
     if not group.size:
         return value, at_least
@@ -166,7 +166,7 @@ def _classes(group: Counts, points: Counts) -> Counts:
     before = summed - points - np.repeat(summed[first] - points[first], cells)
     total = np.repeat(np.add.reduceat(points, first), cells)
     place = np.arange(group.size) - np.repeat(first, cells)
-    wanted = np.where(np.repeat(cells, cells) <= CLASSES, place, before * CLASSES // total)
+    wanted = np.where(np.repeat(cells, cells) <= MAX_DIFFICULTY_CLASSES, place, before * MAX_DIFFICULTY_CLASSES // total)
     fresh = np.diff(wanted, prepend=-1) != 0
     fresh[first] = False
     number = np.cumsum(fresh)
@@ -174,7 +174,7 @@ def _classes(group: Counts, points: Counts) -> Counts:
     return dense
 
 
-def _bound(counted: Tally, group: Counts, difficulty: Floats, share: float) -> Floats:
+def _lower_bound(counted: TrialCounts, group: Counts, difficulty: Floats, share: float) -> Floats:
     low = np.zeros(counted.groups)
     if not group.size:
         return low
@@ -184,13 +184,13 @@ def _bound(counted: Tally, group: Counts, difficulty: Floats, share: float) -> F
     easiest = np.full(counted.groups * width, np.inf)
     np.minimum.at(easiest, slot, difficulty)
     shape = (counted.groups, width)
-    claimed = _leading(_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - LEVEL))
+    claimed = _leading_true(_highest_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - LEVEL))
     some = claimed > 0
     low[some] = easiest.reshape(shape)[some, claimed[some] - 1]
     return low
 
 
-def _wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], share: float) -> Floats:
+def _highest_wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], share: float) -> Floats:
     """The most that bets from each class upwards ever came to, (groups, classes)."""
     slot, points = slot_of_cell[alike["cell"].to_numpy()], alike["points"].to_numpy()
     excess = (alike["passed"].to_numpy() / alike["tried"].to_numpy() - share) / share
@@ -205,7 +205,7 @@ def _wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], s
     return best
 
 
-def _leading(claims: Bools) -> Counts:
+def _leading_true(claims: Bools) -> Counts:
     """How many of each row's first entries are true without a gap."""
     counted: Counts = np.cumprod(claims, axis=1, dtype=np.int64).sum(axis=1)
     return counted

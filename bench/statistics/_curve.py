@@ -3,7 +3,7 @@
 As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood, which stays finite
 where passes and failures are separated: Firth, D. (1993), "Bias reduction of maximum likelihood estimates", Biometrika 80(1),
 27-38; Heinze, G. and Schemper, M. (2002), Statistics in Medicine 21(16), 2409-2419. Its 50 % point rises when easy runs fail,
-which is why competence is another thing (reading.md 17).
+which is why competence is another thing (docs/rulings.md 17).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from scipy import stats
 from bench.arrays import Floats
 
 LEVEL = 0.95
-FEWEST = 10
+MIN_RUNS = 10
 """Runs below which no curve is drawn."""
 
-_GRID = 101
-_ROUNDS = 100
-_STEP_MOST = 5.0  # of one coefficient in one round, on the logit scale with difficulty standardised
+_GRID_POINTS = 101
+_MAX_ROUNDS = 100
+_MAX_STEP = 5.0  # of one coefficient in one round, on the logit scale with difficulty standardised
 
 
 class CurveState(StrEnum):
@@ -77,16 +77,16 @@ def difficulty_response(
     design = np.stack([np.ones_like(hard), (hard - middle) / scale], axis=1)
     beta = _fit(design, ok)
     spread = np.linalg.inv(_information(design, beta)) * _dispersion(design, ok, beta, design_points)
-    grid = np.linspace(hard.min(), hard.max(), _GRID)
+    grid = np.linspace(hard.min(), hard.max(), _GRID_POINTS)
     rows = np.stack([np.ones_like(grid), (grid - middle) / scale], axis=1)
     logit = rows @ beta
     half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows))
     ends = (_logistic(logit - half_width), _logistic(logit + half_width))
-    return Curve(state, hard.size, grid, _logistic(logit), *ends, _half(beta, middle, scale, grid))
+    return Curve(state, hard.size, grid, _logistic(logit), *ends, _even_chance(beta, middle, scale, grid))
 
 
 def _state(hard: Floats, ok: Floats) -> CurveState:
-    if hard.size < FEWEST:
+    if hard.size < MIN_RUNS:
         return CurveState.TOO_FEW
     if np.ptp(hard) < 1e-6:
         return CurveState.ONE_DIFFICULTY
@@ -101,12 +101,12 @@ def _state(hard: Floats, ok: Floats) -> CurveState:
 def _fit(design: Floats, ok: Floats) -> Floats:
     """Greatest penalised likelihood, by Fisher scoring with halved steps; it is concave enough to need few."""
     beta: Floats = np.zeros(design.shape[1])
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         inverse = np.linalg.inv(_information(design, beta))
         chance = _logistic(design @ beta)
         leverage = chance * (1.0 - chance) * np.einsum("ij,jk,ik->i", design, inverse, design)
         step = inverse @ (design.T @ (ok - chance + leverage * (0.5 - chance)))
-        step *= min(1.0, _STEP_MOST / max(float(np.abs(step).max()), 1e-300))
+        step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-300))
         before = _likelihood(design, ok, beta)
         while _likelihood(design, ok, beta + step) < before - 1e-12 and np.abs(step).max() > 1e-10:
             step = step / 2.0
@@ -147,7 +147,7 @@ def _logistic(logit: Floats) -> Floats:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(logit, -500.0, 500.0))), dtype=np.float64)
 
 
-def _half(beta: Floats, middle: float, scale: float, grid: Floats) -> float | None:
+def _even_chance(beta: Floats, middle: float, scale: float, grid: Floats) -> float | None:
     if beta[1] >= 0.0:
         return None
     at = float(middle - scale * beta[0] / beta[1])

@@ -1,4 +1,4 @@
-"""Two-sided 95 % intervals for proportions; all take arrays or single numbers. No count gives [0, 1] (reading.md 18).
+"""Two-sided 95 % intervals for proportions; all take arrays or single numbers. No count gives [0, 1] (docs/rulings.md 18).
 
 Clopper, C. J. and Pearson, E. S. (1934), "The use of confidence or fiducial limits illustrated in the case of the
 binomial", Biometrika 26(4), 404-413. Wilson, E. B. (1927), JASA 22(158), 209-212. Korn, E. L. and Graubard, B. I. (1998),

@@ -16,18 +16,18 @@ PValues = Sequence[float | None]
 
 def benjamini_hochberg(values: PValues) -> list[float | None]:
     """Adjusted p values in the same places; None stays None and is no test."""
-    places, p = _rising(values)
+    places, p = _ascending(values)
     scaled = p * len(p) / np.arange(1, len(p) + 1)
     return _placed(np.minimum.accumulate(scaled[::-1])[::-1], places, len(values))
 
 
 def holm(values: PValues) -> list[float | None]:
     """Adjusted p values in the same places; None stays None and is no test."""
-    places, p = _rising(values)
+    places, p = _ascending(values)
     return _placed(np.maximum.accumulate(p * np.arange(len(p), 0, -1)), places, len(values))
 
 
-def _rising(values: PValues) -> tuple[list[int], NDArray[np.float64]]:
+def _ascending(values: PValues) -> tuple[list[int], NDArray[np.float64]]:
     """The places of the p values from the smallest to the largest, and those values."""
     known = sorted((value, place) for place, value in enumerate(values) if value is not None)
     return [place for _, place in known], np.array([value for value, _ in known], dtype=np.float64)

@@ -15,7 +15,7 @@ from scipy import stats
 
 from ._intervals import clopper_pearson
 
-MOST = 10_000
+MAX_RUNS = 10_000
 """No number above this is worked out; a difference that needs more is as good as none."""
 
 
@@ -25,12 +25,12 @@ def mcnemar_power(pairs: int, only_first: float, only_second: float, alpha: floa
     `only_first` and `only_second` are the true shares of pairs that only the one passes. Raises ValueError where they are no
     shares.
     """
-    differing = _differing(only_first, only_second)
+    differing = _discordant_share(only_first, only_second)
     if differing == 0.0:
         return 0.0
     middle, reach = pairs * differing, 8 * np.sqrt(pairs * differing * (1 - differing)) + 8  # all but 1e-14 of the outcomes
     counts = np.arange(max(0, int(middle - reach)), min(pairs, int(middle + reach)) + 1)
-    return float(stats.binom.pmf(counts, pairs, differing) @ _rejects(counts, only_second / differing, alpha))
+    return float(stats.binom.pmf(counts, pairs, differing) @ _rejection_chance(counts, only_second / differing, alpha))
 
 
 def pairs_for_difference(only_first: float, only_second: float, *, power: float = 0.8, alpha: float = 0.05) -> int | None:
@@ -39,7 +39,7 @@ def pairs_for_difference(only_first: float, only_second: float, *, power: float 
     Power rises in small steps back and forth; where it does, the number is that of one rising edge. None where the two shares
     are the same, or more than MOST pairs would be needed.
     """
-    if _differing(only_first, only_second) == 0.0 or only_first == only_second:
+    if _discordant_share(only_first, only_second) == 0.0 or only_first == only_second:
         return None
     return _least(lambda pairs: mcnemar_power(pairs, only_first, only_second, alpha) >= power)
 
@@ -66,7 +66,7 @@ def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) ->
     return _least(lambda runs: bool(stats.binom.cdf(failures, runs, 1 - share) <= 1 - confidence), least=failures + 1)
 
 
-def _rejects(counts: NDArray[np.int64], share: float, alpha: float) -> NDArray[np.float64]:
+def _rejection_chance(counts: NDArray[np.int64], share: float, alpha: float) -> NDArray[np.float64]:
     """For each number of differing pairs, the chance that the exact test rejects when a pair is the second's with `share`."""
     edge = stats.binom.ppf(alpha / 2, counts, 0.5)  # the least k whose lower tail reaches alpha / 2 ...
     edge = np.where(
@@ -75,7 +75,7 @@ def _rejects(counts: NDArray[np.int64], share: float, alpha: float) -> NDArray[n
     return np.asarray(stats.binom.cdf(edge, counts, share) + stats.binom.sf(counts - edge - 1, counts, share))
 
 
-def _differing(only_first: float, only_second: float) -> float:
+def _discordant_share(only_first: float, only_second: float) -> float:
     if min(only_first, only_second) < 0.0 or only_first + only_second > 1.0 + 1e-12:
         raise ValueError(f"{only_first} and {only_second} are no shares of the same pairs")
     return min(1.0, only_first + only_second)
@@ -86,7 +86,7 @@ def _least(holds: Callable[[int], bool], least: int = 1) -> int | None:
     high = least
     while not holds(high):
         high *= 2
-        if high > MOST:
+        if high > MAX_RUNS:
             return None
     low = high // 2
     while high - low > 1:

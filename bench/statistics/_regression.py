@@ -19,14 +19,14 @@ from scipy import optimize, stats
 from bench.arrays import Floats
 
 from ._anova import cluster_codes, clustered_errors, scaled_residuals
-from ._terms import FactorColumn, LeftOut, Term, design_matrix, terms_of
+from ._terms import FactorColumn, OmittedTerm, Term, design_matrix, terms_of
 
 FIRTH = "Firth's penalised likelihood"
 LIKELIHOOD = "maximum likelihood"
 CLUSTERED_LIKELIHOOD = "maximum likelihood, errors by design point"
-MOST_ODDS = 1000.0
+MAX_ODDS_RATIO = 1000.0
 """Odds ratios above this, or below its inverse, are not told: no campaign has the runs to know them."""
-LEAST_FOR_EACH = 5
+MIN_EVENTS_PER_PARAMETER = 5
 """Fewer of the rarer outcome for each parameter than this is said to be few."""
 
 
@@ -64,7 +64,7 @@ class Logistic:
     method: str
     odds: tuple[OddsRatio, ...]
     tests: tuple[FactorTest, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[OmittedTerm, ...]
     note: str = ""
 
 
@@ -94,19 +94,19 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     y = np.asarray(passed, dtype=np.float64)
     wins, count = int(y.sum()), len(set(points))
     coded = [one for one in factors if len(one.levels) > 1]
-    constant = tuple(LeftOut(one.name, "has one level only") for one in factors if len(one.levels) < 2)
+    constant = tuple(OmittedTerm(one.name, "has one level only") for one in factors if len(one.levels) < 2)
     terms = terms_of(coded, count, interactions=False)
     left_out = (*constant, *terms.left_out)
-    kept = [(one, _against_first(one)) for one in coded if one.name in {term.name for term in terms.kept}]
+    kept = [(one, _treatment_contrasts(one)) for one in coded if one.name in {term.name for term in terms.kept}]
     nothing = Logistic(len(y), wins, "none", (), (), left_out)
     if wins in (0, len(y)):
-        return _noted(nothing, "every run passed" if wins else "no run passed")
+        return _without_fit(nothing, "every run passed" if wins else "no run passed")
     if not kept:
-        return _noted(nothing, "no factor varies")
+        return _without_fit(nothing, "no factor varies")
     x, places = design_matrix([term for _, term in kept], len(y))
     if count <= x.shape[1]:
-        return _noted(nothing, f"{count} design points are too few for {x.shape[1]} parameters")
-    fit = _fitted(y, x, cluster_codes(points))
+        return _without_fit(nothing, f"{count} design points are too few for {x.shape[1]} parameters")
+    fit = _fit(y, x, cluster_codes(points))
     tests = tuple(FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name)) for factor, term in kept)
     odds = tuple(one for factor, term in kept for one in _odds(factor, fit, places[term.name]))
     return Logistic(len(y), wins, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
@@ -125,7 +125,7 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
         return None
     ranked = np.asarray(stats.rankdata(x)), np.asarray(stats.rankdata(y))
     clusters = cluster_codes(points)
-    test, bend_p = _bend(x, y, clusters)
+    test, bend_p = _linearity_test(x, y, clusters)
     return Correlation(
         factor=factor.name,
         n=len(y),
@@ -182,7 +182,7 @@ class _Firth:
         free = np.ones(self.x.shape[1], dtype=bool)
         free[place] = False
         start = np.where(free, self.beta, 0.0)
-        drop = 2 * (self.likelihood - _climbed(self.y, self.x, start, free)[1])
+        drop = 2 * (self.likelihood - _maximized(self.y, self.x, start, free)[1])
         return float(stats.chi2.sf(max(0.0, drop), int((~free).sum())))
 
     def interval(self, column: int) -> tuple[float, float]:
@@ -196,16 +196,16 @@ class _Firth:
         def above(reach: float) -> float:
             start = self.beta.copy()
             start[column] += way * reach
-            return _climbed(self.y, self.x, start, free)[1] - edge
+            return _maximized(self.y, self.x, start, free)[1] - edge
 
         # What lies beyond MOST_ODDS is not told, so it need not be found.
-        reach = float(np.log(MOST_ODDS)) - way * float(self.beta[column])
+        reach = float(np.log(MAX_ODDS_RATIO)) - way * float(self.beta[column])
         if reach <= 0.0 or above(reach) > 0.0:
             return way * np.inf
         return float(self.beta[column] + way * optimize.brentq(above, 0.0, reach, xtol=1e-4))
 
 
-def _fitted(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Firth:
+def _fit(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Firth:
     if not separated(y, x):
         from statsmodels.discrete.discrete_model import Logit  # a second to import, so only who regresses pays for it
 
@@ -217,15 +217,15 @@ def _fitted(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | 
         if fit.mle_retvals["converged"] and sure:
             method, left = (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if shared else (LIKELIHOOD, np.inf)
             return _Likelihood(method, fit.params, fit.cov_params(), left)
-    beta, likelihood = _climbed(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))
+    beta, likelihood = _maximized(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))
     return _Firth(FIRTH, beta, likelihood, y, x)
 
 
-def _climbed(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tuple[Floats, float]:
+def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tuple[Floats, float]:
     """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps that are halved when they fall."""
-    beta, value = start.copy(), _penalised(y, x, start)
+    beta, value = start.copy(), _penalized_likelihood(y, x, start)
     for _ in range(200):
-        chance = _chance(x @ beta)
+        chance = _probability(x @ beta)
         root = x * np.sqrt(chance * (1 - chance))[:, None]
         information = root.T @ root
         hat = ((root @ np.linalg.pinv(information)) * root).sum(axis=1)
@@ -234,7 +234,7 @@ def _climbed(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tu
         step[free] = np.linalg.pinv(information[np.ix_(free, free)]) @ slope[free]
         step *= min(1.0, 5.0 / max(float(np.abs(step).max()), 1e-300))
         for _ in range(30):
-            if (new := _penalised(y, x, beta + step)) >= value - 1e-13:
+            if (new := _penalized_likelihood(y, x, beta + step)) >= value - 1e-13:
                 break
             step /= 2
         beta, gain, value = beta + step, new - value, new
@@ -243,20 +243,20 @@ def _climbed(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tu
     return beta, value
 
 
-def _penalised(y: Floats, x: Floats, beta: Floats) -> float:
+def _penalized_likelihood(y: Floats, x: Floats, beta: Floats) -> float:
     line = x @ beta
-    chance = _chance(line)
+    chance = _probability(line)
     sign, size = np.linalg.slogdet((x * (chance * (1 - chance))[:, None]).T @ x)
     if sign <= 0:
         return -np.inf
     return float((y * line - np.logaddexp(0.0, line)).sum() + 0.5 * size)
 
 
-def _chance(line: Floats) -> Floats:
+def _probability(line: Floats) -> Floats:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(line, -500.0, 500.0))))
 
 
-def _against_first(factor: FactorColumn) -> Term:
+def _treatment_contrasts(factor: FactorColumn) -> Term:
     if factor.numeric:
         numbers = factor.numbers()
         columns = ((numbers - numbers.min()) / np.ptp(numbers))[:, None]
@@ -270,13 +270,13 @@ def _odds(factor: FactorColumn, fit: _Likelihood | _Firth, place: slice) -> list
     found = []
     for column, level in zip(range(place.start, place.stop), levels, strict=True):
         low, high = fit.interval(column)
-        estimate, low_ratio, high_ratio = map(_told, (float(fit.beta[column]), low, high))
+        estimate, low_ratio, high_ratio = map(_odds_ratio, (float(fit.beta[column]), low, high))
         found.append(OddsRatio(factor.name, base, str(level), estimate, low_ratio, high_ratio))
     return found
 
 
-def _told(log_odds: float) -> float | None:
-    return float(np.exp(log_odds)) if abs(log_odds) <= np.log(MOST_ODDS) else None
+def _odds_ratio(log_odds: float) -> float | None:
+    return float(np.exp(log_odds)) if abs(log_odds) <= np.log(MAX_ODDS_RATIO) else None
 
 
 def _remarks(fit: _Likelihood | _Firth, y: Floats, x: Floats, points: int) -> list[str]:
@@ -286,13 +286,13 @@ def _remarks(fit: _Likelihood | _Firth, y: Floats, x: Floats, points: int) -> li
         if points < len(y):
             said.append("runs of one design point are taken as independent")
     rarer = int(min(y.sum(), len(y) - y.sum()))
-    if rarer < LEAST_FOR_EACH * (x.shape[1] - 1):
+    if rarer < MIN_EVENTS_PER_PARAMETER * (x.shape[1] - 1):
         one, many = ("pass", "passes") if y.sum() <= len(y) / 2 else ("failure", "failures")
         said.append(f"only {rarer} {one if rarer == 1 else many} for {x.shape[1] - 1} parameters")
     return said
 
 
-def _noted(nothing: Logistic, note: str) -> Logistic:
+def _without_fit(nothing: Logistic, note: str) -> Logistic:
     return Logistic(nothing.n, nothing.passed, nothing.method, (), (), nothing.left_out, note)
 
 
@@ -314,7 +314,7 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
     return float(2 * stats.t.sf(abs(float(weights[:, 0] @ y)) / error, count - 2))
 
 
-def _bend(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
+def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
     # Over the means of design points: runs of one share its luck, which among them would look like a bend.
     sizes = np.bincount(clusters)
     x, y = np.bincount(clusters, x) / sizes, np.bincount(clusters, y) / sizes

@@ -10,7 +10,7 @@ import polars as pl
 from ._anova import Anova, anova
 from ._multiplicity import benjamini_hochberg, holm
 from ._regression import Correlation, Logistic, correlation, logistic
-from ._terms import FactorColumn, FactorLevel, LeftOut, factor_columns
+from ._terms import FactorColumn, FactorLevel, OmittedTerm, factor_columns
 
 FACTOR_COLUMNS: dict[str, type[pl.DataType]] = {
     "agent": pl.String,
@@ -34,7 +34,7 @@ FACTOR_COLUMNS: dict[str, type[pl.DataType]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class NodeFactors:
+class NodeFactorAnalysis:
     """One node of one agent over the factors of a design."""
 
     agent: str
@@ -49,7 +49,7 @@ class NodeFactors:
 
 def node_factors(
     scores: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel | None]], agent: str, node: str
-) -> NodeFactors | None:
+) -> NodeFactorAnalysis | None:
     """Analyse one node of one agent; None where none of its runs was considered at a known design point.
 
     `scores` has the columns SCORE_COLUMNS, `levels` the levels of each design point's factors. A run passed where everything
@@ -65,7 +65,7 @@ def node_factors(
     of_considered, of_scored = _factors(considered, levels), _factors(scored, levels)
     confidences, values = considered["confidence"].to_list(), scored["score"].to_list()
     points, scored_points = considered["design_point"].to_list(), scored["design_point"].to_list()
-    return NodeFactors(
+    return NodeFactorAnalysis(
         agent=agent,
         node=node,
         level=str(considered["level"][0]),
@@ -77,7 +77,7 @@ def node_factors(
     )
 
 
-def factor_frame(analyses: Iterable[NodeFactors]) -> pl.DataFrame:
+def factor_frame(analyses: Iterable[NodeFactorAnalysis]) -> pl.DataFrame:
     """Every test of every analysis as one frame with the columns FACTOR_COLUMNS."""
     rows = [row for one in analyses for row in _rows(one)]
     families: dict[tuple[object, object], list[dict[str, object]]] = {}
@@ -98,7 +98,7 @@ def _correlations(values: Sequence[float], factors: Sequence[FactorColumn], poin
     return tuple(one for factor in factors if (one := correlation(values, factor, points)) is not None)
 
 
-def _rows(one: NodeFactors) -> Iterator[dict[str, object]]:
+def _rows(one: NodeFactorAnalysis) -> Iterator[dict[str, object]]:
     base: dict[str, object] = {"agent": one.agent, "node": one.node, "level": one.level}
     for of, found in (("score", one.score), ("confidence", one.confidence)):
         yield from ({**base, **row} for row in _anova_rows(of, found))
@@ -108,7 +108,7 @@ def _rows(one: NodeFactors) -> Iterator[dict[str, object]]:
         ("confidence", one.confidence.points, one.confidence_correlations),
     ):
         for each in correlations:
-            common = {**base, "of": of, "factor": each.factor, "n": each.n, "points": points, "note": _bent(each)}
+            common = {**base, "of": of, "factor": each.factor, "n": each.n, "points": points, "note": _linearity_note(each)}
             yield {**common, "test": "pearson", "effect": "r", "effect_size": each.pearson, "p": each.pearson_p}
             yield {**common, "test": "spearman", "effect": "rho", "effect_size": each.spearman, "p": each.spearman_p}
 
@@ -120,7 +120,7 @@ def _anova_rows(of: str, found: Anova) -> Iterator[dict[str, object]]:
         yield {**base, "factor": effect.term, "effect_size": effect.omega2, "p": effect.p, "note": note}
     if not found.effects:
         yield {**base, "factor": "all", "effect_size": None, "p": None, "note": found.note}
-    yield from (_out(base, each) for each in found.left_out)
+    yield from (_left_out_row(base, each) for each in found.left_out)
 
 
 def _logistic_rows(found: Logistic, points: int) -> Iterator[dict[str, object]]:
@@ -132,12 +132,12 @@ def _logistic_rows(found: Logistic, points: int) -> Iterator[dict[str, object]]:
         yield {**base, "factor": test.factor, "effect_size": size, "p": test.p, "note": note}
     if not found.tests:
         yield {**base, "factor": "all", "effect_size": None, "p": None, "note": found.note}
-    yield from (_out(base, each) for each in found.left_out)
+    yield from (_left_out_row(base, each) for each in found.left_out)
 
 
-def _out(base: Mapping[str, object], left: LeftOut) -> dict[str, object]:
+def _left_out_row(base: Mapping[str, object], left: OmittedTerm) -> dict[str, object]:
     return {**base, "factor": left.term, "effect_size": None, "p": None, "note": f"left out: {left.reason}"}
 
 
-def _bent(found: Correlation) -> str:
+def _linearity_note(found: Correlation) -> str:
     return "not a straight line" if found.bend_p is not None and found.bend_p < 0.05 else ""

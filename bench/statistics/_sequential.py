@@ -22,7 +22,7 @@ from scipy import special
 from bench.arrays import Bools, Floats
 
 LEVEL = 0.95
-_HALVINGS = 40
+_BISECTION_STEPS = 40
 _TILTS = 2.0 ** np.arange(-5, 5)
 """Exponents that `mean_bounds` bets with; any fixed ones hold, these are near the best for 5 to 100,000 trials."""
 
@@ -38,8 +38,8 @@ def confidence_sequence(passed: ArrayLike, level: float = LEVEL) -> tuple[Floats
     fails = np.cumsum(1.0 - ok, axis=-1)
     limit = special.betaln(1.0 + passes, 1.0 + fails) + np.log(1.0 - level)
     best = passes / np.maximum(passes + fails, 1.0)
-    low = np.where(passes > 0, _edge(passes, fails, limit, np.zeros_like(best), best), 0.0)
-    high = np.where(fails > 0, _edge(passes, fails, limit, np.ones_like(best), best), 1.0)
+    low = np.where(passes > 0, _bisected_bound(passes, fails, limit, np.zeros_like(best), best), 0.0)
+    high = np.where(fails > 0, _bisected_bound(passes, fails, limit, np.ones_like(best), best), 1.0)
     return np.maximum.accumulate(low, axis=-1), np.minimum.accumulate(high, axis=-1)
 
 
@@ -52,8 +52,8 @@ def pass_rate_bounds(passes: ArrayLike, trials: ArrayLike, level: float = LEVEL)
     k, n = np.asarray(passes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     limit = special.betaln(1.0 + k, 1.0 + n - k) + np.log(1.0 - level)
     best = k / np.maximum(n, 1.0)
-    low = np.where(k > 0, _edge(k, n - k, limit, np.zeros_like(best), best), 0.0)
-    high = np.where(n - k > 0, _edge(k, n - k, limit, np.ones_like(best), best), 1.0)
+    low = np.where(k > 0, _bisected_bound(k, n - k, limit, np.zeros_like(best), best), 0.0)
+    high = np.where(n - k > 0, _bisected_bound(k, n - k, limit, np.ones_like(best), best), 1.0)
     return low, high
 
 
@@ -69,14 +69,14 @@ def mean_bounds(total: ArrayLike, trials: ArrayLike, level: float = LEVEL) -> tu
     begins at 1, and a fixed mixture over t ever reaches 2 / (1 - level) with probability at most (1 - level) / 2 (Ville).
     """
     summed, n = np.asarray(total, dtype=np.float64), np.asarray(trials, dtype=np.float64)
-    return _mean_low(summed, n, level), 1.0 - _mean_low(n - summed, n, level)
+    return _mean_lower_bound(summed, n, level), 1.0 - _mean_lower_bound(n - summed, n, level)
 
 
-def _mean_low(total: Floats, trials: Floats, level: float) -> Floats:
+def _mean_lower_bound(total: Floats, trials: Floats, level: float) -> Floats:
     """Below which no mean can lie any more; by halving, for the mixture falls with the mean."""
     limit = np.log(2.0 / (1.0 - level)) + np.log(_TILTS.size)
     outside, inside = np.zeros_like(trials), total / np.maximum(trials, 1.0)
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
         gained = [tilt * total - trials * np.log1p(middle * np.expm1(tilt)) for tilt in _TILTS]
         holds = special.logsumexp(gained, axis=0) < limit
@@ -84,16 +84,16 @@ def _mean_low(total: Floats, trials: Floats, level: float) -> Floats:
     return outside
 
 
-def _edge(passes: Floats, fails: Floats, limit: Floats, outside: Floats, inside: Floats) -> Floats:
+def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Floats, inside: Floats) -> Floats:
     """Where the likelihood falls to `limit` between a rate that it rules out and the best one, by halving."""
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
         holds = special.xlogy(passes, middle) + special.xlog1py(fails, -middle) > limit
         inside, outside = np.where(holds, middle, inside), np.where(holds, outside, middle)
     return outside
 
 
-class Verdict(StrEnum):
+class PassRateVerdict(StrEnum):
     """Where a pass rate lies, as far as trials tell."""
 
     ABOVE = "above"
@@ -124,13 +124,13 @@ class StoppingRule:
         ruled_out = self._ruled_out(passed)
         return int(np.argmax(ruled_out)) + 1 if ruled_out.any() else None
 
-    def verdict(self, passed: ArrayLike) -> Verdict:
+    def verdict(self, passed: ArrayLike) -> PassRateVerdict:
         """On which side the pass rate lies."""
         after = self.settled_after(passed)
         if after is None:
-            return Verdict.OPEN
+            return PassRateVerdict.OPEN
         rate = float(np.mean(np.asarray(passed, dtype=np.float64)[:after]))
-        return Verdict.ABOVE if rate > self.threshold else Verdict.BELOW
+        return PassRateVerdict.ABOVE if rate > self.threshold else PassRateVerdict.BELOW
 
     def _ruled_out(self, passed: ArrayLike) -> Bools:
         ok = np.asarray(passed, dtype=np.float64)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FactorLevel = bool | int | float | str
-MOST_LEVELS = 6
+MAX_CATEGORIES = 6
 """A numeric factor with more levels than this enters as a straight line, since its levels could not each be estimated."""
-LEAST_RESIDUAL = 8
+MIN_RESIDUAL_DF = 8
 """Degrees of freedom that must be left once interactions are in; with fewer, none is carried."""
 RANK_TOLERANCE = 1e-8
 
@@ -46,7 +46,7 @@ class FactorColumn:
     @property
     def is_line(self) -> bool:
         """Whether an analysis of variance takes it as a straight line."""
-        return self.numeric and len(self.levels) > MOST_LEVELS
+        return self.numeric and len(self.levels) > MAX_CATEGORIES
 
     def among(self, rows: NDArray[np.bool_]) -> FactorColumn:
         """The same in some of the runs."""
@@ -93,7 +93,7 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class OmittedTerm:
     """A term that the design cannot carry, and why."""
 
     term: str
@@ -105,7 +105,7 @@ class Terms:
     """The terms that a design carries, those that it cannot, and for kept terms what they cannot be told from."""
 
     kept: tuple[Term, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[OmittedTerm, ...]
     shared: Mapping[str, tuple[str, ...]]
 
     def note(self, term: str) -> str:
@@ -131,7 +131,7 @@ def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool
     `points` is the number of independent units (design points, or runs where none is repeated). Of factors that vary
     together the first is kept, and says what it cannot be told from.
     """
-    sorter = _Sorter(factors)
+    sorter = _TermSelection(factors)
     for factor in factors:
         if len(factor.levels) < 2:
             sorter.out(factor.name, "has one level only")
@@ -140,8 +140,8 @@ def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool
     if not interactions:
         return sorter.sorted()
     mains = {term.name: term for term in sorter.kept}
-    crossed = [_crossed(a, b) for a, b in itertools.combinations(mains.values(), 2)]
-    room = points - 1 - sum(term.df for term in mains.values()) - LEAST_RESIDUAL
+    crossed = [_interaction(a, b) for a, b in itertools.combinations(mains.values(), 2)]
+    room = points - 1 - sum(term.df for term in mains.values()) - MIN_RESIDUAL_DF
     if crossed and sum(term.df for term in crossed) > room:
         sorter.out("interactions", f"{points} design points leave too little to tell them from chance")
         return sorter.sorted()
@@ -150,20 +150,20 @@ def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool
     return sorter.sorted()
 
 
-class _Sorter:
+class _TermSelection:
     """Keeps a term when its columns are not a combination of those that are kept already."""
 
     def __init__(self, factors: Sequence[FactorColumn]) -> None:
         self.kept: list[Term] = []
         self._runs = len(factors[0].values) if factors else 0
-        self._out: list[LeftOut] = []
+        self._out: list[OmittedTerm] = []
         self._shared: dict[str, tuple[str, ...]] = {}
 
     def out(self, term: str, reason: str) -> None:
-        self._out.append(LeftOut(term, reason))
+        self._out.append(OmittedTerm(term, reason))
 
     def take(self, term: Term) -> None:
-        used = _stacked(self._runs, self.kept)
+        used = _columns_of(self._runs, self.kept)
         if _rank(np.hstack([used, term.columns])) == used.shape[1] + term.df:
             self.kept.append(term)
             return
@@ -181,7 +181,7 @@ class _Sorter:
         """The kept terms without which this one would be determined; all of them where no single one would do."""
 
         def free(others: Iterable[Term]) -> int:
-            base = _stacked(self._runs, others)
+            base = _columns_of(self._runs, others)
             return _rank(np.hstack([base, term.columns])) - _rank(base)
 
         least = free(self.kept)
@@ -189,12 +189,12 @@ class _Sorter:
         return without or self.kept
 
 
-def _crossed(first: Term, second: Term) -> Term:
+def _interaction(first: Term, second: Term) -> Term:
     products = first.columns[:, :, None] * second.columns[:, None, :]
     return Term((*first.factors, *second.factors), products.reshape(len(products), -1))
 
 
-def _stacked(runs: int, terms: Iterable[Term]) -> NDArray[np.float64]:
+def _columns_of(runs: int, terms: Iterable[Term]) -> NDArray[np.float64]:
     return np.hstack([np.ones((runs, 1)), *(term.columns for term in terms)])
 
 
@@ -204,7 +204,7 @@ def design_matrix(terms: Sequence[Term], runs: int) -> tuple[NDArray[np.float64]
     for term in terms:
         places[term.name] = slice(start, start + term.df)
         start += term.df
-    return _stacked(runs, terms), places
+    return _columns_of(runs, terms), places
 
 
 def _rank(columns: NDArray[np.float64]) -> int:
@@ -212,7 +212,7 @@ def _rank(columns: NDArray[np.float64]) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Independence:
+class FactorIndependence:
     """How far a design's factors vary together: the largest |Pearson r| of numeric ones, the largest Cramér's V of any two.
 
     None where there are no two such factors. 0 is a balanced design; at 1 two factors cannot be told apart.
@@ -224,14 +224,14 @@ class Independence:
     v_pair: tuple[str, str] | None
 
 
-def independence(factors: Sequence[FactorColumn]) -> Independence:
+def independence(factors: Sequence[FactorColumn]) -> FactorIndependence:
     """Check a design's factors against each other, over the runs given."""
     varied = [one for one in factors if len(one.levels) > 1]
     lines = _varied_pairs([one for one in varied if one.numeric])
     classed = _varied_pairs([one for one in varied if not one.is_line])
     r, r_pair = _largest((abs(float(np.corrcoef(a.numbers(), b.numbers())[0, 1])), (a.name, b.name)) for a, b in lines)
     v, v_pair = _largest((cramers_v(a, b), (a.name, b.name)) for a, b in classed)
-    return Independence(r, r_pair, v, v_pair)
+    return FactorIndependence(r, r_pair, v, v_pair)
 
 
 def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColumn, FactorColumn]]:

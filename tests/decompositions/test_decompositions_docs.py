@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from bench.simspec import FACTORS
-from decompositions import Level, Policies, Vocabulary, load_decomposition, read_decomposition
+from decompositions import DecompositionVocabulary, Level, Policies, load_decomposition, read_decomposition
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -16,7 +16,7 @@ def test_the_example_of_the_page_loads() -> None:
     example = re.search(r"```yaml\n(.*?)```", (DOCS / "decompositions.md").read_text(), re.DOTALL)
     assert example
     units = {name: factor.unit for name, factor in FACTORS.items()}
-    assert read_decomposition(example[1], Vocabulary(units)).name == "inspection"
+    assert read_decomposition(example[1], DecompositionVocabulary(units)).name == "inspection"
 
 
 def test_the_counts_of_the_page_are_right() -> None:

@@ -16,8 +16,8 @@ from bench.errors import Fault, SetupError
 from decompositions import (
     Decomposition,
     DecompositionDocument,
+    DecompositionVocabulary,
     Level,
-    Vocabulary,
     decomposition_of,
     decomposition_schema,
     load_decomposition,
@@ -71,7 +71,7 @@ def good() -> dict[str, Any]:
     }
 
 
-def faults(document: dict[str, Any], vocabulary: Vocabulary | None = None) -> list[Fault]:
+def faults(document: dict[str, Any], vocabulary: DecompositionVocabulary | None = None) -> list[Fault]:
     with pytest.raises(SetupError) as caught:
         read_decomposition(yaml.safe_dump(document, sort_keys=False), vocabulary, source="small.yaml")
     return list(caught.value.faults)
@@ -150,7 +150,7 @@ def test_the_digest_follows_the_meaning(good: dict[str, Any]) -> None:
 def test_a_fault_is_named_with_its_node_and_line(good: dict[str, Any], change: Any, where: str, what: str) -> None:
     """Each thing wrong is told with the file's line, the node, and what would be right."""
     change(good)
-    found = [fault for fault in faults(good, Vocabulary(UNITS)) if what in fault.what]
+    found = [fault for fault in faults(good, DecompositionVocabulary(UNITS)) if what in fault.what]
     assert found, f"no fault says {what!r}"
     assert any(where in fault.where for fault in found)
     assert all(fault.where.startswith("small.yaml:") and fault.remedy for fault in found)
@@ -198,7 +198,7 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
 
     units = {key: factor.unit for key, factor in FACTORS.items()}
     with pytest.raises(SetupError) as caught:
-        read_decomposition(EVERYTHING_WRONG, Vocabulary(units, check_options), source="bad.yaml")
+        read_decomposition(EVERYTHING_WRONG, DecompositionVocabulary(units, check_options), source="bad.yaml")
     told = [(fault.where, fault.what) for fault in caught.value.faults]
     expected = [
         ("bad.yaml:4: study", "no key attribute 'KA-9'"),
@@ -255,7 +255,7 @@ def test_difficulties_that_are_given_need_no_tables(good: dict[str, Any]) -> Non
     """An observable without key factors is a fault of a document that is rated, and none of one whose difficulties come along."""
     del good["observables"][1]["key_factors"]
     assert [fault.what for fault in faults(good)] == ["O-2 has no key factors, so no difficulty"]
-    small = read_decomposition(yaml.safe_dump(good), Vocabulary(difficulty="given"))
+    small = read_decomposition(yaml.safe_dump(good), DecompositionVocabulary(difficulty="given"))
     assert small.key_factors("O-2") == ()
 
 
@@ -277,7 +277,7 @@ def test_measures_are_asked_about(good: dict[str, Any]) -> None:
 
     good["observables"][0]["measure"] = "detektion"
     good["observables"][1]["options"] = {}
-    found = faults(good, Vocabulary(check_measure=check))
+    found = faults(good, DecompositionVocabulary(check_measure=check))
     assert [("O-1" in f.where, "O-2" in f.where) for f in found] == [(True, False), (False, True)]
     assert "'detektion'" in found[0].what
     assert "'role' is missing" in found[1].what
@@ -354,4 +354,4 @@ def test_what_is_shipped_names_only_what_there_is(name: str) -> None:
     from bench.campaign import check_options
     from bench.simspec import FACTORS
 
-    load_decomposition(name, Vocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options))
+    load_decomposition(name, DecompositionVocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options))

@@ -17,7 +17,7 @@ from bench.errors import SetupError
 from bench.instance_analysis import load_vocabulary, read_prose
 from bench.scoring import difficulty_of
 from bench.simspec import FACTORS, load_simspec
-from decompositions import Vocabulary as FactorNames
+from decompositions import DecompositionVocabulary as FactorNames
 from decompositions import load_decomposition
 
 VOCABULARY = load_vocabulary()

@@ -22,7 +22,7 @@ from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 from bench.reporting import draw_map, load_report_data, render_report, write_report
-from bench.scoring import ScoredRun, difficulty_given, score_table
+from bench.scoring import ScoredRun, score_table, stated_difficulty
 from bench.streams import String, encode
 from decompositions import load_decomposition
 
@@ -368,7 +368,7 @@ def test_the_whole_application_stays_readable(tmp_path: Path) -> None:
     (folder / "campaign.yaml").write_text(yaml.safe_dump({**stated, "decomposition": asked.name, "study": list(asked.study)}))
     units = dict.fromkeys(asked.observables, 40.0)
     scored = [
-        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, difficulty_given(asked, units), tuple(seen))
+        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, stated_difficulty(asked, units), tuple(seen))
         for scene in range(100)
         for agent in AGENTS
         for random in [np.random.default_rng([scene, len(agent)])]

@@ -16,14 +16,14 @@ from bench.scoring import (
     Difficulty,
     configuration_of,
     configuration_tension,
-    difficulty,
     difficulty_of,
+    difficulty_of_values,
     rate,
-    studied,
-    tension,
+    studied_key_attributes,
+    tension_of,
 )
 from bench.simspec import FACTORS, SimSpec
-from decompositions import Decomposition, KeyFactor, Policies, Vocabulary, decomposition_of, load_decomposition
+from decompositions import Decomposition, DecompositionVocabulary, KeyFactor, Policies, decomposition_of, load_decomposition
 
 UNITS = {name: factor.unit for name, factor in FACTORS.items()}
 CONCEALMENT = (0.5, 1.0)
@@ -38,12 +38,12 @@ def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFacto
 
 @pytest.fixture(scope="module")
 def asked() -> Decomposition:
-    return load_decomposition("search-and-report", Vocabulary(UNITS))
+    return load_decomposition("search-and-report", DecompositionVocabulary(UNITS))
 
 
 @pytest.fixture(scope="module")
 def paper() -> Decomposition:
-    return load_decomposition("paper-tables", Vocabulary(UNITS))
+    return load_decomposition("paper-tables", DecompositionVocabulary(UNITS))
 
 
 RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
@@ -125,7 +125,7 @@ def test_the_papers_table(
 ) -> None:
     """The paper's two SimSpecs both come out at 20, the first ruled by rain, the second by fog."""
     values = {"hours_from_solar_noon": hours, "rain_level": rain, "fog_level": fog, "uav_altitude_m": altitude_m}
-    found = difficulty(paper, values)
+    found = difficulty_of_values(paper, values)
     assert found.of("OBS-vehicles") == found.of("KA-09") == expected
     if ruler:
         assert found.observables["OBS-vehicles"].ruled_by == (ruler,)
@@ -136,7 +136,7 @@ def test_the_papers_table(
 def test_every_missing_factor_is_told_at_once(asked: Decomposition) -> None:
     """A situation without bystanders cannot be rated for what is asked about them; the fault says what is missing."""
     with pytest.raises(SetupError) as caught:
-        difficulty(asked, {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0})
+        difficulty_of_values(asked, {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0})
     told = str(caught.value)
     assert len(caught.value.faults) == 3
     for factor in ("bystander_density_per_km2", "bystander_proximity_m", "intelligence_uncertainty_m"):
@@ -167,7 +167,7 @@ def test_the_mean_of_the_factors_is_a_policy(asked: Decomposition) -> None:
 @pytest.mark.parametrize(("value", "expected"), [(0, 1), (20, 1), (20.0000001, 1), (20.001, 2), (40, 2), (99, 5), (100, 5)])
 def test_tension(value: float, expected: int) -> None:
     """max(1, ceil(d / 20)), where a rounding error of the last digits is no difference."""
-    assert tension(value) == expected
+    assert tension_of(value) == expected
 
 
 def at(asked: Decomposition, concealment: float, density_per_km2: float, proximity_m: float) -> Difficulty:
@@ -183,7 +183,7 @@ def at(asked: Decomposition, concealment: float, density_per_km2: float, proximi
         "rain_level": 0.5,
         "hours_from_solar_noon": 0.5,
     }
-    return difficulty(asked, values)
+    return difficulty_of_values(asked, values)
 
 
 def test_the_papers_experiment_has_twelve_difficulty_configurations(asked: Decomposition) -> None:
@@ -221,9 +221,9 @@ def test_configurations_agree_to_six_decimals(asked: Decomposition) -> None:
 
 def test_only_key_attributes_are_studied(asked: Decomposition) -> None:
     """A typing error in a campaign's study is told with what there is."""
-    assert studied(asked) == asked.key_attributes
+    assert studied_key_attributes(asked) == asked.key_attributes
     with pytest.raises(SetupError, match=r"KA-99.*known: KA-03"):
-        studied(asked, ["KA-99"])
+        studied_key_attributes(asked, ["KA-99"])
 
 
 def test_difficulty_is_read_from_the_intent(asked: Decomposition) -> None:

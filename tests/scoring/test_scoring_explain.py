@@ -12,14 +12,14 @@ from bench.scoring import (
     Explanation,
     ScoredRun,
     Sources,
-    difficulty_given,
     explain,
     node_reports,
     run_reports,
     score_table,
+    stated_difficulty,
     summary_frame,
 )
-from decompositions import Decomposition, DecompositionDocument, Vocabulary, decomposition_of
+from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
 DIFFICULTIES = {"OBS1": 30.0, "OBS2": 80.0, "OBS3": 50.0}
 
@@ -48,7 +48,7 @@ def made(partial: bool = False, **more: Any) -> Decomposition:
         "vabs": [{"id": name, "title": name, "asks": "?", "children": children} for name, children in inner.items()],
         "observables": leaves,
     }
-    return decomposition_of(DecompositionDocument.model_validate(document | more), Vocabulary(difficulty="given"))
+    return decomposition_of(DecompositionDocument.model_validate(document | more), DecompositionVocabulary(difficulty="given"))
 
 
 def flown(asked: Decomposition, name: str, *xs: float | None, **changes: Any) -> ScoredRun:
@@ -62,7 +62,7 @@ def flown(asked: Decomposition, name: str, *xs: float | None, **changes: Any) ->
         )
         for one, x in zip(DIFFICULTIES, xs, strict=True)
     )
-    run = ScoredRun(name, name, 0, "agent", Outcome.COMPLETED, difficulty_given(asked, DIFFICULTIES), seen)
+    run = ScoredRun(name, name, 0, "agent", Outcome.COMPLETED, stated_difficulty(asked, DIFFICULTIES), seen)
     return replace(run, **changes)
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from bench.errors import Fault, SetupError
-from bench.scoring import ExternalTable, absent_pairs, read_table, score_external, score_run, summary_frame
-from decompositions import Decomposition, DecompositionDocument, Vocabulary, decomposition_of
+from bench.scoring import absent_pairs, read_table, score_external, score_run, summary_frame
+from bench.scoring._external import ExternalTable
+from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
 FOG = {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "The whole scale."}
 RAIN = FOG | {"factor": "rain_level"}
@@ -42,7 +43,7 @@ def made(**rows: list[dict[str, Any]]) -> Decomposition:
         "vabs": [node("VAB1", "OBS1", "OBS2"), node("VAB2", "OBS3")],
         "observables": leaves,
     }
-    return decomposition_of(DecompositionDocument.model_validate(document), Vocabulary(difficulty="given"))
+    return decomposition_of(DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given"))
 
 
 @pytest.fixture
@@ -130,7 +131,7 @@ def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
         {"id": "KA1", "title": "t", "asks": "?", "children": ["VAB1"]},
         {"id": "KA2", "title": "t", "asks": "?", "children": ["VAB2"]},
     ]
-    asked = decomposition_of(DecompositionDocument.model_validate(document), Vocabulary(difficulty="given"))
+    asked = decomposition_of(DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given"))
     scores = score_external(asked, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", asked).runs)
     assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, difficulty_given, score_table, summary_frame
+from bench.scoring import ScoredRun, score_table, stated_difficulty, summary_frame
 from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of
 
 GRID = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
@@ -39,7 +39,7 @@ class Flown:
 
     def scored_run(self, asked: Decomposition) -> ScoredRun:
         seen = tuple(Observation(observable=one, considered=x is not None, x=x) for one, x in self.xs.items())
-        return ScoredRun(self.name, self.point, 0, self.agent, self.outcome, difficulty_given(asked, self.difficulty), seen)
+        return ScoredRun(self.name, self.point, 0, self.agent, self.outcome, stated_difficulty(asked, self.difficulty), seen)
 
 
 class Reference:

@@ -15,16 +15,16 @@ from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
 from bench.scoring import (
     SCORE_COLUMNS,
-    SUMMARY_COLUMNS,
     Difficulty,
     ScoredRun,
     absent_pairs,
     configuration_of,
-    difficulty,
+    difficulty_of_values,
     score_run,
     score_table,
     summary_frame,
 )
+from bench.scoring._summary import SUMMARY_COLUMNS
 from bench.statistics import clopper_pearson, effective_size, wilson
 from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of, load_decomposition
 
@@ -43,7 +43,7 @@ def hard(asked: Decomposition, concealment: float = 0.5, density: float = 390.1)
         "intelligence_uncertainty_m": 60.0,
         "time_limit_s": 300.0,
     }
-    return difficulty(asked, values)
+    return difficulty_of_values(asked, values)
 
 
 def run(name: str, found: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
@@ -92,7 +92,7 @@ def worked() -> tuple[Decomposition, list[ScoredRun]]:
             }
         )
     )
-    found = difficulty(asked, {"fog_level": 1.0})
+    found = difficulty_of_values(asked, {"fog_level": 1.0})
     good = everything(asked)
     return asked, [run("r1", found, good), run("r2", found, good | {"OBS1": 0.0})]
 

@@ -58,7 +58,7 @@ def test_an_observable_is_achieved_fails_and_is_not_considered(observable: str, 
 
 
 def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
-    """5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs (reading.md 22)."""
+    """5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs (docs/rulings.md 22)."""
     document = FULL.document
     assert len(document.principles) == 5
     assert len(document.key_attributes) == 43

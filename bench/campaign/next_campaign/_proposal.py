@@ -25,7 +25,7 @@ from bench.documents import read_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import INACTIVE, Design, Factor, FullFactorial, Level, Method, Sobol
 from bench.reporting import ReportData, factors_that_matter, load_report_data, points_of, quality_of
-from bench.statistics import difficulty_response, factor_columns, hidden_differences
+from bench.statistics import difference_bounds, difficulty_response, factor_columns
 
 from .._document import Campaign
 from ..results._finish import read_campaign_folder
@@ -211,7 +211,7 @@ def _hidden(runs: pl.DataFrame, levels: Mapping[str, Mapping[str, Level]], desig
     }
     for (agent, node), mine in runs.group_by("agent", "node", maintain_order=True):
         points = mine["design_point"].to_list()
-        bounds = hidden_differences(mine["confidence"].to_list(), factor_columns([active[one] for one in points]), points)
+        bounds = difference_bounds(mine["confidence"].to_list(), factor_columns([active[one] for one in points]), points)
         for name, most in bounds.items():
             found[name].append(_Hidden(str(agent), str(node), len(points), most))
     return {name: sorted(each, key=lambda one: -math.inf if one.most is None else -one.most) for name, each in found.items()}

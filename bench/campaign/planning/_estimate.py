@@ -12,7 +12,7 @@ from pydantic import Field
 
 from bench.documents import Document
 from bench.realization import PlacementInfeasible, RealizationPlan, place
-from bench.scoring import ScoredRun, difficulty_of, score_table, studied
+from bench.scoring import ScoredRun, difficulty_of, score_table, studied_key_attributes
 from bench.simspec import SimSpec
 from bench.statistics import mcnemar_power, pairs_for_difference, runs_for_half_width
 
@@ -116,7 +116,7 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
             rated[scene] = difficulty_of(asked, simspec)
         label = simspec.agent.label
         runs.append(ScoredRun(plan.id, *scene, label, result.outcome, rated[scene], result.observations))
-    study = studied(asked, campaign.study)
+    study = studied_key_attributes(asked, campaign.study)
     table = score_table(asked, runs, campaign.study)
     agents = list(dict.fromkeys(run.agent for run in runs))
     scale = len(plans) / max(len(names) + infeasible, 1)

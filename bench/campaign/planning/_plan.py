@@ -107,7 +107,7 @@ def _check_same(folder: CampaignFolder, journal: Journal, intents: dict[str, str
 
 
 def _check_rated(plans: Iterable[RealizationPlan], decomposition: Decomposition) -> None:
-    from bench.scoring import difficulty  # with all of its arrays, which nothing else here needs
+    from bench.scoring import difficulty_of_values  # with all of its arrays, which nothing else here needs
 
     seen: set[tuple[tuple[str, float], ...]] = set()
     for plan in plans:
@@ -115,7 +115,7 @@ def _check_rated(plans: Iterable[RealizationPlan], decomposition: Decomposition)
         rated = tuple(values.items())
         if rated not in seen:
             seen.add(rated)
-            difficulty(decomposition, values)
+            difficulty_of_values(decomposition, values)
 
 
 def _digest(text: str) -> str:

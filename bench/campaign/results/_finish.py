@@ -15,7 +15,7 @@ from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml, load_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
-from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, studied, summary_frame
+from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, studied_key_attributes, summary_frame
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -68,7 +68,7 @@ def finish_campaign(path: Path, decomposition: str | None = None) -> Finished:
     seal()  # the report shows the manifest ...
     report = write_report(folder.path)
     seal()  # ... and the manifest holds the report's digest, which the report leaves out
-    return Finished(summary_frame(scores, asked), studied(asked, campaign.study), outcomes, report)
+    return Finished(summary_frame(scores, asked), studied_key_attributes(asked, campaign.study), outcomes, report)
 
 
 def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
@@ -126,7 +126,7 @@ def read_runs(path: Path, decomposition: str | None = None) -> CampaignRuns:
             for run in runs
         ]
     reasons = {entry.id: entry.reason for entry in entries}
-    return CampaignRuns(asked, studied(asked, campaign.study), tuple(runs), recordings, reasons, campaign.fidelity)
+    return CampaignRuns(asked, studied_key_attributes(asked, campaign.study), tuple(runs), recordings, reasons, campaign.fidelity)
 
 
 def read_campaign_folder(path: Path, decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:

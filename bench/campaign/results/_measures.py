@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.contracts import ChecksOptions, Measure, MeasureRequest, Observation, Option, Tape, load_plugin
 from bench.simspec import FACTORS, SimSpec
-from decompositions import Decomposition, Vocabulary, load_decomposition
+from decompositions import Decomposition, DecompositionVocabulary, load_decomposition
 
 
 def check_options(measure: str, options: Mapping[str, Option]) -> None:
@@ -36,7 +36,9 @@ def load_asked(name_or_path: str | Path) -> Decomposition:
 
     Raises SetupError with every fault at once.
     """
-    return load_decomposition(name_or_path, Vocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options))
+    return load_decomposition(
+        name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options)
+    )
 
 
 def measures_of(decomposition: Decomposition) -> dict[str, MeasureRequest]:

@@ -10,8 +10,9 @@ from pathlib import Path
 import polars as pl
 
 from bench.errors import Fault, SetupError
-from bench.scoring import NodeComparison, compare_nodes
+from bench.scoring import EXCLUDED_OUTCOMES
 from bench.simspec import SimSpec
+from bench.statistics import NodeComparison, compare_nodes
 
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
@@ -66,13 +67,15 @@ def compare_campaigns(
             )
         )
     asked = nodes or [one.id for one in first.data.nodes.values() if one.level in SHOWN_LEVELS]
-    return Comparison(first.label, second.label, scenes, compare_nodes(mine, other, asked, seed=seed))
+    return Comparison(
+        first.label, second.label, scenes, compare_nodes(mine, other, asked, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed)
+    )
 
 
 def compare_agents(data: ReportData, first: str, second: str) -> tuple[NodeComparison, ...]:
     """Two agents of one campaign at the nodes under study."""
     mine, other = (data.scores.filter(pl.col("agent") == agent) for agent in (first, second))
-    return compare_nodes(mine, other, data.study)
+    return compare_nodes(mine, other, data.study, excluded_outcomes=EXCLUDED_OUTCOMES)
 
 
 def _sides(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Side, Side]:

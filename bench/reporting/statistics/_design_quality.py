@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from bench.errors import SetupError
 from bench.realization import Design, DesignPoint, DesignQuality, Rating, design_pairs, design_quality, situations
-from bench.scoring import configuration_of, difficulty_of, studied, tension
+from bench.scoring import configuration_of, difficulty_of, studied_key_attributes, tension_of
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -22,7 +22,7 @@ MOST_NAMED = 20
 
 def rating(decomposition: Decomposition, study: Sequence[str] = ()) -> Rating:
     """The difficulties of the nodes under study in a situation, for a design that is drawn by difficulty."""
-    nodes = studied(decomposition, study)
+    nodes = studied_key_attributes(decomposition, study)
 
     def rate(simspec: SimSpec) -> Mapping[str, float]:
         found = difficulty_of(decomposition, simspec)
@@ -37,8 +37,8 @@ def measure_design(base: SimSpec, design: Design, decomposition: Decomposition, 
     rated = [difficulty_of(decomposition, one) for one in situations(base, design, _flown(pairs))]
     configurations = [configuration_of(decomposition, one, study) for one in rated]
     if len(set(configurations)) > MOST_NAMED:
-        nodes = studied(decomposition, study)
-        configurations = [" ".join(f"{node}={tension(one.of(node))}" for node in nodes) + " (tensions)" for one in rated]
+        nodes = studied_key_attributes(decomposition, study)
+        configurations = [" ".join(f"{node}={tension_of(one.of(node))}" for node in nodes) + " (tensions)" for one in rated]
     return _measured(design, pairs, configurations)
 
 

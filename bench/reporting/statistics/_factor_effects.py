@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from bench.realization import INACTIVE
-from bench.statistics import FactorLevel, Independence, NodeFactors, OddsRatio, factor_frame, node_factors
+from bench.statistics import FactorIndependence, FactorLevel, NodeFactorAnalysis, OddsRatio, factor_frame, node_factors
 
 from .._campaign_data import ReportData
 from ._design_quality import points_of
@@ -52,7 +52,7 @@ class FactorsMatter:
     """The whole section. `note` says why there is none, and is empty otherwise; `frame` holds every test (FACTOR_COLUMNS)."""
 
     tables: tuple[FactorTable, ...]
-    independence: Independence | None
+    independence: FactorIndependence | None
     frame: pl.DataFrame
     note: str = ""
 
@@ -106,7 +106,7 @@ def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, 
     return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
 
 
-def _table(one: NodeFactors, frame: pl.DataFrame) -> FactorTable:
+def _table(one: NodeFactorAnalysis, frame: pl.DataFrame) -> FactorTable:
     mine = frame.filter(pl.col("agent") == one.agent, pl.col("node") == one.node)
     adjusted = {(row["of"], row["test"], row["factor"]): row["p_adjusted"] for row in mine.iter_rows(named=True)}
     confidence = {effect.term: effect for effect in one.confidence.effects}
@@ -130,7 +130,7 @@ def _table(one: NodeFactors, frame: pl.DataFrame) -> FactorTable:
     return FactorTable(one.agent, one.node, one.confidence.n, shown, tuple(_notes(one)))
 
 
-def _notes(one: NodeFactors) -> Iterable[str]:
+def _notes(one: NodeFactorAnalysis) -> Iterable[str]:
     for name, found in (("Confidence", one.confidence), ("Scores", one.score)):
         if found.note:
             yield f"{name}: {found.note}."

@@ -10,18 +10,10 @@ import pytest
 from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.multitest import multipletests
 
-from bench.statistics import (
-    FactorColumn,
-    anova,
-    benjamini_hochberg,
-    correlation,
-    cramers_v,
-    factor_columns,
-    holm,
-    independence,
-    logistic,
-)
+from bench.statistics import FactorColumn, anova, correlation, factor_columns, logistic
 from bench.statistics._anova import CLUSTERED, PLAIN, clustered_errors, scaled_residuals
+from bench.statistics._multiplicity import benjamini_hochberg, holm
+from bench.statistics._terms import cramers_v, independence
 
 
 def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[tuple[FactorColumn, ...], list[str]]:
@@ -203,12 +195,12 @@ def test_adjusted_p_values_are_statsmodels() -> None:
 
 def test_residuals_that_are_all_alike_have_no_spread_to_test() -> None:
     """Runs that all came out the same are no error, and no warning."""
-    from bench.statistics._anova import _equal_spread
+    from bench.statistics._anova import _equal_spread_p
 
     design = np.column_stack([np.ones(8), np.tile([0.0, 1.0], 4)])
-    assert _equal_spread(np.zeros(8), design) is None
-    assert _equal_spread(np.tile([1.0, -1.0], 4), design) is None
-    torn = _equal_spread(np.array([0.0, 2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0]), design)
+    assert _equal_spread_p(np.zeros(8), design) is None
+    assert _equal_spread_p(np.tile([1.0, -1.0], 4), design) is None
+    torn = _equal_spread_p(np.array([0.0, 2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0]), design)
     assert torn is None or torn < 0.05
 
 

@@ -13,7 +13,7 @@ from decompositions import Decomposition, Level, Policies
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class DecompositionArrays:
     """What scoring needs of a decomposition. Leaves (observables) and nodes are numbered in the document's order.
 
     `number` gives a leaf's, `leaf_rows[i]` is the node that leaf i is; `under` (nodes, leaves) says which leaves stand under a node, each once;
@@ -32,13 +32,13 @@ class Plan:
     policies: Policies
 
 
-def plan_of(decomposition: Decomposition) -> Plan:
+def arrays_of(decomposition: Decomposition) -> DecompositionArrays:
     """The arrays of a decomposition, made once for each document."""
-    return _plan(_Key(decomposition))
+    return _arrays(_DocumentKey(decomposition))
 
 
 @dataclass(frozen=True, slots=True)
-class _Key:
+class _DocumentKey:
     """Equal for equal documents: a decomposition itself holds dictionaries and cannot be hashed."""
 
     decomposition: Decomposition
@@ -47,14 +47,14 @@ class _Key:
         return hash((self.decomposition.name, len(self.decomposition.nodes)))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, _Key):
+        if not isinstance(other, _DocumentKey):
             return NotImplemented
         mine, theirs = self.decomposition.document, other.decomposition.document
         return mine is theirs or mine == theirs
 
 
 @lru_cache(maxsize=8)
-def _plan(key: _Key) -> Plan:
+def _arrays(key: _DocumentKey) -> DecompositionArrays:
     asked = key.decomposition
     nodes, leaves = tuple(asked.nodes), tuple(asked.observables)
     row = {node: index for index, node in enumerate(nodes)}
@@ -62,7 +62,7 @@ def _plan(key: _Key) -> Plan:
     under = np.zeros((len(nodes), len(leaves)), dtype=np.bool_)
     for node in nodes:
         under[row[node], [column[leaf] for leaf in asked.observables_under(node)]] = True
-    return Plan(
+    return DecompositionArrays(
         nodes=nodes,
         leaves=leaves,
         number=column,

@@ -15,14 +15,14 @@ from itertools import groupby
 from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, KeyFactor, Policies
 
-from ._difficulty import Difficulty, rate, tension
+from ._difficulty import Difficulty, rate, tension_of
 
 TENSION_POINTS = 20.0
 HIGHEST_TENSION = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class FactorChange:
     """What one factor must come to, in `unit`; `past` says that it must lie beyond `to`, in the direction that is harder.
 
     `to` is None where no value is enough: its tables end at the rating `most`, or run in opposite directions.
@@ -38,12 +38,12 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class DifficultyGoal:
     """A difficulty, whether it has to be exceeded, and every change that it takes together."""
 
     difficulty: float
     exceeded: bool
-    changes: tuple[Change, ...]
+    changes: tuple[FactorChange, ...]
 
     @property
     def reachable(self) -> bool:
@@ -51,7 +51,7 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True)
-class Raising:
+class DifficultyIncrease:
     """How one node could be harder.
 
     `ruled_by` are the factors that have the node's difficulty as their rating, `following` those that come next, `margin`
@@ -63,22 +63,22 @@ class Raising:
     ruled_by: tuple[str, ...]
     following: tuple[str, ...]
     margin: float | None
-    takeover: Goal | None
-    tension: Goal | None
+    takeover: DifficultyGoal | None
+    tension: DifficultyGoal | None
 
 
-def raising(decomposition: Decomposition, found: Difficulty, node: str) -> Raising:
+def difficulty_increase(decomposition: Decomposition, found: Difficulty, node: str) -> DifficultyIncrease:
     """How `node` could be harder than in the situation that `found` rates. KeyError for an unknown node."""
     under = decomposition.observables_under(node)
     if decomposition.policies.factor_rule != "minimum" or not all(found.observables[one].ratings for one in under):
-        return Raising(node, (), (), None, None, None)
+        return DifficultyIncrease(node, (), (), None, None, None)
     factors = _factors(decomposition, found, under)
     lowest = min(one.rating for one in factors)
     above = [one.rating for one in factors if one.rating > lowest]
     next_rating = min(above, default=None)
-    level = tension(lowest)
+    level = tension_of(lowest)
     boundary = TENSION_POINTS * level
-    return Raising(
+    return DifficultyIncrease(
         node=node,
         ruled_by=tuple(one.name for one in factors if one.rating == lowest),
         following=tuple(one.name for one in factors if one.rating == next_rating),
@@ -88,7 +88,7 @@ def raising(decomposition: Decomposition, found: Difficulty, node: str) -> Raisi
     )
 
 
-def value_rated(
+def value_for_rating(
     table: KeyFactor, rating: float, policies: Policies | None = None, *, exceeded: bool = False
 ) -> tuple[float, bool] | None:
     """The easiest value that a table rates at `rating` or more, or above it where it is to be exceeded; the inverse of `rate`.
@@ -120,13 +120,13 @@ class _FactorUnder:
     rating: float
     policies: Policies
 
-    def change(self, rating: float, *, exceeded: bool) -> Change:
+    def change(self, rating: float, *, exceeded: bool) -> FactorChange:
         rises = {row.values[-1] > row.values[0] for row in self.rows}
-        wanted = [value_rated(row, rating, self.policies, exceeded=exceeded) for row in self.rows]
+        wanted = [value_for_rating(row, rating, self.policies, exceeded=exceeded) for row in self.rows]
         known = [one for one in wanted if one is not None]
         sign = 1.0 if True in rises else -1.0
         reached = max(known, key=lambda one: (sign * one[0], one[1])) if len(known) == len(wanted) and len(rises) == 1 else None
-        return Change(
+        return FactorChange(
             factor=self.name,
             unit=self.rows[0].unit,
             value=self.value,
@@ -149,7 +149,7 @@ def _factors(decomposition: Decomposition, found: Difficulty, under: Iterable[st
     return sorted(made, key=lambda one: one.rating)
 
 
-def _goal(factors: Iterable[_FactorUnder], rating: float, *, exceeded: bool) -> Goal:
+def _goal(factors: Iterable[_FactorUnder], rating: float, *, exceeded: bool) -> DifficultyGoal:
     """Every factor that is short of the rating."""
     short = [one for one in factors if one.rating < rating or (exceeded and round(one.rating, DIFFICULTY_DECIMALS) <= rating)]
-    return Goal(rating, exceeded, tuple(one.change(rating, exceeded=exceeded) for one in short))
+    return DifficultyGoal(rating, exceeded, tuple(one.change(rating, exceeded=exceeded) for one in short))

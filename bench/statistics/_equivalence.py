@@ -18,7 +18,7 @@ from ._anova import cluster_codes, clustered_errors, scaled_residuals
 from ._terms import FactorColumn, design_matrix, terms_of
 
 
-def hidden_differences(
+def difference_bounds(
     shares: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str], confidence: float = 0.95
 ) -> dict[str, float | None]:
     """For each factor the largest difference in the mean share between two of its levels that the runs do not rule out.
@@ -46,7 +46,7 @@ def hidden_differences(
             apart, at = _contrasts(factor), places[factor.name]
             reach = np.sqrt(np.maximum(*(np.einsum("ij,jk,ik->i", apart, one[at, at], apart) for one in (clustered, alone))))
             bound = float((np.abs(apart @ effects[at]) + reach).max())
-            found[factor.name] = min(1.0, max(bound, 1.0 - (1.0 - confidence) ** (1.0 / _fewest(factor))))
+            found[factor.name] = min(1.0, max(bound, 1.0 - (1.0 - confidence) ** (1.0 / _runs_per_level(factor))))
     return found
 
 
@@ -59,6 +59,6 @@ def _contrasts(factor: FactorColumn) -> NDArray[np.float64]:
     return np.array([one - other for one, other in itertools.combinations(first, 2)])
 
 
-def _fewest(factor: FactorColumn) -> int:
+def _runs_per_level(factor: FactorColumn) -> int:
     """Runs at the level that has the fewest; a third of them at an end of a straight line."""
     return max(1, int(factor.active.sum()) // 3) if factor.is_line else int(np.bincount(factor.codes()).min())

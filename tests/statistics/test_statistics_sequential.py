@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.statistics import StoppingRule, Verdict, clopper_pearson, confidence_sequence, mean_bounds, pass_rate_bounds
+from bench.statistics import StoppingRule, clopper_pearson, confidence_sequence, mean_bounds, pass_rate_bounds
+from bench.statistics._sequential import PassRateVerdict
 
 
 @pytest.mark.parametrize("p", [0.02, 0.3, 0.5, 0.95])
@@ -42,11 +43,11 @@ def test_straight_runs_settle_it() -> None:
     assert rule.settled_after([True] * 7) is None
     assert rule.settled_after([True] * 30) == rule.settled_after([False] * 30) == 8
     assert (rule.verdict([True] * 8), rule.verdict([False] * 8), rule.verdict([True, False] * 20)) == (
-        Verdict.ABOVE,
-        Verdict.BELOW,
-        Verdict.OPEN,
+        PassRateVerdict.ABOVE,
+        PassRateVerdict.BELOW,
+        PassRateVerdict.OPEN,
     )
-    assert rule.verdict([]) is Verdict.OPEN
+    assert rule.verdict([]) is PassRateVerdict.OPEN
 
 
 @given(st.lists(st.booleans(), max_size=40), st.lists(st.booleans(), max_size=10), st.sampled_from([0.2, 0.5, 0.9]))
@@ -63,8 +64,8 @@ def test_a_verdict_rests_on_the_trials_up_to_it(first: list[bool], later: list[b
         assert after == (int(np.argmax(outside)) + 1 if outside.any() else None)
 
 
-@pytest.mark.parametrize(("p", "wrong"), [(0.89, Verdict.ABOVE), (0.91, Verdict.BELOW)])
-def test_a_verdict_is_seldom_wrong(p: float, wrong: Verdict) -> None:
+@pytest.mark.parametrize(("p", "wrong"), [(0.89, PassRateVerdict.ABOVE), (0.91, PassRateVerdict.BELOW)])
+def test_a_verdict_is_seldom_wrong(p: float, wrong: PassRateVerdict) -> None:
     """Stopped as soon as it may be, at most 5 % of verdicts are wrong even next to the threshold."""
     rule = StoppingRule(0.9)
     trials = np.random.default_rng(24).random((600, 400)) < p

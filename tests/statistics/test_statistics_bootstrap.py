@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.statistics import bootstrap_means
-from bench.statistics._bootstrap import MOST
+from bench.statistics._bootstrap import MAX_CLUSTERS
 
 
 def names(count: int) -> list[str]:
@@ -38,8 +38,8 @@ def test_coverage_where_scores_are_even() -> None:
 
 def test_coverage_where_points_are_drawn_in_groups() -> None:
     """Above 500 design points they are bound into groups, which costs no coverage."""
-    total, count = skewed(np.random.default_rng(10), MOST + 137, 1000)
-    low, high = bootstrap_means(total, count, names(MOST + 137))
+    total, count = skewed(np.random.default_rng(10), MAX_CLUSTERS + 137, 1000)
+    low, high = bootstrap_means(total, count, names(MAX_CLUSTERS + 137))
     assert 0.93 <= ((low <= 1.0) & (high >= 1.0)).mean() <= 0.97
 
 

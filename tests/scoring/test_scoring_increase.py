@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.scoring import Goal, difficulty, raising, rate, value_rated
+from bench.scoring import DifficultyGoal, difficulty_increase, difficulty_of_values, rate, value_for_rating
 from decompositions import Decomposition, DecompositionDocument, KeyFactor, Policies, decomposition_of, load_decomposition
 
 VALUES = {
@@ -47,7 +47,7 @@ RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
 )
 def test_a_table_is_read_backwards(row: KeyFactor, rating: float, exceeded: bool, expected: tuple[float, bool] | None) -> None:
     """The easiest value with a rating, and whether it must be passed."""
-    assert value_rated(row, rating, exceeded=exceeded) == expected
+    assert value_for_rating(row, rating, exceeded=exceeded) == expected
 
 
 @given(
@@ -65,7 +65,7 @@ def test_reading_backwards_is_the_inverse(
     ordered = [float(v) for v in sorted(values, reverse=falling)]
     row = table([100.0 * (i + 1) / len(ordered) for i in range(len(ordered))], ordered, mapping=mapping)
     policies, sign = Policies(shared_value=shared), -1.0 if falling else 1.0
-    found = value_rated(row, rating, policies, exceeded=exceeded)
+    found = value_for_rating(row, rating, policies, exceeded=exceeded)
     if found is None:
         assert rating > 100.0 or exceeded
         assert rate(row, ordered[-1] + sign, policies) <= rating
@@ -83,7 +83,7 @@ def asked() -> Decomposition:
     return load_decomposition("search-and-report")
 
 
-def changed(goal: Goal) -> dict[str, float]:
+def changed(goal: DifficultyGoal) -> dict[str, float]:
     """The situation after every change, a hair beyond the value where it must be passed."""
     made = dict(VALUES)
     for one in goal.changes:
@@ -95,19 +95,19 @@ def changed(goal: Goal) -> dict[str, float]:
 @pytest.mark.parametrize("node", load_decomposition("search-and-report").nodes)
 def test_what_is_told_is_what_happens(asked: Decomposition, node: str) -> None:
     """Making the changes brings every node to the next factor, and to the next tension."""
-    found = difficulty(asked, VALUES)
-    told = raising(asked, found, node)
+    found = difficulty_of_values(asked, VALUES)
+    told = difficulty_increase(asked, found, node)
     assert set(told.ruled_by) == {
         row.factor for one in found.nodes[node].ruled_by for row in found.observables[one].ratings if row.rating == found.of(node)
     }
     if told.takeover:
         assert told.margin
-        after = difficulty(asked, changed(told.takeover))
+        after = difficulty_of_values(asked, changed(told.takeover))
         assert after.of(node) == pytest.approx(found.of(node) + told.margin)
-        assert set(told.following) & set(raising(asked, after, node).ruled_by)
+        assert set(told.following) & set(difficulty_increase(asked, after, node).ruled_by)
     assert told.tension
     assert told.tension.reachable
-    after = difficulty(asked, changed(told.tension))
+    after = difficulty_of_values(asked, changed(told.tension))
     assert after.nodes[node].tension == found.nodes[node].tension + 1
 
 
@@ -142,13 +142,13 @@ def test_what_cannot_be_reached_says_where_it_ends() -> None:
     """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no harder value."""
     fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 30], "values": [0, 9], "reason": "r"}
     short = made([fog])
-    told = raising(short, difficulty(short, {"fog_level": 9.0}), "KA")
+    told = difficulty_increase(short, difficulty_of_values(short, {"fog_level": 9.0}), "KA")
     assert told.tension is not None
     assert not told.tension.reachable
     (change,) = told.tension.changes
     assert (change.to, change.most, change.harder) == (None, 30.0, "more")
     both = made([fog, fog | {"values": [9, 0]}])
-    told = raising(both, difficulty(both, {"fog_level": 2.0}), "KA")
+    told = difficulty_increase(both, difficulty_of_values(both, {"fog_level": 2.0}), "KA")
     assert told.tension is not None
     assert [(one.to, one.harder) for one in told.tension.changes] == [(None, "either way")]
 
@@ -157,7 +157,7 @@ def test_a_factor_in_two_tables_has_to_satisfy_both() -> None:
     """Under a node a factor goes as far as the table that asks most of it."""
     fog = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 10], "reason": "r"}
     asked = made([fog, fog | {"values": [0, 20]}])
-    told = raising(asked, difficulty(asked, {"fog_level": 2.0}), "KA")
+    told = difficulty_increase(asked, difficulty_of_values(asked, {"fog_level": 2.0}), "KA")
     assert told.tension is not None
     assert [(one.factor, one.to, one.past) for one in told.tension.changes] == [("fog_level", 4.0, True)]
 
@@ -166,8 +166,8 @@ def test_nothing_is_said_where_nothing_rules() -> None:
     """Under a mean every factor counts, and at the highest tension there is no next."""
     fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "r"}
     mean = made([fog], policies={"factor_rule": "mean"})
-    assert raising(mean, difficulty(mean, {"fog_level": 2.0}), "KA").tension is None
+    assert difficulty_increase(mean, difficulty_of_values(mean, {"fog_level": 2.0}), "KA").tension is None
     top = made([fog])
-    told = raising(top, difficulty(top, {"fog_level": 9.0}), "KA")
+    told = difficulty_increase(top, difficulty_of_values(top, {"fog_level": 9.0}), "KA")
     assert (told.tension, told.takeover, told.margin) == (None, None, None)
-    assert math.isclose(difficulty(top, {"fog_level": 9.0}).of("KA"), 100.0)
+    assert math.isclose(difficulty_of_values(top, {"fog_level": 9.0}).of("KA"), 100.0)

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from bench.statistics import claim, more_passes, share_claimed, straight_passes
+from bench.statistics import claim
+from bench.statistics._claims import further_passes_for_claim, pass_rate_at_least, passes_for_claim
 
 
 def test_what_fourteen_passes_say() -> None:
@@ -33,16 +34,16 @@ def test_with_failures_with_none_and_with_nothing() -> None:
 def test_fifty_nine_straight_passes() -> None:
     """0.95^59 < 0.05 <= 0.95^58, and the same rule elsewhere."""
     assert 0.95**59 < 0.05 <= 0.95**58
-    assert [straight_passes(share) for share in (0.5, 0.9, 0.95, 0.99)] == [5, 29, 59, 299]
+    assert [passes_for_claim(share) for share in (0.5, 0.9, 0.95, 0.99)] == [5, 29, 59, 299]
 
 
 @given(st.integers(0, 60), st.integers(0, 20), st.sampled_from([0.5, 0.8, 0.9, 0.95]))
 def test_more_passes_are_just_enough(passed: int, failed: int, share: float) -> None:
     """After so many more the binomial tail is at most 5 %, and one fewer would not do; the bound then claims the share."""
-    more = more_passes(passed, passed + failed, share)
+    more = further_passes_for_claim(passed, passed + failed, share)
     assert passed + more > 0
     assert binom.sf(passed + more - 1, passed + failed + more, share) <= 0.05
-    assert share_claimed(passed + more, passed + failed + more) >= share - 1e-9
+    assert pass_rate_at_least(passed + more, passed + failed + more) >= share - 1e-9
     if more:
         assert binom.sf(passed + more - 2, passed + failed + more - 1, share) > 0.05
 
@@ -52,15 +53,17 @@ def test_the_sentence_never_says_more_than_the_bound(passed: int, failed: int) -
     """The printed share is rounded down."""
     printed = re.search(r"at least ([\d.]+) %", claim(passed, passed + failed))
     assert printed is not None
-    assert float(printed[1]) / 100 <= share_claimed(passed, passed + failed) + 1e-9
+    assert float(printed[1]) / 100 <= pass_rate_at_least(passed, passed + failed) + 1e-9
 
 
 @given(st.integers(0, 100), st.integers(0, 100))
 def test_a_failure_never_helps(passed: int, failed: int) -> None:
     """One pass turned into a failure lowers the claim and raises the price."""
     if passed:
-        assert share_claimed(passed - 1, passed + failed) < share_claimed(passed, passed + failed)
-        assert more_passes(passed - 1, passed + failed, 0.9) >= more_passes(passed, passed + failed, 0.9)
+        assert pass_rate_at_least(passed - 1, passed + failed) < pass_rate_at_least(passed, passed + failed)
+        assert further_passes_for_claim(passed - 1, passed + failed, 0.9) >= further_passes_for_claim(
+            passed, passed + failed, 0.9
+        )
 
 
 def test_what_is_no_count() -> None:
@@ -68,4 +71,4 @@ def test_what_is_no_count() -> None:
     with pytest.raises(ValueError, match="3 of 2"):
         claim(3, 2)
     with pytest.raises(ValueError, match="share of 1"):
-        more_passes(1, 1, 1.0)
+        further_passes_for_claim(1, 1, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.statistics import FactorColumn, hidden_differences
+from bench.statistics import FactorColumn, difference_bounds
 
 
 def runs(replicates: int) -> tuple[list[FactorColumn], list[str]]:
@@ -25,7 +25,7 @@ def test_the_bound_holds_as_often_as_it_says() -> None:
     below = {"side": 0, "line": 0}
     for _ in range(300):
         for name, truth, rate in (("side", 0.3, chance), ("line", 0.4, sloped)):
-            bound = hidden_differences((draws.random(len(rate)) < rate).astype(float).tolist(), factors, points)[name]
+            bound = difference_bounds((draws.random(len(rate)) < rate).astype(float).tolist(), factors, points)[name]
             assert bound is not None
             below[name] += bound < truth
 
@@ -38,13 +38,11 @@ def test_more_runs_rule_out_more() -> None:
     bounds = []
     for replicates in (2, 8, 32):
         factors, points = runs(replicates)
-        bounds.append(
-            hidden_differences((draws.random(len(points)) < 0.5).astype(float).tolist(), factors, points)["side"] or 1.0
-        )
+        bounds.append(difference_bounds((draws.random(len(points)) < 0.5).astype(float).tolist(), factors, points)["side"] or 1.0)
 
     assert bounds[0] > 0.3 > bounds[1] > bounds[2]
     factors, points = runs(4)
-    passed = hidden_differences([1.0] * len(points), factors, points)
+    passed = difference_bounds([1.0] * len(points), factors, points)
     assert passed["side"] == pytest.approx(1 - 0.05 ** (1 / 32))
     assert passed["line"] == pytest.approx(1 - 0.05 ** (1 / 21))
 
@@ -55,6 +53,6 @@ def test_what_the_points_do_not_carry_has_no_bound() -> None:
     single = FactorColumn("single", ("z",) * 12)
     points = [f"p{run % 4}" for run in range(12)]
 
-    assert hidden_differences([0.0, 1.0, 1.0] * 4, [*both, single], points) == {"one": None, "other": None, "single": None}
-    assert hidden_differences([0.0, 1.0], [FactorColumn("one", ("x", "y"))], ["p1", "p2"]) == {"one": None}
-    assert hidden_differences([], [], []) == {}
+    assert difference_bounds([0.0, 1.0, 1.0] * 4, [*both, single], points) == {"one": None, "other": None, "single": None}
+    assert difference_bounds([0.0, 1.0], [FactorColumn("one", ("x", "y"))], ["p1", "p2"]) == {"one": None}
+    assert difference_bounds([], [], []) == {}

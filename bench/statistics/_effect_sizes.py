@@ -18,7 +18,7 @@ from scipy import optimize, stats
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class DifferenceEstimate:
     """An estimate with its two-sided interval; all three in [-1, 1]."""
 
     estimate: float
@@ -52,7 +52,7 @@ class PairedCounts:
         differing = self.only_first + self.only_second
         return float(stats.binomtest(self.only_first, differing).pvalue) if differing else None
 
-    def difference(self, confidence: float = 0.95) -> Difference | None:
+    def difference(self, confidence: float = 0.95) -> DifferenceEstimate | None:
         """Pass rate of second minus that of first, with Tango's score interval; None without pairs."""
         if not self.pairs:
             return None
@@ -60,7 +60,7 @@ class PairedCounts:
         z = float(stats.norm.ppf(0.5 + confidence / 2))
         low = -1.0 if estimate <= -1.0 else optimize.brentq(lambda d: self._score(d) - z, -1.0 + 1e-12, estimate)
         high = 1.0 if estimate >= 1.0 else optimize.brentq(lambda d: self._score(d) + z, estimate, 1.0 - 1e-12)
-        return Difference(estimate, float(low), float(high))
+        return DifferenceEstimate(estimate, float(low), float(high))
 
     def _score(self, difference: float) -> float:
         """Tango's statistic of a supposed difference: falls from above to below nought as it rises."""
@@ -75,7 +75,7 @@ class PairedCounts:
         return float(distance / np.sqrt(spread)) if spread > 0.0 else float(np.sign(distance) * np.inf)
 
 
-def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> Difference | None:
+def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> DifferenceEstimate | None:
     """How much oftener a value of `second` exceeds one of `first` than the reverse; None where either is empty.
 
     Pairs are not used: it compares the two distributions. The interval never leaves [-1, 1]; it is [-1, 1] where a side has a
@@ -88,9 +88,9 @@ def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: fl
     of_rows, of_columns = _wins(b, a), -_wins(a, b)
     delta = float(of_rows.mean())
     if min(rows, columns) < 2:
-        return Difference(delta, -1.0, 1.0)
+        return DifferenceEstimate(delta, -1.0, 1.0)
     if abs(delta) == 1.0:
-        return Difference(delta, delta, delta)
+        return DifferenceEstimate(delta, delta, delta)
     ties = int((np.searchsorted(np.sort(a), b, "right") - np.searchsorted(np.sort(a), b, "left")).sum())
     cells = rows * columns * (1 - delta**2) - ties
     above = columns**2 * float(((of_rows - delta) ** 2).sum()) + rows**2 * float(((of_columns - delta) ** 2).sum())
@@ -99,7 +99,7 @@ def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: fl
     z2v = float(stats.norm.ppf(0.5 + confidence / 2)) ** 2 * variance
     centre, reach = delta - delta**3, np.sqrt(z2v * ((1 - delta**2) ** 2 + z2v))
     low, high = (centre - reach) / (1 - delta**2 + z2v), (centre + reach) / (1 - delta**2 + z2v)
-    return Difference(delta, max(-1.0, float(low)), min(1.0, float(high)))
+    return DifferenceEstimate(delta, max(-1.0, float(low)), min(1.0, float(high)))
 
 
 def _wins(values: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:

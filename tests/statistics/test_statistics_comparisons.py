@@ -8,19 +8,17 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import jensenshannon
 
-from bench.scoring import SCORE_COLUMNS, NodeComparison, compare_nodes
+from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS
 from bench.statistics import (
-    Ended,
-    PairedCounts,
-    cliffs_delta,
-    divergence,
-    js_divergence,
+    NodeComparison,
+    compare_nodes,
     mcnemar_power,
     pairs_for_difference,
     runs_for_claim,
     runs_for_half_width,
 )
-from bench.statistics._divergence import _class
+from bench.statistics._divergence import NodeOutcome, _outcome_class, divergence, js_divergence
+from bench.statistics._effect_sizes import PairedCounts, cliffs_delta
 
 
 def test_a_published_paired_table_comes_out() -> None:
@@ -104,16 +102,20 @@ def test_divergence_is_scipys_squared_distance_in_bits() -> None:
 
 def test_runs_fall_into_the_tensions_bands() -> None:
     """A band ends where a tension does; failed and not considered are classes of their own."""
-    ended = [Ended(None, False), Ended(None, True), *(Ended(s, True) for s in (-1.0, 0.0, 20.0, 20.1, 40.0, 99.0, 100.0, 100.2))]
-    assert [_class(one, 20.0) for one in ended] == [0, 1, 3, 3, 3, 4, 4, 7, 7, 8]
+    ended = [
+        NodeOutcome(None, False),
+        NodeOutcome(None, True),
+        *(NodeOutcome(s, True) for s in (-1.0, 0.0, 20.0, 20.1, 40.0, 99.0, 100.0, 100.2)),
+    ]
+    assert [_outcome_class(one, 20.0) for one in ended] == [0, 1, 3, 3, 3, 4, 4, 7, 7, 8]
 
 
 @pytest.mark.parametrize("paired", [True, False])
 def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
     """With the same agent twice p is spread evenly; with an agent that fails half its runs it is small. The seed decides alone."""
 
-    def runs(draw: np.random.Generator, failing: float) -> list[Ended]:
-        return [Ended(None if draw.random() < failing else float(draw.uniform(20, 70)), True) for _ in range(25)]
+    def runs(draw: np.random.Generator, failing: float) -> list[NodeOutcome]:
+        return [NodeOutcome(None if draw.random() < failing else float(draw.uniform(20, 70)), True) for _ in range(25)]
 
     same, other = [], []
     for seed in range(100):
@@ -135,11 +137,11 @@ def test_bands_grow_finer_with_runs() -> None:
     """20 points below 50 runs a side, 10 from there, 5 from 200."""
     widths = []
     for count in (49, 50, 200):
-        found = divergence([Ended(1.0, True)] * count, [Ended(9.0, True)] * count, paired=True, shuffles=10)
+        found = divergence([NodeOutcome(1.0, True)] * count, [NodeOutcome(9.0, True)] * count, paired=True, shuffles=10)
         assert found is not None
         widths.append((found.band, found.value))
     assert widths == [(20.0, 0.0), (10.0, 0.0), (5.0, 1.0)]
-    assert divergence([], [Ended(1.0, True)], paired=False) is None
+    assert divergence([], [NodeOutcome(1.0, True)], paired=False) is None
 
 
 def test_power_is_what_simulation_gives() -> None:
@@ -203,7 +205,9 @@ def scores(passes: list[bool], node: str = "KA-18", *, per_point: int = 1, outco
 
 def compared(first: list[bool], second: list[bool], per_point: int = 1) -> NodeComparison:
     """The one comparison of two agents at one node."""
-    (found,) = compare_nodes(scores(first, per_point=per_point), scores(second, per_point=per_point), ["KA-18"])
+    (found,) = compare_nodes(
+        scores(first, per_point=per_point), scores(second, per_point=per_point), ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES
+    )
     return found
 
 
@@ -254,9 +258,9 @@ def test_only_scenes_that_both_flew_and_that_count_are_pairs() -> None:
     spoilt = second.with_columns(
         pl.when(pl.col("realization") == "r0").then(pl.lit("bench_error")).otherwise("outcome").alias("outcome")
     )
-    (found,) = compare_nodes(first, spoilt, ["KA-18"])
+    (found,) = compare_nodes(first, spoilt, ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES)
     assert found.counts == PairedCounts(0, 5, 0, 0)
-    (none,) = compare_nodes(first, second, ["KA-99"])
+    (none,) = compare_nodes(first, second, ["KA-99"], excluded_outcomes=EXCLUDED_OUTCOMES)
     assert none.verdict("A", "B").startswith("nothing to compare")
 
 
@@ -267,5 +271,5 @@ def test_over_many_nodes_alike_false_findings_are_rare() -> None:
     for seed in range(15):
         draw = np.random.default_rng(seed)
         sides = [pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2)]
-        false += any(one.settled for one in compare_nodes(*sides, nodes))
+        false += any(one.settled for one in compare_nodes(*sides, nodes, excluded_outcomes=EXCLUDED_OUTCOMES))
     assert false <= 1
