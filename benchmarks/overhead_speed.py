@@ -21,7 +21,7 @@ import polars as pl
 from scipy import stats
 
 from agent_adapters.reference.surrogate import computed, observe, pack
-from bench.campaign import load_asked, load_campaign, measures_of, read_runs, realizations
+from bench.campaign import load_campaign, load_measurable_decomposition, measures_of, read_runs, realizations
 from bench.contracts import SessionResult
 from bench.realization import place
 from bench.scoring import score_table
@@ -45,7 +45,7 @@ def main() -> None:
 def speed(rounds: int) -> dict[str, float]:
     """Missions for each CPU second: flown and measured, and with packing and the observations as documents."""
     campaign = load_campaign(DEMO)
-    measures = measures_of(load_asked(campaign.decomposition))
+    measures = measures_of(load_measurable_decomposition(campaign.decomposition))
     placed = [place(plan.simspec) for plan in realizations(campaign)]
     simspecs = [placed[k % len(placed)] for k in range(MISSIONS)]
     batch = pack(simspecs)

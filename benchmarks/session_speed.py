@@ -16,7 +16,7 @@ from pathlib import Path
 from vehicle_speed import best, plant_alone, with_controller
 
 from bench import fly_realization, load_simspec, place
-from bench.campaign import load_asked
+from bench.campaign import load_measurable_decomposition
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "search.yaml"
 
@@ -24,7 +24,9 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "search.yaml"
 def whole_session() -> tuple[float, float, float]:
     """Simulated seconds, and CPU seconds of the session and of the agent."""
     with tempfile.TemporaryDirectory() as folder:
-        result = fly_realization(place(load_simspec(EXAMPLE)), load_asked("search-and-report"), Path(folder), "speed")
+        result = fly_realization(
+            place(load_simspec(EXAMPLE)), load_measurable_decomposition("search-and-report"), Path(folder), "speed"
+        )
     return result.simulated_s, result.cpu_s, result.agent_cpu_s
 
 

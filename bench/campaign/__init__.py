@@ -1,11 +1,12 @@
-"""A campaign: a folder in which every realization is flown once, however often it was interrupted.
+"""Campaigns: a folder in which every realization is flown once, however often the run is interrupted.
 
-from bench.campaign import load_asked, load_campaign, run_campaign
+from bench.campaign import load_campaign, load_measurable_decomposition, run_campaign
 campaign = load_campaign("campaigns/demo.yaml")
-summary = run_campaign(campaign, Path("out/demo"), load_asked(campaign.decomposition), workers=2)
+decomposition = load_measurable_decomposition(campaign.decomposition)
+summary = run_campaign(campaign, Path("out/demo"), decomposition, workers=2)
 
-What flies (`fly_realization`), measures (`load_asked`) and scores again (`rescore`) brings the simulator in and is
-imported when first asked for; the documents, the journal and the runner are light.
+Documents, journal and runner are light. Whatever imports the simulator, the measures or the scoring, such as
+`fly_realization` and `rescore`, is imported at its first use.
 """
 
 from __future__ import annotations
@@ -25,35 +26,35 @@ from ._events import RealizationRetried as RealizationRetried
 from ._events import RealizationStarted as RealizationStarted
 from ._runner import CampaignSummary as CampaignSummary
 from ._runner import Finish as Finish
-from ._runner import outcomes_named as outcomes_named
 from ._runner import run_campaign as run_campaign
 from ._versions import versions as versions
-from .early_stopping._decisions import FLOWN_PAST as FLOWN_PAST
-from .early_stopping._decisions import SettledPoint as SettledPoint
+from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
+from .early_stopping._decisions import EarlyStop as EarlyStop
 from .execution._pool import Executor as Executor
 from .execution._pool import OpenExecutor as OpenExecutor
 from .execution._pool import open_local_pool as open_local_pool
 from .execution._task import BenchBroken as BenchBroken
-from .execution._task import Ended as Ended
 from .execution._task import Job as Job
 from .execution._task import Task as Task
+from .execution._task import TaskEnded as TaskEnded
 from .execution._task import WorkerPlan as WorkerPlan
 from .execution._task import WorkersUnusable as WorkersUnusable
 from .planning._realizations import campaign_quality as campaign_quality
 from .planning._realizations import realizations as realizations
 from .planning._scenes import write_scenes as write_scenes
+from .storage._files import digest_of as digest_of
+from .storage._files import write_whole as write_whole
 from .storage._folder import CampaignFolder as CampaignFolder
-from .storage._folder import Manifest as Manifest
-from .storage._folder import digest_of as digest_of
-from .storage._folder import read_result as read_result
-from .storage._folder import verify_folder as verify_folder
-from .storage._folder import write_manifest as write_manifest
-from .storage._folder import write_result as write_result
-from .storage._folder import write_whole as write_whole
-from .storage._journal import Entry as Entry
 from .storage._journal import Journal as Journal
-from .storage._journal import State as State
+from .storage._journal import JournalEntry as JournalEntry
+from .storage._journal import RealizationState as RealizationState
 from .storage._journal import open_journal as open_journal
+from .storage._manifest import Manifest as Manifest
+from .storage._manifest import verify_folder as verify_folder
+from .storage._manifest import write_manifest as write_manifest
+from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
+from .storage._results import read_result as read_result
+from .storage._results import write_result as write_result
 
 if TYPE_CHECKING:
     from .execution._flight import fly_realization as fly_realization
@@ -62,28 +63,29 @@ if TYPE_CHECKING:
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
     from .results._finish import CampaignRuns as CampaignRuns
-    from .results._finish import Finished as Finished
+    from .results._finish import FinishedCampaign as FinishedCampaign
     from .results._finish import finish_campaign as finish_campaign
     from .results._finish import is_campaign as is_campaign
     from .results._finish import read_runs as read_runs
     from .results._finish import rescore_campaign as rescore_campaign
     from .results._measures import check_options as check_options
-    from .results._measures import load_asked as load_asked
+    from .results._measures import load_measurable_decomposition as load_measurable_decomposition
     from .results._measures import measure_all as measure_all
     from .results._measures import measures_of as measures_of
     from .results._rescore import rescore as rescore
 
+# Not imported above: workers and `rebar --help` would wait seconds for libraries that they do not use.
 _HEAVY = {
     "CampaignEstimate": "planning._estimate",
     "CampaignRuns": "results._finish",
     "Proposal": "next_campaign._proposal",
-    "Finished": "results._finish",
+    "FinishedCampaign": "results._finish",
     "estimate_campaign": "planning._estimate",
     "finish_campaign": "results._finish",
     "fly_realization": "execution._flight",
     "is_campaign": "results._finish",
     "check_options": "results._measures",
-    "load_asked": "results._measures",
+    "load_measurable_decomposition": "results._measures",
     "measure_all": "results._measures",
     "measures_of": "results._measures",
     "propose_next": "next_campaign._proposal",
@@ -94,7 +96,7 @@ _HEAVY = {
 
 
 def __getattr__(name: str) -> Any:
-    """What needs the simulator, imported when it is asked for."""
+    """A name of `_HEAVY`, imported at its first use."""
     if name not in _HEAVY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

@@ -1,4 +1,4 @@
-"""What a campaign says of itself while it runs; progress displays listen."""
+"""Events of a campaign while it runs, and the observer that progress displays are."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench.contracts import Outcome
 
 @dataclass(frozen=True, slots=True)
 class CampaignPlanned:
-    """All realizations are known; `done` of them have a result from before."""
+    """All realizations are known. `done` of `total` have a result from an earlier run."""
 
     total: int
     done: int
@@ -18,7 +18,7 @@ class CampaignPlanned:
 
 @dataclass(frozen=True, slots=True)
 class RealizationStarted:
-    """A worker begins a realization, for the `attempt`-th time."""
+    """A worker starts a realization, for the `attempt`-th time."""
 
     realization: str
     worker: str
@@ -27,7 +27,7 @@ class RealizationStarted:
 
 @dataclass(frozen=True, slots=True)
 class RealizationRetried:
-    """A fault of the bench's own; the realization will be flown once more."""
+    """An attempt ended with a bench error or a lost worker. The realization will be flown once more."""
 
     realization: str
     outcome: Outcome
@@ -36,7 +36,7 @@ class RealizationRetried:
 
 @dataclass(frozen=True, slots=True)
 class RealizationFinished:
-    """A result stays; `done` of `total` have one."""
+    """A realization has its lasting result. `done` of `total` have one."""
 
     realization: str
     outcome: Outcome
@@ -48,11 +48,28 @@ class RealizationFinished:
 
 @dataclass(frozen=True, slots=True)
 class CampaignStopping:
-    """Nothing more is begun; running the campaign again goes on from here."""
+    """Nothing more is started. Running the campaign again resumes it."""
 
     reason: str
 
 
 CampaignEvent = CampaignPlanned | RealizationStarted | RealizationRetried | RealizationFinished | CampaignStopping
 Observer = Callable[[CampaignEvent], None]
-"""May fail: its exceptions are counted and change nothing."""
+"""Called with every event. May fail: its exceptions are counted and change nothing."""
+
+
+class Observers:
+    """The observers of a run. Their failures are counted in `faults` and never reach the run."""
+
+    def __init__(self, *observers: Observer | None) -> None:
+        self._observers = [observer for observer in observers if observer is not None]
+        self.faults = 0
+
+    def notify(self, event: CampaignEvent) -> None:
+        """Call every observer with the event."""
+        for observer in self._observers:
+            # A display that fails must not cost hours of flights.
+            try:
+                observer(event)
+            except Exception:
+                self.faults += 1

@@ -15,8 +15,9 @@ from bench.simspec import SimSpec
 
 from ._document import Campaign
 from .planning._realizations import realizations
-from .storage._folder import CampaignFolder, write_result
+from .storage._folder import CampaignFolder
 from .storage._journal import Journal
+from .storage._results import write_result
 
 if TYPE_CHECKING:
     from decompositions import Decomposition

@@ -1,4 +1,4 @@
-"""What the bench is made of, for recordings and manifests."""
+"""Versions of the software that results depend on, for recordings and manifests."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ PACKAGES = ("rebar-bench", "jsbsim", "pymavlink", "eclipse-zenoh", "mcap", "zsta
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of every package that what is recorded depends on. The same on machines set up alike."""
-    found = {"python": platform.python_version()}
+    """Versions of Python and of every package that recordings depend on."""
+    installed = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            installed[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            installed[package] = "not installed"
+    return installed

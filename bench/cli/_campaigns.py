@@ -118,15 +118,22 @@ def _demo_campaign() -> Path:
 
 
 def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, again: tuple[str, ...] = ()) -> None:
-    from bench.campaign import Finished, finish_campaign, load_asked, load_campaign, outcomes_named, run_campaign
+    from bench.campaign import (
+        FinishedCampaign,
+        finish_campaign,
+        load_campaign,
+        load_measurable_decomposition,
+        parse_rerun_outcomes,
+        run_campaign,
+    )
 
     from ._progress import open_progress
     from ._scores import campaign_report
 
     campaign = load_campaign(path)
-    asked = load_asked(campaign.decomposition)
+    asked = load_measurable_decomposition(campaign.decomposition)
     folder = out or Path("out") / campaign.name
-    finished: list[Finished] = []
+    finished: list[FinishedCampaign] = []
     with open_progress(campaign.name, quiet=as_json) as progress:
         summary = run_campaign(
             campaign,
@@ -134,7 +141,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
             asked,
             workers=workers,
             on_event=progress,
-            again=outcomes_named(again),
+            rerun=parse_rerun_outcomes(again),
             finish=lambda place: finished.append(finish_campaign(place.path)),
         )
     if not finished:
@@ -159,10 +166,10 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
 
 
 def _say_plan(path: Path, workers: int | None, session_s: float | None, *, as_json: bool) -> None:
-    from bench.campaign import campaign_quality, load_asked, load_campaign, realizations
+    from bench.campaign import campaign_quality, load_campaign, load_measurable_decomposition, realizations
 
     campaign = load_campaign(path)
-    load_asked(campaign.decomposition)  # its faults, before anything is said
+    load_measurable_decomposition(campaign.decomposition)  # its faults, before anything is said
     plans = realizations(campaign)
     points = {plan.design_point for plan in plans}
     limit_s = campaign.situation.mission.time_limit_s

@@ -190,11 +190,11 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> T
 
 
 def _of_run(folder: Path, decomposition: str | None) -> Target:
-    from bench.campaign import load_asked, rescore
+    from bench.campaign import load_measurable_decomposition, rescore
     from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
 
-    asked = load_asked(decomposition or _decomposition_beside(folder))
+    asked = load_measurable_decomposition(decomposition or _decomposition_beside(folder))
     result = rescore(folder, asked)
     recording = folder / "recording.mcap"
     simspec = read_simspec(recording)

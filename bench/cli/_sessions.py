@@ -23,12 +23,12 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
-    from bench.campaign import fly_realization, load_asked, write_result
+    from bench.campaign import fly_realization, load_measurable_decomposition, write_result
     from bench.contracts import Outcome
     from bench.documents import dump_json
     from bench.simspec import load_simspec
 
-    result = fly_realization(load_simspec(simspec), load_asked(decomposition), out, out.name)
+    result = fly_realization(load_simspec(simspec), load_measurable_decomposition(decomposition), out, out.name)
     write_result(out, result)
     if as_json:
         print(dump_json(result), end="")

@@ -8,7 +8,7 @@ import numpy as np
 from test_surrogate import AWARE, NAIVE, scene
 
 from agent_adapters.reference.surrogate import computed, observe, pack
-from bench.campaign import load_asked, measures_of
+from bench.campaign import load_measurable_decomposition, measures_of
 from bench.contracts import Option
 from bench.simspec import Environment, SimSpec
 
@@ -81,7 +81,7 @@ def test_time_and_charge_are_those_of_the_flight() -> None:
 
 
 def test_every_value_of_the_whole_decomposition_lies_in_its_range() -> None:
-    asked = measures_of(load_asked("search-and-report-full"))
+    asked = measures_of(load_measurable_decomposition("search-and-report-full"))
 
     observed = observe(pack([scene(NAIVE), scene(AWARE), walking(30.0)]), asked)
 

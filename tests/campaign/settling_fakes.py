@@ -82,10 +82,10 @@ def question(decomposition: Path, replicates: int = 20, points: int = 3, **stopp
 
 def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any) -> CampaignSummary:
     """Run a campaign of lots to its scores."""
-    from bench.campaign import finish_campaign, load_asked  # not for the workers, who read this module too
+    from bench.campaign import finish_campaign, load_measurable_decomposition  # not for the workers, who read this module too
 
     finish = options.pop("finish", lambda place: finish_campaign(place.path) and None)
-    decomposition = load_asked(campaign.decomposition)
+    decomposition = load_measurable_decomposition(campaign.decomposition)
     return run_campaign(campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options)
 
 

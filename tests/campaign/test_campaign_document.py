@@ -131,7 +131,7 @@ def test_journal_that_is_none(tmp_path: Path) -> None:
     folder = CampaignFolder(tmp_path)
     folder.journal.write_bytes(b"not a database, but long enough to be asked" * 100)
 
-    with pytest.raises(SetupError, match="is no journal of a campaign"), open_journal(folder.journal):
+    with pytest.raises(SetupError, match="is not a campaign journal"), open_journal(folder.journal):
         pass
 
 

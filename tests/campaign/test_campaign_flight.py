@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from bench.campaign import fly_realization, load_asked, rescore, write_result
+from bench.campaign import fly_realization, load_measurable_decomposition, rescore, write_result
 from bench.contracts import Outcome, SessionResult
 from bench.errors import SetupError
 from bench.realization import place
@@ -20,7 +20,7 @@ from bench.simspec import AgentSpec, Perception, SimSpec, load_simspec
 from bench.testing import BEHAVIOURS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-ASKED = load_asked("search-and-report")
+ASKED = load_measurable_decomposition("search-and-report")
 
 
 def scene(agent: str = "reference-naive") -> SimSpec:
@@ -78,9 +78,9 @@ def test_the_same_flight_in_another_process_is_the_same_file(
 ) -> None:
     """Same SimSpec and seed in lockstep: the recording is the same, bit for bit, in a process of its own."""
     code = (
-        "import sys; from pathlib import Path; from bench.campaign import fly_realization, load_asked; from bench.simspec import load_simspec;"
+        "import sys; from pathlib import Path; from bench.campaign import fly_realization, load_measurable_decomposition; from bench.simspec import load_simspec;"
         "folder = Path(sys.argv[2]);"
-        "print(fly_realization(load_simspec(sys.argv[1]), load_asked('search-and-report'), folder, 'again').recording_sha256)"
+        "print(fly_realization(load_simspec(sys.argv[1]), load_measurable_decomposition('search-and-report'), folder, 'again').recording_sha256)"
     )
     folder, first = flown["reference-naive"]
     told = subprocess.run(

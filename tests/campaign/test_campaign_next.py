@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaign import Campaign, load_asked, load_campaign, propose_next, realizations
+from bench.campaign import Campaign, load_campaign, load_measurable_decomposition, propose_next, realizations
 from bench.cli._app import run
 from bench.contracts import Observation, Outcome, SessionResult
 from bench.documents import dump_json, dump_yaml, read_document
@@ -20,7 +20,7 @@ from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import load_simspec
 
 BASE = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
-ASKED = load_asked("search-and-report")
+ASKED = load_measurable_decomposition("search-and-report")
 FOG = {"name": "fog", "unit": "level", "range": {"low": 0, "high": 8}, "sets": ["environment.fog_level"]}
 RAIN = {"name": "rain", "levels": [0, 1, 2, 3], "sets": ["environment.rain_level"]}
 WIND = {"name": "wind", "range": {"low": 0, "high": 6, "steps": 2}, "sets": ["environment.wind.speed_mps"]}
@@ -229,7 +229,7 @@ def test_command_writes_a_file_that_runs_and_never_another_s(
     assert run(["next", str(foggy), "--out", str(out)]) == 0
     assert "wind: goes" in capsys.readouterr().out
     campaign = load_campaign(out)
-    assert load_asked(campaign.decomposition).digest == ASKED.digest
+    assert load_measurable_decomposition(campaign.decomposition).digest == ASKED.digest
     assert realizations(campaign)
     written = out.read_bytes()
     assert run(["next", str(foggy), "--out", str(out)]) == 2

@@ -12,8 +12,8 @@ from bench.campaign import (
     CampaignFolder,
     estimate_campaign,
     finish_campaign,
-    load_asked,
     load_campaign,
+    load_measurable_decomposition,
     read_runs,
     run_campaign,
     verify_folder,
@@ -36,7 +36,7 @@ def overhead(**changes: Any) -> Campaign:
 
 def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Path) -> None:
     campaign, folder = overhead(), CampaignFolder(tmp_path)
-    asked = load_asked(campaign.decomposition)
+    asked = load_measurable_decomposition(campaign.decomposition)
 
     summary = run_campaign(campaign, tmp_path, asked, finish=lambda place: finish_campaign(place.path) and None)
 
@@ -55,7 +55,7 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
 
 def test_a_folder_holds_results_of_one_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
-    asked = load_asked(campaign.decomposition)
+    asked = load_measurable_decomposition(campaign.decomposition)
     run_campaign(campaign, tmp_path, asked)
 
     with pytest.raises(SetupError, match="the folder's results are overhead"):
@@ -66,7 +66,7 @@ def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_
     campaign = overhead(agents=(AgentSpec(manifest="mine.yaml"), AgentSpec(manifest="reference-naive")))
 
     with pytest.raises(SetupError, match="'mine' has no surrogate"):
-        run_campaign(campaign, tmp_path, load_asked(campaign.decomposition))
+        run_campaign(campaign, tmp_path, load_measurable_decomposition(campaign.decomposition))
 
     assert not (tmp_path / "campaign.yaml").exists()
 
@@ -81,7 +81,7 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     asked = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
 
     with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
-        run_campaign(asked, tmp_path, load_asked(asked.decomposition))
+        run_campaign(asked, tmp_path, load_measurable_decomposition(asked.decomposition))
 
     assert not (tmp_path / "simspecs").exists()
 
@@ -89,7 +89,10 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
 def test_the_scores_for_a_machine_name_the_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
     run_campaign(
-        campaign, tmp_path, load_asked(campaign.decomposition), finish=lambda place: finish_campaign(place.path) and None
+        campaign,
+        tmp_path,
+        load_measurable_decomposition(campaign.decomposition),
+        finish=lambda place: finish_campaign(place.path) and None,
     )
 
     assert campaign_report(tmp_path).fidelity == "overhead"

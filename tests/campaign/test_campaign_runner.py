@@ -20,13 +20,13 @@ from campaign_fakes import JOB, Script, fly, small_campaign
 
 from bench.campaign import (
     CampaignFolder,
-    Entry,
+    JournalEntry,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
     WorkersUnusable,
     digest_of,
-    load_asked,
+    load_measurable_decomposition,
     open_journal,
     open_local_pool,
     read_result,
@@ -39,7 +39,7 @@ from bench.errors import SetupError
 ALL = {f"p{point:03d}-r{replicate}-fake" for point in (1, 2, 3) for replicate in (1, 2)}
 
 
-def entries(folder: Path) -> dict[str, Entry]:
+def entries(folder: Path) -> dict[str, JournalEntry]:
     with open_journal(folder / "journal.sqlite") as journal:
         return {entry.id: entry for entry in journal.entries()}
 
@@ -105,7 +105,7 @@ def test_another_campaign_is_refused(tmp_path: Path) -> None:
     """A folder takes neither other realizations under the same names nor another decomposition."""
     fly(tmp_path, small_campaign(points=1))
 
-    with pytest.raises(SetupError, match="does not ask for: p001-r1-fake"):
+    with pytest.raises(SetupError, match="not in this campaign: p001-r1-fake"):
         fly(tmp_path, small_campaign(points=1, wall_s=5.0))
     with pytest.raises(SetupError, match="another decomposition"):
         fly(tmp_path, small_campaign(points=1), Script(digest="1" * 64))
@@ -114,7 +114,7 @@ def test_another_campaign_is_refused(tmp_path: Path) -> None:
 def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
     """Situations that the decomposition cannot rate are refused before the first is placed, with what they lack."""
     with pytest.raises(SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"):
-        run_campaign(small_campaign(), tmp_path, load_asked("search-and-report"), job=JOB)
+        run_campaign(small_campaign(), tmp_path, load_measurable_decomposition("search-and-report"), job=JOB)
 
     assert not list(tmp_path.glob("simspecs/*"))
 
@@ -344,8 +344,8 @@ def test_a_result_that_somebody_changed_is_flown_again(tmp_path: Path) -> None:
 def test_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Faults on a disk without room stop the campaign with a sentence; with room again, everything is flown."""
     with monkeypatch.context() as full:
-        full.setattr("bench.campaign._runner.ROOM_BYTES", 2**60)
-        with pytest.raises(SetupError, match="its disk is full"):
+        full.setattr("bench.campaign.execution._dispatcher.MIN_FREE_BYTES", 2**60)
+        with pytest.raises(SetupError, match="the disk is full"):
             fly(tmp_path, script=Script({"p001-r1-fake": "raise"}))
     assert outcomes(tmp_path)["p001-r1-fake"] is None
     ended = fly(tmp_path)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from bench.campaign import CampaignFolder, fly_realization, load_asked, write_scenes
+from bench.campaign import CampaignFolder, fly_realization, load_measurable_decomposition, write_scenes
 from bench.contracts import Outcome
 from bench.documents import dump_json, validate_document
 from bench.errors import Fault
@@ -52,7 +52,7 @@ def test_places_that_come_along_are_judged_before_they_are_flown(tmp_path: Path)
     onto = second.model_copy(update={"east_m": first.east_m, "north_m": first.north_m})
     broken = placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": (first, onto)})})
 
-    result = fly_realization(broken, load_asked("search-and-report"), tmp_path / "run", "x")
+    result = fly_realization(broken, load_measurable_decomposition("search-and-report"), tmp_path / "run", "x")
 
     assert result.outcome is Outcome.SETUP_INVALID
     assert "people-1 and people-2: are 0.000 m apart" in result.reason

@@ -15,10 +15,10 @@ from campaign_fakes import Script, fly, small_campaign
 from settling_fakes import asked, fly_drawn, passes, question
 
 from bench.campaign import (
-    FLOWN_PAST,
+    FLOWN_AFTER_STOP,
     BenchBroken,
     CampaignFolder,
-    Entry,
+    JournalEntry,
     Manifest,
     RealizationStarted,
     finish_campaign,
@@ -39,7 +39,7 @@ def no_finish(place: CampaignFolder) -> None:
     """Scores are looked at by the test."""
 
 
-def entries(folder: Path) -> dict[str, Entry]:
+def entries(folder: Path) -> dict[str, JournalEntry]:
     with open_journal(folder / "journal.sqlite") as journal:
         return {entry.id: entry for entry in journal.entries()}
 
@@ -94,7 +94,7 @@ def test_a_settled_point_ends(flown: tuple[Path, Path]) -> None:
         assert entry.outcome is (Outcome.COMPLETED if entry.replicate <= stop else Outcome.SETTLED), name
         assert (entry.attempts == 0) is (entry.replicate > stop)
     last = found["p002-r14-fake"]
-    settled_after = f"not flown: settled after {wanted['p002', 'fake']} of 14 replicates"
+    settled_after = f"not flown: stopped early after {wanted['p002', 'fake']} of 14 replicates"
     assert last.reason == f"{settled_after} (KA-01 is passed in less than 50 % of such runs)"
     result = read_result(CampaignFolder(folder).run("p002-r14-fake"), "p002-r14-fake")
     assert result is not None
@@ -114,7 +114,7 @@ def test_what_is_not_flown_is_no_run_and_no_fault(flown: tuple[Path, Path]) -> N
     every = finish_campaign(folder).summary.filter(configuration="all", node="KA-01").row(0, named=True)
     assert (every["runs"], every["excluded"], every["considered"]) == (count, 0, count - 2)
     page = (folder / "report.html").read_text()
-    assert "not flown: settled after" in page
+    assert "not flown: stopped early after" in page
     assert "Not finished" not in page
 
 
@@ -139,8 +139,8 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
     assert past
     assert all((tmp_path / "three" / "runs" / name / "recording.mcap").is_file() for name in past)
     outcomes = Manifest.model_validate_json((tmp_path / "three" / "manifest.json").read_text()).outcomes
-    assert outcomes[FLOWN_PAST] == len(past)
-    assert FLOWN_PAST in (tmp_path / "three" / "report.html").read_text()
+    assert outcomes[FLOWN_AFTER_STOP] == len(past)
+    assert FLOWN_AFTER_STOP in (tmp_path / "three" / "report.html").read_text()
 
 
 def test_more_replicates_go_on_from_there(tmp_path: Path) -> None:
@@ -214,14 +214,14 @@ def test_flown_again_when_asked(tmp_path: Path) -> None:
     acts = {"p001-r1-fake": "raise"}
     fly(tmp_path, script=Script(acts))
     assert fly(tmp_path).flown == 0
-    summary = fly(tmp_path, again=[Outcome.BENCH_ERROR])
+    summary = fly(tmp_path, rerun=[Outcome.BENCH_ERROR])
 
     assert (summary.flown, summary.outcomes) == (1, {Outcome.COMPLETED: 6})
     assert entries(tmp_path)["p001-r1-fake"].attempts == 3
     assert "a fault of the bench's own" in (tmp_path / "aside" / "p001-r1-fake-2.json").read_text()
     assert verify_folder(tmp_path) == []
-    with pytest.raises(SetupError, match="what ended as agent_crashed is not flown again"):
-        fly(tmp_path, again=[Outcome.AGENT_CRASHED])
+    with pytest.raises(SetupError, match="outcome agent_crashed cannot be rerun"):
+        fly(tmp_path, rerun=[Outcome.AGENT_CRASHED])
 
 
 def test_the_command_flies_no_agent_s_failure_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -236,7 +236,7 @@ def test_a_broken_bench_burns_no_campaign(tmp_path: Path) -> None:
     """When the first five sessions all end by the bench's own faults the rest is not begun; mended, everything is flown."""
     campaign = small_campaign(points=6)
     names = [f"p{point:03d}-r{replicate}-fake" for point in range(1, 7) for replicate in (1, 2)]
-    with pytest.raises(BenchBroken, match="the first 5 sessions all ended by faults of the bench's own"):
+    with pytest.raises(BenchBroken, match="the first 5 sessions all ended with bench errors"):
         fly(tmp_path, campaign, Script(dict.fromkeys(names, "raise")))
 
     assert sum(entry.attempts for entry in entries(tmp_path).values()) <= 6
@@ -258,5 +258,5 @@ def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> No
     run = CampaignFolder(tmp_path / "out").run("p001-r1-fake")
     (run / "result.json").unlink()
     (run / "recording.mcap").write_bytes(b"something else")
-    with pytest.raises(SetupError, match="the journal knows other bytes"):
+    with pytest.raises(SetupError, match="its digest differs from the one in the journal"):
         rescore_campaign(tmp_path / "out")

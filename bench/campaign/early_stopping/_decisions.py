@@ -1,8 +1,8 @@
-"""Design points whose question is settled: which replicates count, which were not needed, which were flown past the stop.
+"""Decides where a design point stops early: which replicates count, which are not needed, which were flown after the stop.
 
-A design point of one agent is looked at in the order of its replicates, never in that in which sessions end. The replicates
-from the first on that have a result, without a gap, are what is known; where the stopping rule settles on them, those up to
-there count. So what counts follows from the results alone, whatever the number of workers.
+The replicates of a design point, for each agent, are considered in their order, never in the order in which sessions end.
+The results from the first replicate on, without a gap, are the known ones; where the stopping rule decides on them, the
+replicates up to there count. So what counts follows from the results alone, whatever the number of workers.
 """
 
 from __future__ import annotations
@@ -15,40 +15,45 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 
 from .._document import Stopping
-from ..storage._journal import Entry
+from ..storage._journal import JournalEntry
 
 if TYPE_CHECKING:
     from bench.statistics import StoppingRule
     from decompositions import Decomposition
 
-FLOWN_PAST = "flown past the stop"
-"""What is said of a run that was under way, or there, when the replicates before it settled the question."""
+# The text is a key of `outcomes` in manifest.json, so it cannot be reworded.
+FLOWN_AFTER_STOP = "flown past the stop"
+"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass rate."""
 
-Key = tuple[str, str]
+PointKey = tuple[str, str]
 """A design point and an agent."""
 
 
 def check_stopping(stopping: Stopping, decomposition: Decomposition) -> None:
-    """Raises SetupError when the decomposition has no such node."""
+    """Raises SetupError if the decomposition has no such node."""
     if stopping.node not in decomposition.nodes:
         remedy = f"name a node of the decomposition {decomposition.name}"
         raise SetupError(Fault("stopping.node", f"there is no node {stopping.node!r}", remedy))
 
 
-def is_past(entry: Entry, stops: Mapping[Key, int]) -> bool:
-    """Whether a realization lies behind the replicate on which its design point was settled."""
+def is_after_stop(entry: JournalEntry, stops: Mapping[PointKey, int]) -> bool:
+    """Whether a realization comes after the replicate at which its design point stopped early."""
     last = stops.get((entry.design_point, entry.agent))
     return last is not None and entry.replicate > last
 
 
-def outcome_name(entry: Entry, outcome: Outcome, stops: Mapping[Key, int]) -> str:
-    """How a realization ended, or that it does not count any more."""
-    return FLOWN_PAST if outcome.counts and is_past(entry, stops) else str(outcome)
+def outcome_name(entry: JournalEntry, outcome: Outcome, stops: Mapping[PointKey, int]) -> str:
+    """The name under which a realization is counted: its outcome, or that it was flown after the stop."""
+    return FLOWN_AFTER_STOP if outcome.counts and is_after_stop(entry, stops) else str(outcome)
 
 
 @dataclass(frozen=True, slots=True)
-class SettledPoint:
-    """`replicate` is the last that counts, the `after`-th of `planned`; the pass rate lies on the side `verdict`."""
+class EarlyStop:
+    """Where a design point stopped early for an agent.
+
+    `replicate` is the last that counts, the `after`-th of `planned`. `verdict` is the side of the threshold that the pass
+    rate is on, "above" or "below".
+    """
 
     replicate: int
     after: int
@@ -56,96 +61,106 @@ class SettledPoint:
     verdict: str
 
     def reason(self, stopping: Stopping) -> str:
-        """Why a replicate behind it is not flown."""
+        """Why the replicates after it are not flown."""
         side = "more" if self.verdict == "above" else "less"
-        found = f"{stopping.node} is passed in {side} than {100 * stopping.threshold:g} % of such runs"
-        return f"not flown: settled after {self.after} of {self.planned} replicates ({found})"
+        decision = f"{stopping.node} is passed in {side} than {100 * stopping.threshold:g} % of such runs"
+        return f"not flown: stopped early after {self.after} of {self.planned} replicates ({decision})"
 
 
 @dataclass(slots=True)
-class _Point:
-    """One design point of one agent: its realizations by replicate, and what those with a result say."""
+class _Replicates:
+    """The replicates of one design point and agent: realizations in order, and whether those with a result passed.
+
+    `passed` has None for a result that is no trial of the studied node.
+    """
 
     order: list[tuple[int, str]]
-    said: dict[str, bool | None] = field(default_factory=dict)
-    unneeded: set[str] = field(default_factory=set)
+    passed: dict[str, bool | None] = field(default_factory=dict)
+    not_needed: set[str] = field(default_factory=set)
 
 
-class Question:
-    """The question of a campaign with `stopping`, over the entries of its journal."""
+class StoppingDecisions:
+    """The stopping rule of a campaign applied to the results that are known so far."""
 
-    def __init__(self, stopping: Stopping, decomposition: Decomposition, entries: Iterable[Entry]) -> None:
+    def __init__(self, stopping: Stopping, decomposition: Decomposition, entries: Iterable[JournalEntry]) -> None:
         self._rule = _rule(stopping)
         self._thresholds = _thresholds(decomposition, stopping.node)
-        self._points: dict[Key, _Point] = {}
-        self._key: dict[str, Key] = {}
+        self._points: dict[PointKey, _Replicates] = {}
+        self._keys: dict[str, PointKey] = {}
         for entry in entries:
-            self._key[entry.id] = key = (entry.design_point, entry.agent)
-            self._points.setdefault(key, _Point([])).order.append((entry.replicate, entry.id))
-        for point in self._points.values():
-            point.order.sort()
+            self._keys[entry.id] = key = (entry.design_point, entry.agent)
+            self._points.setdefault(key, _Replicates([])).order.append((entry.replicate, entry.id))
+        for replicates in self._points.values():
+            replicates.order.sort()
 
     @property
-    def keys(self) -> Iterable[Key]:
+    def keys(self) -> Iterable[PointKey]:
+        """Every design point and agent."""
         return self._points.keys()
 
-    def key(self, realization: str) -> Key:
+    def key(self, realization: str) -> PointKey:
         """Design point and agent of a realization."""
-        return self._key[realization]
+        return self._keys[realization]
 
-    def hear(self, result: SessionResult) -> None:
-        """Take up a result; one that says `settled` is remembered as not needed."""
-        point = self._points[self._key[result.realization]]
+    def record(self, result: SessionResult) -> None:
+        """Take up a result. A realization with the outcome SETTLED is remembered as not needed."""
+        replicates = self._points[self._keys[result.realization]]
         if result.outcome is Outcome.SETTLED:
-            point.unneeded.add(result.realization)
+            replicates.not_needed.add(result.realization)
         else:
-            point.unneeded.discard(result.realization)
-            point.said[result.realization] = _passed(result, self._thresholds)
+            replicates.not_needed.discard(result.realization)
+            replicates.passed[result.realization] = _passed(result, self._thresholds)
 
     def forget(self, realization: str) -> None:
-        """The realization has no result any more."""
-        point = self._points[self._key[realization]]
-        point.said.pop(realization, None)
-        point.unneeded.discard(realization)
+        """Drop the result of a realization."""
+        replicates = self._points[self._keys[realization]]
+        replicates.passed.pop(realization, None)
+        replicates.not_needed.discard(realization)
 
-    def settled(self, key: Key) -> SettledPoint | None:
-        """Where the question of this design point is settled, None while it is open."""
-        point = self._points[key]
+    def early_stop(self, key: PointKey) -> EarlyStop | None:
+        """Where this design point stops early, None while its pass rate is undecided."""
+        replicates = self._points[key]
         trials: list[bool] = []
-        tried_at: list[int] = []
-        for place, (_, realization) in enumerate(point.order):
-            if realization not in point.said:
+        trial_positions: list[int] = []
+        for position, (_, realization) in enumerate(replicates.order):
+            if realization not in replicates.passed:
                 break
-            passed = point.said[realization]
+            passed = replicates.passed[realization]
             if passed is not None:
                 trials.append(passed)
-                tried_at.append(place)
+                trial_positions.append(position)
         after = self._rule.settled_after(trials) if trials else None
         if after is None:
             return None
-        place = tried_at[after - 1]
+        position = trial_positions[after - 1]
         verdict = self._rule.verdict(trials)
-        return SettledPoint(point.order[place][0], place + 1, len(point.order), str(verdict))
+        return EarlyStop(replicates.order[position][0], position + 1, len(replicates.order), str(verdict))
 
-    def behind(self, key: Key, settled: SettledPoint) -> list[str]:
-        """Realizations behind the stop that have no result and are not yet remembered as not needed."""
-        point = self._points[key]
-        later = (name for replicate, name in point.order if replicate > settled.replicate)
-        return [name for name in later if name not in point.said and name not in point.unneeded]
+    def newly_not_needed(self, key: PointKey, stop: EarlyStop) -> list[str]:
+        """Realizations after the stop that have no result and are not yet remembered as not needed."""
+        replicates = self._points[key]
+        later = (name for replicate, name in replicates.order if replicate > stop.replicate)
+        return [name for name in later if name not in replicates.passed and name not in replicates.not_needed]
 
-    def reopened(self, key: Key) -> list[str]:
-        """Realizations that were taken for unneeded, where all before them are known and settle nothing."""
-        point = self._points[key]
-        if not point.unneeded or self.settled(key) is not None:
+    def needed_again(self, key: PointKey) -> list[str]:
+        """Realizations remembered as not needed, if all replicates before them have a result and do not stop the point.
+
+        That happens when replicates or the rule changed since, or when a result before the stop was lost and rerun.
+        """
+        replicates = self._points[key]
+        if not replicates.not_needed or self.early_stop(key) is not None:
             return []
-        first = next(name for _, name in point.order if name not in point.said)
-        return [name for _, name in point.order if name in point.unneeded] if first in point.unneeded else []
+        first_open = next(name for _, name in replicates.order if name not in replicates.passed)
+        # With a gap before it, the missing result may still stop the point: nothing is flown again until it is there.
+        if first_open not in replicates.not_needed:
+            return []
+        return [name for _, name in replicates.order if name in replicates.not_needed]
 
-    def may_begin(self, realization: str) -> bool:
-        """Whether nothing before it in its design point was taken for unneeded: that is cleared up first."""
-        point = self._points[self._key[realization]]
-        before = next(place for place, (_, name) in enumerate(point.order) if name == realization)
-        return not any(name in point.unneeded for _, name in point.order[:before])
+    def may_start(self, realization: str) -> bool:
+        """Whether no earlier replicate of its design point is remembered as not needed. Those are decided first."""
+        replicates = self._points[self._keys[realization]]
+        position = next(position for position, (_, name) in enumerate(replicates.order) if name == realization)
+        return not any(name in replicates.not_needed for _, name in replicates.order[:position])
 
 
 def _rule(stopping: Stopping) -> StoppingRule:
@@ -160,10 +175,12 @@ def _thresholds(decomposition: Decomposition, node: str) -> dict[str, float]:
 
 
 def _passed(result: SessionResult, thresholds: Mapping[str, float]) -> bool | None:
-    """Whether every considered observable was achieved; None where that is no trial."""
+    """Whether every considered observable of the node was achieved. None if the result is no trial of the node."""
     if not result.outcome.counts:
         return None
-    found = [
-        (one.x, thresholds[one.observable]) for one in result.observations if one.considered and one.observable in thresholds
+    considered = [
+        (observation.x, thresholds[observation.observable])
+        for observation in result.observations
+        if observation.considered and observation.observable in thresholds
     ]
-    return all(x is not None and x >= threshold for x, threshold in found) if found else None
+    return all(x is not None and x >= threshold for x, threshold in considered) if considered else None

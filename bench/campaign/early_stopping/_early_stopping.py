@@ -1,4 +1,4 @@
-"""What a question that is settled means for journal and folder: rows that are ended unflown, and rows that are opened again."""
+"""Early stopping carried out in journal and folder: realizations closed without a flight, and reopened if needed after all."""
 
 from __future__ import annotations
 
@@ -8,74 +8,77 @@ from typing import TYPE_CHECKING
 from bench.contracts import Outcome, SessionResult
 
 from .._document import Stopping
-from ..storage._folder import RESULT, CampaignFolder, write_result
+from ..storage._folder import RESULT, CampaignFolder
 from ..storage._journal import Journal
-from ._decisions import Key, Question
+from ..storage._results import write_result
+from ._decisions import PointKey, StoppingDecisions
 
 if TYPE_CHECKING:
     from decompositions import Decomposition
 
 
-class Settling:
-    """Ends design points as their question is settled, and opens them again where it is not any more.
+class EarlyStopping:
+    """Stops design points whose pass rate is decided, and reopens those where it is not any more.
 
-    Without a question nothing is settled, and what once was is open again.
+    A campaign without a stopping rule stops nothing, and reopens whatever was stopped earlier.
     """
 
     def __init__(self, stopping: Stopping | None, decomposition: Decomposition, folder: CampaignFolder, journal: Journal) -> None:
         self._stopping, self._folder, self._journal = stopping, folder, journal
         entries = journal.entries()
-        self._question = Question(stopping, decomposition, entries) if stopping else None
-        self._stops: dict[Key, int] = {}
+        self._decisions = StoppingDecisions(stopping, decomposition, entries) if stopping else None
+        self._stops: dict[PointKey, int] = {}
         for entry in entries:
             if entry.outcome is None:
                 continue
-            if self._question is not None:
-                self._question.hear(SessionResult.model_validate_json((folder.run(entry.id) / RESULT).read_bytes()))
+            if self._decisions is not None:
+                self._decisions.record(SessionResult.model_validate_json((folder.run(entry.id) / RESULT).read_bytes()))
             elif entry.outcome is Outcome.SETTLED:
                 journal.forget(entry.id)
-        journal.stop({})
+        # Threshold or replicates may differ from the run before, so every stop is decided anew from the results.
+        journal.set_stops({})
 
     @property
-    def keys(self) -> list[Key]:
-        """Design points and agents that are looked at."""
-        return list(self._question.keys) if self._question else []
+    def keys(self) -> list[PointKey]:
+        """Every design point and agent; empty without a stopping rule."""
+        return list(self._decisions.keys) if self._decisions else []
 
-    def key(self, realization: str) -> Key | None:
-        """Design point and agent of a realization, None where nothing is looked at."""
-        return self._question.key(realization) if self._question else None
+    def key(self, realization: str) -> PointKey | None:
+        """Design point and agent of a realization, None without a stopping rule."""
+        return self._decisions.key(realization) if self._decisions else None
 
-    def hear(self, result: SessionResult) -> None:
-        """A result was written."""
-        if self._question is not None:
-            self._question.hear(result)
+    def record(self, result: SessionResult) -> None:
+        """Take up a result that was written and noted."""
+        if self._decisions is not None:
+            self._decisions.record(result)
 
-    def may_begin(self, realization: str) -> bool:
-        """Whether all that it may hang on is known or under way."""
-        return self._question is None or self._question.may_begin(realization)
+    def may_start(self, realization: str) -> bool:
+        """Whether the realization can be flown without waiting for a decision about an earlier replicate."""
+        return self._decisions is None or self._decisions.may_start(realization)
 
-    def reopen(self, key: Key) -> list[str]:
-        """Realizations that have to be flown after all."""
-        assert self._question is not None
-        reopened = self._question.reopened(key)
+    def reopen(self, key: PointKey) -> list[str]:
+        """Plan the realizations again that turn out to be needed after all, and return their ids."""
+        assert self._decisions is not None
+        reopened = self._decisions.needed_again(key)
         for realization in reopened:
-            self._question.forget(realization)
+            self._decisions.forget(realization)
             self._journal.forget(realization)
         return reopened
 
-    def end(self, key: Key, waiting: Collection[str]) -> list[SessionResult]:
-        """Results, written and noted, of those that wait behind a replicate on which the design point is settled."""
-        assert self._question is not None
+    def stop(self, key: PointKey, waiting: Collection[str]) -> list[SessionResult]:
+        """If the design point stops early, write and note results for the realizations in `waiting` that are not needed."""
+        assert self._decisions is not None
         assert self._stopping is not None
-        settled = self._question.settled(key)
-        if settled is None:
+        early_stop = self._decisions.early_stop(key)
+        if early_stop is None:
             return []
-        if self._stops.get(key) != settled.replicate:
-            self._stops[key] = settled.replicate
-            self._journal.stop(self._stops)
-        reason = settled.reason(self._stopping)
-        behind = [name for name in self._question.behind(key, settled) if name in waiting]
-        results = [SessionResult(realization=name, outcome=Outcome.SETTLED, reason=reason) for name in behind]
+        if self._stops.get(key) != early_stop.replicate:
+            self._stops[key] = early_stop.replicate
+            self._journal.set_stops(self._stops)
+        reason = early_stop.reason(self._stopping)
+        # Replicates that are under way are not in `waiting`: their sessions end, are kept, and do not count.
+        not_needed = [name for name in self._decisions.newly_not_needed(key, early_stop) if name in waiting]
+        results = [SessionResult(realization=name, outcome=Outcome.SETTLED, reason=reason) for name in not_needed]
         for result in results:
             self._journal.finish(result, write_result(self._folder.fresh_run(result.realization), result))
         return results

@@ -1,7 +1,7 @@
 """One realization, from its SimSpec to its result: place, fly, record, measure.
 
-The job of a campaign's workers, and of `rebar simulate`. The live measures see exactly what the recording holds, so scoring
-the recording again comes to the same observations.
+The job of a campaign's workers and of `rebar simulate`. Measures see exactly what the recording holds, so scoring the
+recording again gives the same observations.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ AGENT_LOG = "agent.log"
 
 
 def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str) -> SessionResult:
-    """Fly one realization into `folder` (made if need be) and return its result, which is not written here.
+    """Fly one realization into `folder`, created if it does not exist, and return its result without writing it.
 
-    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` there. Never raises for what a session can end with.
-    Places that come with the SimSpec are judged before anything flies: SETUP_INVALID where they break what it asks for.
+    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` in the folder. A session that fails is a result, never
+    an exception. Positions that come with the SimSpec are checked before the flight: SETUP_INVALID if they break what the
+    SimSpec asks for.
     """
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        placed = place(simspec) if simspec.realized is None else _judged(simspec)
+        placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
     except PlacementInfeasible as error:
         return SessionResult(realization=realization, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=str(error))
@@ -61,14 +62,14 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
     return result_of(realization, end, recording.sha256, observations)
 
 
-def _judged(simspec: SimSpec) -> SimSpec:
+def _checked(simspec: SimSpec) -> SimSpec:
     if faults := check_placement(simspec):
         raise SetupError(faults)
     return simspec
 
 
 def result_of(realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]) -> SessionResult:
-    """The session's end as the document that stays."""
+    """The result document of a session that ended."""
     return SessionResult(
         realization=realization,
         outcome=end.outcome,

@@ -1,4 +1,4 @@
-"""The local executor: worker processes that outlive sessions, and are replaced when one does not."""
+"""The local executor: worker processes that fly one session after another and are replaced when one is lost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
@@ -19,71 +19,83 @@ from typing import Any, Protocol
 
 from bench.contracts import Outcome, SessionResult
 
-from ._processes import await_exit, end_tree, marked
-from ._task import Broken, Ended, Ready, Task, WorkerPlan, WorkersUnusable
+from ._processes import await_exit, kill_tree, processes_marked
+from ._task import JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerReady, WorkersUnusable
 
-START_S = 120.0
-"""Host seconds that a worker has to import its job, on a machine that may be busy."""
+# The spans below are chosen, not measured: long enough for a busy machine, since a span that is too short costs a session.
+START_LIMIT_S = 120.0
+"""Host seconds that a worker has to import its job."""
 
 GRACE_S = 15.0
-"""Host seconds past its budget that a session has to end by itself before it is ended by force."""
+"""Host seconds past its budget that a session has to end by itself before it is killed."""
 
-EXIT_S = 2.0
+EXIT_LIMIT_S = 2.0
 """Host seconds that a worker which closed its link has to end by itself."""
 
-FALSE_STARTS = 3
-SCRATCH = ".scratch"
-"""Where sessions keep temporary files, so that those of sessions ended by force go too."""
+MAX_FALSE_STARTS = 3
+"""Workers in a row that may end before they are ready."""
 
-MARK = "REBAR_CAMPAIGN_FOLDER"
+SCRATCH = ".scratch"
+"""Folder of the sessions' temporary files, so that those of killed sessions can be deleted as well."""
+
+FOLDER_VARIABLE = "REBAR_CAMPAIGN_FOLDER"
+"""Environment variable by which workers of an earlier runner on the same folder are found."""
+
+# `sys.path` travels along: the job may be in a module that only the runner's own path finds, as those of tests are.
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from bench.campaign.execution._worker import main; main({}, {}, {!r})"
 
 
 class Executor(Protocol):
-    """Whatever flies tasks somewhere. Used by one thread; every task handed in comes back once, as an `Ended`."""
+    """Flies tasks somewhere. Used by one thread. Every submitted task comes back once, as a `TaskEnded`."""
 
     @property
     def free(self) -> int:
-        """How many tasks could begin at once now."""
+        """How many more tasks can be submitted now."""
 
     @property
     def busy(self) -> int:
-        """How many tasks are out."""
+        """How many tasks are running."""
 
     def submit(self, task: Task) -> str:
-        """Begin a task; the name of who does it. Only while something is free."""
+        """Start a task and return the name of its worker. Only while `free` is above zero."""
 
-    def wait(self, timeout_s: float | None, wake_fd: int) -> list[Ended]:
-        """Tasks that ended; empty after the timeout or when something can be read from `wake_fd`. Raises WorkersUnusable."""
+    def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
+        """Wait for tasks to end and return them.
+
+        Empty after `timeout_s` host seconds (None: no limit) or once `wake_fd` is readable. Raises WorkersUnusable.
+        """
 
 
 class OpenExecutor(Protocol):
-    """Makes an executor for one campaign run; leaving the block ends every task that is out, with its agent."""
+    """Opens an executor for one campaign run. Leaving the block kills every task that is running, with its agent."""
 
     def __call__(self, plan: WorkerPlan, workers: int, folder: Path) -> AbstractContextManager[Executor]: ...
 
 
 @contextmanager
-def open_local_pool(plan: WorkerPlan, workers: int, folder: Path, grace_s: float = GRACE_S) -> Iterator[LocalPool]:
+def open_local_pool(
+    plan: WorkerPlan, workers: int, folder: Path, grace_s: float = GRACE_S, clock: Callable[[], float] = time.monotonic
+) -> Iterator[LocalPool]:
     """Yield a pool of up to `workers` processes on this machine, which write their logs to `folder`/logs.
 
-    Workers of an earlier runner on this folder that are still there are ended first: one realization, one writer.
+    `clock` gives the host seconds by which the budgets of sessions are judged.
     """
-    for pid in marked(MARK, str(folder.resolve())):
-        end_tree(pid)
+    # Workers of a runner that was killed may still be writing for a moment, and a run folder has one writer only.
+    for pid in processes_marked(FOLDER_VARIABLE, str(folder.resolve())):
+        kill_tree(pid)
     scratch = folder / SCRATCH
     shutil.rmtree(scratch, ignore_errors=True)
-    pool = LocalPool(plan, workers, folder, grace_s)
+    pool = LocalPool(plan, workers, folder, grace_s, clock)
     try:
         yield pool
     finally:
-        pool.end()
+        pool.close()
         shutil.rmtree(scratch, ignore_errors=True)
 
 
 @dataclass(slots=True)
 class _Worker:
-    """A worker process seen from the runner."""
+    """A worker process as the runner sees it. Times are readings of the pool's clock."""
 
     name: str
     process: subprocess.Popen[bytes]
@@ -91,33 +103,34 @@ class _Worker:
     lifeline_fd: int
     log: Path
     log_start: int
-    began: float
+    started: float
     ready: bool = False
     task: Task | None = None
-    began_task: float = 0.0
+    task_started: float = 0.0
 
-    def last_words(self) -> str:
+    def log_tail(self) -> str:
         """The end of what it wrote to stdout and stderr."""
         with suppress(OSError), self.log.open("rb") as file:
             file.seek(max(self.log_start, self.log.stat().st_size - 2000))
             return file.read().decode(errors="replace").strip()
         return ""
 
-    def end(self) -> None:
-        """End the process and everything that it started. Not reaped before: until then its id is nobody else's."""
-        end_tree(self.process.pid)
+    def kill(self) -> None:
+        """Kill the process and everything that it started."""
+        # Reaped only after the kill: until then the kernel gives its id to no other process.
+        kill_tree(self.process.pid)
         self.process.wait()
         self.link.close()
         os.close(self.lifeline_fd)
 
 
 class LocalPool:
-    """Workers, idle or at a task."""
+    """Worker processes, each idle or at a task."""
 
-    def __init__(self, plan: WorkerPlan, workers: int, folder: Path, grace_s: float) -> None:
-        self._plan, self._limit, self._folder, self._grace_s = plan, workers, folder, grace_s
+    def __init__(self, plan: WorkerPlan, workers: int, folder: Path, grace_s: float, clock: Callable[[], float]) -> None:
+        self._plan, self._limit, self._folder, self._grace_s, self._clock = plan, workers, folder, grace_s, clock
         self._workers: list[_Worker] = []
-        self._named = 0
+        self._started_count = 0
         self._false_starts = 0
 
     @property
@@ -129,117 +142,122 @@ class LocalPool:
         return sum(worker.task is not None for worker in self._workers)
 
     def submit(self, task: Task) -> str:
-        idle = next((worker for worker in self._workers if worker.task is None), None) or self._begin()
-        idle.task = task
-        idle.began_task = time.monotonic()
-        with suppress(
-            BrokenPipeError, ConnectionResetError
-        ):  # a worker that died meanwhile is noticed by `wait`, with the task that it had
-            idle.link.send(task)
-        return idle.name
+        worker = next((worker for worker in self._workers if worker.task is None), None) or self._start_worker()
+        worker.task = task
+        worker.task_started = self._clock()
+        # A worker that died meanwhile is noticed by `wait`, which returns the task as lost.
+        with suppress(BrokenPipeError, ConnectionResetError):
+            worker.link.send(task)
+        return worker.name
 
-    def wait(self, timeout_s: float | None, wake_fd: int) -> list[Ended]:
-        spans = [timeout_s, *(self._deadline(worker) - time.monotonic() for worker in self._workers if worker.task)]
-        span_s = min((max(span, 0.0) for span in spans if span is not None), default=None)
+    def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
+        timeouts = [timeout_s, *(self._deadline(worker) - self._clock() for worker in self._workers if worker.task)]
+        span_s = min((max(timeout, 0.0) for timeout in timeouts if timeout is not None), default=None)
         links = {worker.link: worker for worker in self._workers}
-        spoke = [links[one] for one in wait([*links, wake_fd], span_s) if isinstance(one, Connection)]
-        ended = [one for worker in spoke for one in self._hear(worker)]
-        late = [worker for worker in self._workers if worker.task and time.monotonic() >= self._deadline(worker)]
-        return ended + [one for worker in late for one in self._too_late(worker)]
+        readable = [links[link] for link in wait([*links, wake_fd], span_s) if isinstance(link, Connection)]
+        ended = [task for worker in readable for task in self._receive(worker)]
+        late = [worker for worker in self._workers if worker.task and self._clock() >= self._deadline(worker)]
+        return ended + [task for worker in late for task in self._kill_late(worker)]
 
-    def end(self) -> None:
-        """End all workers and whatever they were at."""
+    def close(self) -> None:
+        """Kill all workers and their sessions."""
         while self._workers:
-            self._workers.pop().end()
+            self._workers.pop().kill()
 
-    def _begin(self) -> _Worker:
-        self._named += 1
-        name = f"w{self._named}"
-        ours, theirs = Pipe()
-        lifeline, held = os.pipe()
+    def _start_worker(self) -> _Worker:
+        self._started_count += 1
+        name = f"w{self._started_count}"
+        link, worker_link = Pipe()
+        # The kernel closes the runner's end however the runner ends, and the worker sees that even during a session.
+        worker_lifeline_fd, lifeline_fd = os.pipe()
         log = self._folder / "logs" / f"{name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
         scratch = self._folder.resolve() / SCRATCH / name
         scratch.mkdir(parents=True)
         with log.open("ab") as output:
-            start = output.tell()
+            log_start = output.tell()
             process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _BOOT.format(theirs.fileno(), lifeline, name), json.dumps(sys.path)],
-                pass_fds=(theirs.fileno(), lifeline),
+                [sys.executable, "-P", "-c", _BOOT.format(worker_link.fileno(), worker_lifeline_fd, name), json.dumps(sys.path)],
+                pass_fds=(worker_link.fileno(), worker_lifeline_fd),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
-                env={**os.environ, MARK: str(self._folder.resolve()), "TMPDIR": str(scratch)},
-                start_new_session=True,  # a group of its own to end it by, out of reach of the terminal's Ctrl-C
+                env={**os.environ, FOLDER_VARIABLE: str(self._folder.resolve()), "TMPDIR": str(scratch)},
+                # A process group of its own, to be killed as a whole, and out of reach of the terminal's Ctrl-C.
+                start_new_session=True,
             )
-        theirs.close()
-        os.close(lifeline)
-        worker = _Worker(name, process, ours, held, log, start, time.monotonic())
+        worker_link.close()
+        os.close(worker_lifeline_fd)
+        worker = _Worker(name, process, link, lifeline_fd, log, log_start, self._clock())
         self._workers.append(worker)
         with suppress(BrokenPipeError, ConnectionResetError):
-            ours.send(self._plan)
+            link.send(self._plan)
         return worker
 
     def _deadline(self, worker: _Worker) -> float:
-        """The moment of the host's monotonic clock at which patience with a worker ends."""
+        """The reading of the clock at which a worker at a task is killed."""
         if not worker.ready:
-            return worker.began + START_S
+            return worker.started + START_LIMIT_S
         assert worker.task is not None
-        return worker.began_task + worker.task.wall_s + self._grace_s
+        return worker.task_started + worker.task.wall_s + self._grace_s
 
-    def _hear(self, worker: _Worker) -> Sequence[Ended]:
+    def _receive(self, worker: _Worker) -> Sequence[TaskEnded]:
         try:
-            said = worker.link.recv()
+            message = worker.link.recv()
         except (EOFError, ConnectionResetError):
-            return self._lost(worker)
-        match said:
-            case Ready():
+            return self._replace_lost(worker)
+        match message:
+            case WorkerReady():
                 worker.ready = True
-                worker.began_task = time.monotonic()  # its budget does not pay for imports
+                # The session's budget does not pay for the worker's imports.
+                worker.task_started = self._clock()
                 self._false_starts = 0
-            case Ended():
+            case TaskEnded():
                 worker.task = None
-                return [said]
-            case Broken():
-                raise WorkersUnusable(f"the job {self._plan.job} cannot be imported by a worker:\n{said.reason}")
+                return [message]
+            case JobNotImportable():
+                raise WorkersUnusable(f"a worker cannot import the job {self._plan.job}:\n{message.reason}")
         return []
 
-    def _lost(self, worker: _Worker) -> list[Ended]:
-        """A worker that is gone, and with it the session that it was at."""
-        await_exit(worker.process.pid, EXIT_S)  # it may be about to say why
-        self._dismiss(worker)
-        how = _how_it_ended(worker.process.returncode)
-        words = worker.last_words()
-        reason = f"the worker {worker.name} {how}" + (f"; its last words: {words}" if words else "")
+    def _replace_lost(self, worker: _Worker) -> list[TaskEnded]:
+        """Remove a worker that is gone, and return the task that it was at as lost."""
+        # The link closes before the process is gone: without the wait its exit code would be that of the kill.
+        await_exit(worker.process.pid, EXIT_LIMIT_S)
+        self._remove(worker)
+        output = worker.log_tail()
+        reason = f"the worker {worker.name} {_exit_text(worker.process.returncode)}" + (
+            f"; its last output: {output}" if output else ""
+        )
         if not worker.ready:
             self._false_starts += 1
-            if self._false_starts >= FALSE_STARTS:
-                raise WorkersUnusable(f"{FALSE_STARTS} workers in a row ended before they had begun; {reason}")
-        return self._instead(worker, Outcome.WORKER_LOST, reason)
+            if self._false_starts >= MAX_FALSE_STARTS:
+                raise WorkersUnusable(f"{MAX_FALSE_STARTS} workers in a row ended before they were ready; {reason}")
+        return self._substitute_result(worker, Outcome.WORKER_LOST, reason)
 
-    def _too_late(self, worker: _Worker) -> list[Ended]:
-        self._dismiss(worker)
+    def _kill_late(self, worker: _Worker) -> list[TaskEnded]:
+        self._remove(worker)
         if not worker.ready:
-            raise WorkersUnusable(f"the worker {worker.name} did not import {self._plan.job} within {START_S:g} s")
+            raise WorkersUnusable(f"the worker {worker.name} did not import {self._plan.job} within {START_LIMIT_S:g} s")
         assert worker.task is not None
-        reason = f"the session was ended by force {self._grace_s:g} s after its budget of {worker.task.wall_s:g} s"
-        return self._instead(worker, Outcome.WALL_BUDGET, reason)
+        reason = f"the session was killed {self._grace_s:g} s after its budget of {worker.task.wall_s:g} s"
+        return self._substitute_result(worker, Outcome.WALL_BUDGET, reason)
 
-    def _dismiss(self, worker: _Worker) -> None:
+    def _remove(self, worker: _Worker) -> None:
         self._workers.remove(worker)
-        worker.end()
+        worker.kill()
 
-    def _instead(self, worker: _Worker, outcome: Outcome, reason: str) -> list[Ended]:
-        """The result that the worker could not give."""
+    def _substitute_result(self, worker: _Worker, outcome: Outcome, reason: str) -> list[TaskEnded]:
+        """The result in place of the one that the worker could not send. Empty if it had no task."""
         if worker.task is None:
             return []
-        realization, took_s = worker.task.realization, round(time.monotonic() - worker.began_task, 3)
-        result = SessionResult(realization=realization, outcome=outcome, reason=reason, wall_s=took_s)
-        return [Ended(realization, worker.name, result)]
+        realization, wall_s = worker.task.realization, round(self._clock() - worker.task_started, 3)
+        result = SessionResult(realization=realization, outcome=outcome, reason=reason, wall_s=wall_s)
+        return [TaskEnded(realization, worker.name, result)]
 
 
-def _how_it_ended(code: int) -> str:
+def _exit_text(code: int) -> str:
     if code < 0:
+        # Numbers of real-time signals have no name in the enumeration.
         with suppress(ValueError):
-            return f"was ended by {signal.Signals(-code).name}"
+            return f"was killed by {signal.Signals(-code).name}"
     return f"ended with code {code}"

@@ -1,4 +1,4 @@
-"""Ending processes for good, with whatever they started."""
+"""Killing processes together with everything that they started."""
 
 from __future__ import annotations
 
@@ -9,38 +9,41 @@ from contextlib import suppress
 from pathlib import Path
 
 
-def end_tree(pid: int) -> None:
-    """Kill a process, the group that it leads, and every descendant, in whatever session that is by now."""
-    for one in descendants(pid):
+def kill_tree(pid: int) -> None:
+    """Kill a process, the group that it leads, and every descendant, whatever session each is in by now."""
+    for descendant in descendants(pid):
         with suppress(ProcessLookupError, PermissionError):
-            os.kill(one, signal.SIGKILL)
-    for end in (os.killpg, os.kill):  # whoever kills itself gets no further than its group
+            os.kill(descendant, signal.SIGKILL)
+    # The group comes before the process: a process that kills itself this way does not get further than its group.
+    for kill in (os.killpg, os.kill):
         with suppress(ProcessLookupError, PermissionError):
-            end(pid, signal.SIGKILL)
+            kill(pid, signal.SIGKILL)
 
 
 def await_exit(pid: int, span_s: float) -> bool:
-    """Wait for a child to end without reaping it; whether it did within the span."""
-    watch = os.pidfd_open(pid)
+    """Wait for a child process to end, without reaping it. Returns whether it ended within `span_s`."""
+    # Not waitpid: reaping would free the id, and the kill that follows could reach a stranger.
+    exit_fd = os.pidfd_open(pid)
     try:
-        return bool(select.select([watch], [], [], span_s)[0])
+        return bool(select.select([exit_fd], [], [], span_s)[0])
     finally:
-        os.close(watch)
+        os.close(exit_fd)
 
 
 def descendants(pid: int) -> list[int]:
-    """Children, grandchildren and so on, as the kernel knows them now; empty where there is no /proc."""
-    found: list[int] = []
+    """Children, grandchildren and so on, as the kernel knows them now. Empty on a system without /proc."""
+    known: list[int] = []
     waiting = [pid]
     while waiting:
         children = _children(waiting.pop())
-        found += children
+        known += children
         waiting += children
-    return found
+    return known
 
 
 def _children(pid: int) -> list[int]:
     children: list[int] = []
+    # Processes end while they are listed, so any of these files may be gone.
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             with suppress(OSError):
@@ -48,12 +51,13 @@ def _children(pid: int) -> list[int]:
     return children
 
 
-def marked(variable: str, value: str) -> list[int]:
-    """Processes of this user, other than this one, that were started with a variable of that value in their environment."""
+def processes_marked(variable: str, value: str) -> list[int]:
+    """Other processes of this user that were started with this environment variable at this value."""
     mark = f"{variable}={value}".encode()
-    found = []
+    marked = []
     for folder in Path("/proc").glob("[0-9]*"):
+        # Other users' processes cannot be read, and are never the bench's.
         with suppress(OSError):
             if int(folder.name) != os.getpid() and mark in (folder / "environ").read_bytes().split(b"\0"):
-                found.append(int(folder.name))
-    return found
+                marked.append(int(folder.name))
+    return marked

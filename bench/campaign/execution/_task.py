@@ -1,4 +1,4 @@
-"""What a worker is given, and what it says back."""
+"""Messages between the runner and its workers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,22 @@ from bench.contracts import SessionResult
 from bench.errors import RebarError
 from bench.simspec import SimSpec
 
-FLY = "bench.campaign.execution._flight:fly_realization"
+FLIGHT_JOB = "bench.campaign.execution._flight:fly_realization"
+"""The job of a campaign at full fidelity."""
 
 
 class Job(Protocol):
-    """What a worker does with a realization: fly it into `folder` (there, and empty) and return the result, unwritten."""
+    """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the result.
+
+    The job does not write the result.
+    """
 
     def __call__(self, simspec: SimSpec, decomposition: Any, folder: Path, realization: str) -> SessionResult: ...
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One realization to fly. It ends by the host's clock after `wall_s`, by its own means or by force."""
+    """One realization to fly. It ends after at most `wall_s` host seconds, by itself or killed."""
 
     realization: str
     simspec: Path
@@ -32,26 +36,26 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class WorkerPlan:
-    """What a worker process is told once: its job, by importable path, and what all tasks share."""
+    """What every worker gets at its start: its job, as `module:function`, and what all tasks share."""
 
     job: str
     decomposition: Any
 
 
 @dataclass(frozen=True, slots=True)
-class Ready:
+class WorkerReady:
     """The worker has imported its job."""
 
 
 @dataclass(frozen=True, slots=True)
-class Broken:
-    """The worker cannot import its job; no task would fare better."""
+class JobNotImportable:
+    """The worker cannot import its job, so every task would fail."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class TaskEnded:
     """A task is over."""
 
     realization: str
@@ -60,15 +64,15 @@ class Ended:
 
 
 class WorkersUnusable(RebarError):
-    """No worker can be brought to work; nothing was decided about any realization."""
+    """No worker can be started. No realization has a result because of it."""
 
 
 class BenchBroken(RebarError):
-    """Every one of the first sessions ended by a fault of the bench's own; the others would fare no better."""
+    """The first sessions all ended with bench errors, so the others would too."""
 
 
 def load_job(path: str) -> Job:
-    """The function behind `module:name`."""
+    """The function at `module:function`."""
     module, _, name = path.partition(":")
     job: Job = getattr(importlib.import_module(module), name)
     return job

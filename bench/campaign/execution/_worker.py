@@ -1,4 +1,4 @@
-"""A worker: a process of its own that flies one realization after another, for as long as its runner lives."""
+"""A worker: a process that flies one realization after another for as long as its runner lives."""
 
 from __future__ import annotations
 
@@ -16,15 +16,17 @@ from bench.errors import SetupError
 from bench.realization import PlacementInfeasible
 from bench.simspec import SimSpec
 
-from ..storage._folder import RECORDING, digest_of
-from ._processes import end_tree
-from ._task import Broken, Ended, Job, Ready, Task, WorkerPlan, load_job
+from ..storage._files import digest_of
+from ..storage._folder import RECORDING
+from ._processes import kill_tree
+from ._task import Job, JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerReady, load_job
 
 
 def main(link_fd: int, lifeline_fd: int, name: str) -> None:
-    """Serve tasks from the link until it is closed. The lifeline is closed by nothing but the runner's end."""
+    """Serve tasks from the link until it is closed. The lifeline closes only when the runner's process ends."""
+    # An agent that inherited them would keep both open, and the runner would not notice the end of the worker.
     for fd in (link_fd, lifeline_fd):
-        os.set_inheritable(fd, False)  # an agent that held them would keep the worker's end from being noticed
+        os.set_inheritable(fd, False)
     faulthandler.enable()
     threading.Thread(target=_die_with_runner, args=(lifeline_fd,), daemon=True).start()
     link: Connection[Any, Any] = Connection(link_fd)
@@ -32,22 +34,22 @@ def main(link_fd: int, lifeline_fd: int, name: str) -> None:
     try:
         job = load_job(plan.job)
     except Exception:
-        link.send(Broken(traceback.format_exc()))
+        link.send(JobNotImportable(traceback.format_exc()))
         return
-    link.send(Ready())
+    link.send(WorkerReady())
     while True:
         try:
             task: Task = link.recv()
         except EOFError:
             return
-        link.send(Ended(task.realization, name, _result(job, task, plan.decomposition)))
+        link.send(TaskEnded(task.realization, name, _result(job, task, plan.decomposition)))
 
 
 def _die_with_runner(lifeline_fd: int) -> None:
-    """Blocks until the runner is gone, then takes the session and its agent along: nobody would read the result."""
+    """Wait until the runner is gone, then kill this worker, its session and its agent: nobody would read the result."""
     while os.read(lifeline_fd, 1):
         pass
-    end_tree(os.getpid())
+    kill_tree(os.getpid())
 
 
 def _result(job: Job, task: Task, decomposition: Any) -> SessionResult:

@@ -1,4 +1,4 @@
-"""What a campaign may come to, by surrogates, before anything is flown: outcomes, passes, cost, and whether it would settle it."""
+"""Estimates a campaign with surrogates before anything is flown: outcomes, pass rates, cost, and statistical power."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from bench.statistics import mcnemar_power, pairs_for_difference, runs_for_half_
 
 from .._document import Campaign
 from .._overhead import check_surrogates, fly_overhead
-from ..results._measures import load_asked
+from ..results._measures import load_measurable_decomposition
 from ._realizations import realizations
 
-MOST_SCENES = 200
-"""With more scenes, so many spread evenly over the design stand for all."""
+MAX_SCENES = 200
+"""Of more scenes, this many are estimated, spread evenly over the design. Chosen, not measured."""
 
 SIMULATED_S_PER_CPU_S = 45.0
-"""README.md: whole sessions in lockstep, last measured. One session keeps about one core busy."""
+"""Speed of whole sessions in lockstep, as measured in README.md. One session keeps about one core busy."""
 
 HALF_WIDTH = 0.1
+"""Half width of the interval that `runs_needed` is about: 10 points to either side."""
 
 
 class NodeEstimate(Document):
-    """What is to be expected of one agent at one studied node."""
+    """Expected results of one agent at one studied node."""
 
     agent: str
     node: str
@@ -44,82 +45,85 @@ class NodeEstimate(Document):
 
 
 class PairEstimate(Document):
-    """What is to be expected of two agents on the same scenes at one studied node."""
+    """Expected comparison of two agents on the same scenes at one studied node."""
 
     node: str
     first: str
     second: str
     only_first: float
     only_second: float
-    pairs: Annotated[int, Field(description="Scenes of the campaign that both are expected to be considered in.")]
+    pairs: Annotated[int, Field(description="Scenes of the campaign in which both are expected to be considered.")]
     power: Annotated[float, Field(description="Chance that McNemar's exact test at 0.05 finds the difference with these.")]
-    pairs_needed: Annotated[int | None, Field(description="Pairs for a power of 80 %; null where no number is of use.")]
+    pairs_needed: Annotated[int | None, Field(description="Pairs for a power of 80 %; null if no number of pairs reaches it.")]
 
 
 class CampaignEstimate(Document):
-    """By surrogates at the overhead fidelity; docs/fidelity.md says how well it foretells."""
+    """Estimated by surrogates at the overhead fidelity; docs/fidelity.md says how well they predict."""
 
     fidelity: str = "overhead"
     realizations: int
-    flown: Annotated[int, Field(description="Realizations that were flown overhead for this.")]
+    flown: Annotated[int, Field(description="Realizations that surrogates flew for the estimate.")]
     not_computed: tuple[str, ...]
     outcomes: dict[str, int]
     simulated_s: Annotated[float, Field(description="Of the whole campaign.")]
-    session_s: Annotated[float, Field(description="Host seconds of one core for one session, stated or by docs.")]
-    wall_s: Annotated[float, Field(description="Host seconds of the whole campaign on so many workers.")]
+    session_s: Annotated[
+        float, Field(description="Host seconds of one core for one session: as given, or by the speed in README.md.")
+    ]
+    wall_s: Annotated[float, Field(description="Host seconds of the whole campaign on `workers` workers.")]
     workers: int
     nodes: tuple[NodeEstimate, ...]
     pairs: tuple[PairEstimate, ...]
 
     def lines(self) -> Iterator[str]:
-        """The same in sentences."""
+        """The estimate in sentences."""
         ended = ", ".join(f"{count} {outcome}" for outcome, count in sorted(self.outcomes.items()))
         of = "" if self.flown == self.realizations else f" of {self.realizations}"
         yield f"expected by surrogates at OVERHEAD FIDELITY ({self.flown}{of} realizations): {ended}"
         yield (
             f"cost: {self.simulated_s / 3600:.1f} simulated hours, {self.session_s:.1f} s a session, "
-            f"about {_spoken(self.wall_s)} on {self.workers} worker(s)"
+            f"about {_span_text(self.wall_s)} on {self.workers} worker(s)"
         )
-        for one in self.nodes:
-            rate = "never considered" if one.pass_rate is None else f"passes {one.pass_rate:.0%} of {one.considered}"
-            score = "not scored" if one.score is None else f"score {one.score:.1f}"
-            needed = f"; {one.runs_needed} runs would show the rate within 10 points" if one.runs_needed else ""
-            yield f"  {one.agent} {one.node}: {rate}, {score}{needed}"
+        for node in self.nodes:
+            rate = "never considered" if node.pass_rate is None else f"passes {node.pass_rate:.0%} of {node.considered}"
+            score = "not scored" if node.score is None else f"score {node.score:.1f}"
+            needed = f"; {node.runs_needed} runs would show the rate within 10 points" if node.runs_needed else ""
+            yield f"  {node.agent} {node.node}: {rate}, {score}{needed}"
         for pair in self.pairs:
             if pair.only_first == pair.only_second:
-                how = "no difference to be seen"
+                power = "no difference expected"
             else:
                 needed = "no number of" if pair.pairs_needed is None else f"{pair.pairs_needed}"
-                how = f"power {pair.power:.0%} with {pair.pairs} pairs; {needed} pairs give 80 %"
-            yield f"  {pair.first} against {pair.second}, {pair.node}: {how}"
+                power = f"power {pair.power:.0%} with {pair.pairs} pairs; {needed} pairs give 80 %"
+            yield f"  {pair.first} against {pair.second}, {pair.node}: {power}"
         if self.not_computed:
             yield f"  not computed at this fidelity: {', '.join(self.not_computed)}"
 
 
 def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None = None) -> CampaignEstimate:
-    """Fly a campaign's scenes overhead and say what to expect of it.
+    """Let surrogates fly a campaign's scenes, and say what to expect of the campaign.
 
-    `session_s` is what one session costs in host seconds of a core; by README's speed when None. Raises SetupError for what no
-    surrogate can fly, and as `realizations` does.
+    `session_s` is the cost of one session in host seconds of a core; None takes the speed in README.md. Raises SetupError
+    for a campaign that surrogates cannot fly, and as `realizations` does.
     """
     check_surrogates(campaign)
-    asked = load_asked(campaign.decomposition)
+    decomposition = load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)
     scenes = _scenes(plans)
-    names, simspecs, infeasible = _placed(scenes)
-    results = fly_overhead(simspecs, [plan.id for plan in names], asked)
+    placed, simspecs, infeasible = _placed(scenes)
+    results = fly_overhead(simspecs, [plan.id for plan in placed], decomposition)
     rated = {}
     runs = []
-    for plan, simspec, result in zip(names, simspecs, results, strict=True):
+    for plan, simspec, result in zip(placed, simspecs, results, strict=True):
         scene = (plan.design_point, plan.replicate)
         if scene not in rated:
-            rated[scene] = difficulty_of(asked, simspec)
+            rated[scene] = difficulty_of(decomposition, simspec)
         label = simspec.agent.label
         runs.append(ScoredRun(plan.id, *scene, label, result.outcome, rated[scene], result.observations))
-    study = studied_key_attributes(asked, campaign.study)
-    table = score_table(asked, runs, campaign.study)
+    study = studied_key_attributes(decomposition, campaign.study)
+    table = score_table(decomposition, runs, campaign.study)
     agents = list(dict.fromkeys(run.agent for run in runs))
-    scale = len(plans) / max(len(names) + infeasible, 1)
+    # What surrogates flew may be a sample: its sums stand for the whole campaign.
+    scale = len(plans) / max(len(placed) + infeasible, 1)
     simulated_s = scale * sum(result.simulated_s for result in results)
     each_s = session_s or simulated_s / max(len(plans), 1) / SIMULATED_S_PER_CPU_S
     outcomes = Counter(str(result.outcome) for result in results)
@@ -127,7 +131,7 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
         outcomes["placement_infeasible"] = infeasible
     return CampaignEstimate(
         realizations=len(plans),
-        flown=len(names),
+        flown=len(placed),
         not_computed=tuple(results[0].details["not_computed"]) if results else (),
         outcomes=dict(outcomes),
         simulated_s=round(simulated_s, 1),
@@ -135,26 +139,26 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
         wall_s=round(each_s * len(plans) / workers, 1),
         workers=workers,
         nodes=tuple(_node(table, agent, node) for agent in agents for node in study),
-        pairs=tuple(_pair(table, node, *two, scale) for two in combinations(agents, 2) for node in study),
+        pairs=tuple(_pair(table, node, *pair, scale) for pair in combinations(agents, 2) for node in study),
     )
 
 
-def _spoken(time_s: float) -> str:
+def _span_text(time_s: float) -> str:
     return f"{time_s:.0f} s" if time_s < 120.0 else f"{time_s / 60.0:.0f} min" if time_s < 7200.0 else f"{time_s / 3600.0:.1f} h"
 
 
 def _scenes(plans: list[RealizationPlan]) -> list[list[RealizationPlan]]:
-    """The realizations by scene; of too many scenes, some that are spread evenly."""
-    found: dict[tuple[str, int], list[RealizationPlan]] = {}
+    """The realizations by scene. Of more than MAX_SCENES scenes, that many are taken, spread evenly."""
+    by_scene: dict[tuple[str, int], list[RealizationPlan]] = {}
     for plan in plans:
-        found.setdefault((plan.design_point, plan.replicate), []).append(plan)
-    scenes = list(found.values())
-    step = max(1.0, len(scenes) / MOST_SCENES)
-    return [scenes[int(k * step)] for k in range(min(len(scenes), MOST_SCENES))]
+        by_scene.setdefault((plan.design_point, plan.replicate), []).append(plan)
+    scenes = list(by_scene.values())
+    step = max(1.0, len(scenes) / MAX_SCENES)
+    return [scenes[int(k * step)] for k in range(min(len(scenes), MAX_SCENES))]
 
 
 def _placed(scenes: list[list[RealizationPlan]]) -> tuple[list[RealizationPlan], list[SimSpec], int]:
-    """What has room, each scene placed once, and how many realizations have none."""
+    """The realizations that have room, their realized SimSpecs, and how many realizations have no room."""
     plans, simspecs, infeasible = [], [], 0
     for scene in scenes:
         try:
@@ -168,8 +172,8 @@ def _placed(scenes: list[list[RealizationPlan]]) -> tuple[list[RealizationPlan],
 
 
 def _node(table: pl.DataFrame, agent: str, node: str) -> NodeEstimate:
-    own = table.filter((pl.col("agent") == agent) & (pl.col("node") == node))
-    confidence, score = own["confidence"].drop_nulls(), own["score"].drop_nulls()
+    rows = table.filter((pl.col("agent") == agent) & (pl.col("node") == node))
+    confidence, score = rows["confidence"].drop_nulls(), rows["score"].drop_nulls()
     rate = float((confidence >= 1.0).mean()) if len(confidence) else None  # type: ignore[arg-type]
     return NodeEstimate(
         agent=agent,
@@ -182,16 +186,16 @@ def _node(table: pl.DataFrame, agent: str, node: str) -> NodeEstimate:
 
 
 def _pair(table: pl.DataFrame, node: str, first: str, second: str, scale: float) -> PairEstimate:
-    def of(agent: str) -> dict[Any, bool]:
-        own = table.filter((pl.col("agent") == agent) & (pl.col("node") == node)).drop_nulls(["confidence"])
-        keys = zip(own["design_point"], own["replicate"], strict=True)
-        return {key: sure >= 1.0 for key, sure in zip(keys, own["confidence"], strict=True)}
+    def passes(agent: str) -> dict[Any, bool]:
+        rows = table.filter((pl.col("agent") == agent) & (pl.col("node") == node)).drop_nulls(["confidence"])
+        scenes = zip(rows["design_point"], rows["replicate"], strict=True)
+        return {scene: confidence >= 1.0 for scene, confidence in zip(scenes, rows["confidence"], strict=True)}
 
-    one, other = of(first), of(second)
-    both = sorted(set(one) & set(other))
+    first_passes, second_passes = passes(first), passes(second)
+    both = sorted(set(first_passes) & set(second_passes))
     count = max(len(both), 1)
-    only_first = sum(one[key] and not other[key] for key in both) / count
-    only_second = sum(other[key] and not one[key] for key in both) / count
+    only_first = sum(first_passes[scene] and not second_passes[scene] for scene in both) / count
+    only_second = sum(second_passes[scene] and not first_passes[scene] for scene in both) / count
     pairs = round(len(both) * scale)
     return PairEstimate(
         node=node,

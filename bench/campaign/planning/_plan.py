@@ -1,4 +1,4 @@
-"""From a campaign to the entries of its journal: every SimSpec realized, placed, judged and written, once."""
+"""From a campaign to the entries of its journal: every SimSpec realized, placed, checked and written once."""
 
 from __future__ import annotations
 
@@ -14,40 +14,42 @@ from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition
 
 from .._document import Campaign
-from ..storage._folder import CampaignFolder, digest_of, write_result, write_whole
-from ..storage._journal import Journal, Planned
+from ..storage._files import digest_of, write_whole
+from ..storage._folder import CampaignFolder
+from ..storage._journal import Journal, PlannedRealization
+from ..storage._results import write_result
 from ._realizations import realizations
 
 
 def plan_campaign(
     campaign: Campaign, folder: CampaignFolder, journal: Journal, decomposition: Decomposition
 ) -> list[RealizationPlan]:
-    """Every realization of the campaign, entered in the journal, its SimSpec in simspecs/.
+    """Every realization of the campaign, added to the journal, with its SimSpec in simspecs/.
 
-    What the journal holds already stays as it is. Raises SetupError when that belongs to another campaign, and when the
-    decomposition cannot rate one of the situations, which could be flown and never be scored.
+    Entries that the journal has already stay as they are. Raises SetupError if they belong to another campaign, and if the
+    decomposition cannot rate one of the situations: such a session could be flown and never be scored.
     """
     plans = realizations(campaign)
-    intents = {plan.id: _digest(dump_json(plan.simspec)) for plan in plans}
+    intents = {plan.id: _sha256(dump_json(plan.simspec)) for plan in plans}
     _check_same(folder, journal, intents, decomposition.digest)
     known = {entry.id: entry for entry in journal.entries()}
     _check_rated((plan for plan in plans if plan.id not in known), decomposition)
     folder.path.mkdir(parents=True, exist_ok=True)
-    write_whole(folder.campaign, dump_yaml(_at_home(campaign, folder)))
+    write_whole(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder)))
     placer = _Placer()
-    new = [plan for plan in plans if plan.id not in known]
-    planned = [Planned(plan, intents[plan.id], placer.write(plan, folder)) for plan in new]
+    added = [PlannedRealization(plan, intents[plan.id], placer.write(plan, folder)) for plan in plans if plan.id not in known]
     journal.note("decomposition_sha256", decomposition.digest)
-    journal.enter(planned)
+    # After the files: an entry in the journal promises that its SimSpec is on disk.
+    journal.add(added)
     for plan in plans:
-        entry = known.get(plan.id)
-        if entry and not (folder.simspec(plan.id).is_file() and digest_of(folder.simspec(plan.id)) == entry.simspec_sha256):
+        entry, path = known.get(plan.id), folder.simspec(plan.id)
+        if entry and not (path.is_file() and digest_of(path) == entry.simspec_sha256):
             _restore(plan, folder, placer, entry.simspec_sha256)
     return plans
 
 
-def _at_home(campaign: Campaign, folder: CampaignFolder) -> Campaign:
-    """The campaign as its folder holds it: a decomposition that was a file of the author's comes along."""
+def _with_local_decomposition(campaign: Campaign, folder: CampaignFolder) -> Campaign:
+    """The campaign as its folder holds it, with a copy of the decomposition if that was a file."""
     file = Path(campaign.decomposition)
     if not file.is_file():
         return campaign
@@ -56,8 +58,8 @@ def _at_home(campaign: Campaign, folder: CampaignFolder) -> Campaign:
     return campaign.model_copy(update={"decomposition": folder.decomposition.name})
 
 
-def unflyable(plans: Sequence[RealizationPlan], folder: CampaignFolder, journal: Journal) -> Iterator[SessionResult]:
-    """Results, written and noted, of the realizations that placement found no room for; they are never flown."""
+def finish_infeasible(plans: Sequence[RealizationPlan], folder: CampaignFolder, journal: Journal) -> Iterator[SessionResult]:
+    """Write, note and yield the results of realizations that placement found no room for. They are never flown."""
     waiting = {entry.id for entry in journal.entries() if entry.outcome is None}
     reasons: dict[str, str] = {}
     for plan in plans:
@@ -65,41 +67,41 @@ def unflyable(plans: Sequence[RealizationPlan], folder: CampaignFolder, journal:
             continue
         scene = f"{plan.design_point}-r{plan.replicate}"
         if scene not in reasons:
-            reasons[scene] = _why_not(plan.simspec)
+            reasons[scene] = _infeasible_reason(plan.simspec)
         result = SessionResult(realization=plan.id, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=reasons[scene])
         journal.finish(result, write_result(folder.fresh_run(plan.id), result))
         yield result
 
 
-def _why_not(simspec: SimSpec) -> str:
+def _infeasible_reason(simspec: SimSpec) -> str:
     try:
         place(simspec)
     except PlacementInfeasible as error:
         return str(error)
-    return "no place was found when the campaign was planned"
+    return "no placement was found when the campaign was planned"
 
 
 def _check_same(folder: CampaignFolder, journal: Journal, intents: dict[str, str], decomposition_sha256: str) -> None:
-    """A folder takes more realizations of its campaign, never others under the same names."""
+    """A folder accepts more realizations of its campaign, but never different ones under the same names."""
     entries = journal.entries()
     faults = []
-    noted = journal.fact("decomposition_sha256")
-    if entries and noted not in (None, decomposition_sha256):
+    measured_with = journal.fact("decomposition_sha256")
+    if entries and measured_with not in (None, decomposition_sha256):
         faults.append(
             Fault(
                 str(folder.path),
                 "was measured with another decomposition",
-                "`rebar score` applies a new one, or name another folder",
+                "apply a new one with `rebar score`, or name another folder",
             )
         )
-    other = [entry.id for entry in entries if intents.get(entry.id) != entry.intent_sha256]
-    if other:
-        shown = ", ".join(other[:3]) + (f" and {len(other) - 3} more" if len(other) > 3 else "")
+    different = [entry.id for entry in entries if intents.get(entry.id) != entry.intent_sha256]
+    if different:
+        shown = ", ".join(different[:3]) + (f" and {len(different) - 3} more" if len(different) > 3 else "")
         faults.append(
             Fault(
                 str(folder.path),
-                f"holds realizations that this campaign does not ask for: {shown}",
-                "name another folder; docs/designs.md says what a design may be added to",
+                f"holds realizations that are not in this campaign: {shown}",
+                "name another folder; docs/designs.md says what can be added to a design",
             )
         )
     if faults:
@@ -107,31 +109,34 @@ def _check_same(folder: CampaignFolder, journal: Journal, intents: dict[str, str
 
 
 def _check_rated(plans: Iterable[RealizationPlan], decomposition: Decomposition) -> None:
-    from bench.scoring import difficulty_of_values  # with all of its arrays, which nothing else here needs
+    # Imported here: scoring brings its arrays along, and the rest of planning does without.
+    from bench.scoring import difficulty_of_values
 
-    seen: set[tuple[tuple[str, float], ...]] = set()
+    rated: set[tuple[tuple[str, float], ...]] = set()
     for plan in plans:
         values = factor_values(plan.simspec)
-        rated = tuple(values.items())
-        if rated not in seen:
-            seen.add(rated)
+        situation = tuple(values.items())
+        # Replicates and agents share their factor values, so most situations were rated already.
+        if situation not in rated:
+            rated.add(situation)
             difficulty_of_values(decomposition, values)
 
 
-def _digest(text: str) -> str:
+def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class _Placer:
-    """Places each scene once, whichever agents fly it."""
+    """Places each scene once for all agents that fly it."""
 
     def __init__(self) -> None:
         self._scene: tuple[str, int] | None = None
         self._placed: SimSpec | None = None
 
     def write(self, plan: RealizationPlan, folder: CampaignFolder) -> str:
-        """Write the realized SimSpec (without places where there is no room) and return its SHA-256."""
+        """Write the realized SimSpec, without positions if there is no room, and return its SHA-256."""
         scene = (plan.design_point, plan.replicate)
+        # Plans of one scene follow each other, so the last placement is the only one worth keeping.
         if scene != self._scene:
             self._scene, self._placed = scene, _placed(plan.simspec)
         realized = self._placed.realized if self._placed else None
@@ -145,13 +150,13 @@ def _placed(simspec: SimSpec) -> SimSpec | None:
         return None
 
 
-def _restore(plan: RealizationPlan, folder: CampaignFolder, placer: _Placer, wanted: str) -> None:
-    """A SimSpec that was lost or damaged, made again from its seeds."""
-    if placer.write(plan, folder) != wanted:
+def _restore(plan: RealizationPlan, folder: CampaignFolder, placer: _Placer, expected_sha256: str) -> None:
+    """Write a SimSpec that was lost or damaged again, from its seeds."""
+    if placer.write(plan, folder) != expected_sha256:
         raise SetupError(
             Fault(
                 str(folder.simspec(plan.id)),
-                "is not what the journal knows, and cannot be made again as it was",
+                "differs from what the journal noted, and cannot be restored",
                 "name another folder",
             )
         )

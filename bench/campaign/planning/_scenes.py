@@ -1,4 +1,4 @@
-"""Scenes placed and written without being flown: each once, whichever agents it is for, by several processes where there are many."""
+"""Places scenes and writes their realized SimSpecs, without flying them. Many scenes are shared between processes."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ from pathlib import Path
 from bench.documents import dump_json
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 
-from ..storage._folder import CampaignFolder, write_whole
+from ..storage._files import write_whole
+from ..storage._folder import CampaignFolder
 
 FEW_SCENES = 200
-"""Scenes that are placed sooner than a second process has begun."""
+"""With fewer scenes one process is done before a second one has started."""
 
-_SHARES = 8
-"""Parts for each process, so that a slow one keeps nobody waiting for long."""
+_BATCHES_PER_PROCESS = 8
+"""More than one, so that the other processes do not wait for the slowest batch. Chosen, not measured."""
 
 Scene = Sequence[RealizationPlan]
 
 
 def write_scenes(plans: Sequence[RealizationPlan], folder: CampaignFolder, workers: int = 1) -> dict[str, str]:
-    """Write the realized SimSpec of every plan that has room, the same bytes for any number of workers.
+    """Write the realized SimSpec of every plan for which there is room: the same bytes for any number of workers.
 
-    Returns why the others have none, by their ids. Raises as `place`.
+    Returns the reasons of the plans that have no room, by id. Raises as `place` does.
     """
     scenes = [list(scene) for _, scene in groupby(plans, key=lambda plan: (plan.design_point, plan.replicate))]
     if workers == 1 or len(scenes) < FEW_SCENES:
         return _write(scenes, folder.path)
-    size = -(-len(scenes) // (workers * _SHARES))
-    parts = [scenes[start : start + size] for start in range(0, len(scenes), size)]
-    # Spawned, not forked: libraries that were imported here have threads of their own.
+    size = -(-len(scenes) // (workers * _BATCHES_PER_PROCESS))
+    batches = [scenes[start : start + size] for start in range(0, len(scenes), size)]
+    # Spawned, not forked: imported libraries run threads, whose locks a forked child would inherit held.
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         reasons: dict[str, str] = {}
-        for some in pool.map(_write, parts, [folder.path] * len(parts)):
-            reasons |= some
+        for batch_reasons in pool.map(_write, batches, [folder.path] * len(batches)):
+            reasons |= batch_reasons
         return reasons
 
 

@@ -1,4 +1,4 @@
-"""From results to what a person reads: score table, manifest, report."""
+"""From the results of a campaign to what a person reads: score table, manifest, report."""
 
 from __future__ import annotations
 
@@ -21,26 +21,19 @@ from decompositions import Decomposition
 
 from .._document import Campaign
 from .._versions import versions
-from ..early_stopping._decisions import Key, is_past, outcome_name
-from ..storage._folder import (
-    RECORDING,
-    RESULT,
-    CampaignFolder,
-    digest_of,
-    open_lock,
-    read_result,
-    write_manifest,
-    write_result,
-    write_whole,
-)
-from ..storage._journal import Entry, open_journal
-from ._measures import load_asked
-from ._rescore import changed_since, rescore
+from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
+from ..storage._files import digest_of, write_whole
+from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock
+from ..storage._journal import JournalEntry, open_journal
+from ..storage._manifest import write_manifest
+from ..storage._results import read_result, write_result
+from ._measures import load_measurable_decomposition
+from ._rescore import recording_faults, rescore
 
 
 @dataclass(frozen=True, slots=True)
-class Finished:
-    """What a finished campaign says: `summary` has the columns SUMMARY_COLUMNS of bench.scoring."""
+class FinishedCampaign:
+    """Scores of a campaign. `summary` has the columns SUMMARY_COLUMNS of bench.scoring."""
 
     summary: pl.DataFrame
     study: tuple[str, ...]
@@ -48,55 +41,59 @@ class Finished:
     report: Path
 
 
-def finish_campaign(path: Path, decomposition: str | None = None) -> Finished:
-    """Write scores.parquet, manifest.json and report.html over the results that lie in a campaign folder.
+def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
+    """Write scores.parquet, manifest.json and report.html from the results in a campaign folder.
 
-    May be called at any time; what has no result yet has no row. Raises SetupError when the folder is no campaign.
+    May be called at any time: a realization without a result has no row. Raises SetupError if the folder is not a campaign.
     """
-    folder, campaign, asked = read_campaign_folder(path, decomposition)
-    entries, stops = _noted(folder)
-    runs, outcomes = _scored_runs(folder, campaign, asked, entries, stops)
-    write_whole(folder.decomposition, dump_yaml(asked.document))
-    scores = score_table(asked, runs, campaign.study)
+    folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
+    entries, stops = _read_journal(folder)
+    runs, outcomes = _scored_runs(folder, campaign, decomposition, entries, stops)
+    write_whole(folder.decomposition, dump_yaml(decomposition.document))
+    scores = score_table(decomposition, runs, campaign.study)
     buffer = io.BytesIO()
     scores.write_parquet(buffer)
     write_whole(folder.scores, buffer.getvalue())
 
     def seal() -> None:
-        write_manifest(folder, campaign.name, asked.digest, outcomes, versions())
+        write_manifest(folder, campaign.name, decomposition.digest, outcomes, versions())
 
-    seal()  # the report shows the manifest ...
+    # Twice: the report shows the manifest, and the manifest holds the digest of the report, which the report leaves out.
+    seal()
     report = write_report(folder.path)
-    seal()  # ... and the manifest holds the report's digest, which the report leaves out
-    return Finished(summary_frame(scores, asked), studied_key_attributes(asked, campaign.study), outcomes, report)
+    seal()
+    return FinishedCampaign(
+        summary_frame(scores, decomposition), studied_key_attributes(decomposition, campaign.study), outcomes, report
+    )
 
 
-def rescore_campaign(path: Path, decomposition: str | None = None) -> Finished:
-    """Measure every recording of a campaign anew, write the results, and finish it as at its end.
+def rescore_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
+    """Measure every recording of a campaign again, write the results, and finish the campaign.
 
-    A run whose result.json is gone gets it back from its recording. Another decomposition replaces the campaign's own.
+    A run whose result.json is gone gets it back from its recording. `other_decomposition` replaces the campaign's.
     """
-    folder, _, asked = read_campaign_folder(path, decomposition)
+    folder, _, decomposition = read_campaign_folder(path, other_decomposition)
     with open_lock(path), open_journal(folder.journal) as journal:
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
         recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
         digests = journal.recordings()
-        faults = [fault for name, run in recorded.items() for fault in changed_since(run, digests.get(name))]
-        if faults:  # all of them, before any result is written
+        faults = [fault for name, run in recorded.items() for fault in recording_faults(run, digests.get(name))]
+        # Before any result is written: otherwise a fault would leave half of the campaign measured in the new way.
+        if faults:
             raise SetupError(faults)
         for name, run in recorded.items():
-            result = rescore(run, asked)
+            result = rescore(run, decomposition)
             digest = write_result(run, result)
             journal.forget(name)
             journal.finish(result, digest)
-    return finish_campaign(path, decomposition)
+    return finish_campaign(path, other_decomposition)
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignRuns:
-    """The runs of a campaign that have a result, as scoring takes them; recordings, and why each ended so, by realization.
+    """The runs of a campaign that have a result, as scoring takes them.
 
-    `fidelity` is the one at which they were flown.
+    `recordings` and `reasons` (why each session ended) are by realization. `fidelity` is the one of all runs.
     """
 
     decomposition: Decomposition
@@ -107,45 +104,47 @@ class CampaignRuns:
     fidelity: Literal["full", "overhead"] = "full"
 
 
-def read_runs(path: Path, decomposition: str | None = None) -> CampaignRuns:
-    """The runs that lie in a campaign folder; nothing is written.
+def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRuns:
+    """The runs in a campaign folder. Writes nothing.
 
-    With another decomposition than the campaign's own their recordings are measured anew. Raises SetupError when the
-    folder is no campaign, or a recording cannot be measured.
+    With `other_decomposition`, their recordings are measured again. Raises SetupError if the folder
+    is not a campaign, or a recording cannot be measured.
     """
-    folder, campaign, asked = read_campaign_folder(path, decomposition)
-    entries, stops = _noted(folder)
-    runs, _ = _scored_runs(folder, campaign, asked, entries, stops)
+    folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
+    entries, stops = _read_journal(folder)
+    runs, _ = _scored_runs(folder, campaign, decomposition, entries, stops)
     recordings = {run.realization: folder.run(run.realization) / RECORDING for run in runs}
     recordings = {name: recording for name, recording in recordings.items() if recording.is_file()}
-    if decomposition is not None:
+    if other_decomposition is not None:
         runs = [
-            replace(run, observations=rescore(folder.run(run.realization), asked).observations)
+            replace(run, observations=rescore(folder.run(run.realization), decomposition).observations)
             if run.realization in recordings
             else run
             for run in runs
         ]
     reasons = {entry.id: entry.reason for entry in entries}
-    return CampaignRuns(asked, studied_key_attributes(asked, campaign.study), tuple(runs), recordings, reasons, campaign.fidelity)
+    return CampaignRuns(
+        decomposition, studied_key_attributes(decomposition, campaign.study), tuple(runs), recordings, reasons, campaign.fidelity
+    )
 
 
-def read_campaign_folder(path: Path, decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:
-    """The parts of a campaign folder that say what was asked."""
+def read_campaign_folder(path: Path, other_decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:
+    """Paths, campaign and decomposition of a campaign folder. `other_decomposition` replaces the campaign's."""
     if not is_campaign(path):
-        raise SetupError(Fault(str(path), "is not a campaign's folder", "name one that `rebar run` wrote"))
+        raise SetupError(Fault(str(path), "is not the folder of a campaign", "name a folder that `rebar run` wrote"))
     folder = CampaignFolder(path)
     campaign = load_document(folder.campaign, Campaign)
-    own = folder.decomposition if folder.decomposition.is_file() else campaign.decomposition
-    return folder, campaign, load_asked(decomposition or own)
+    default = folder.decomposition if folder.decomposition.is_file() else campaign.decomposition
+    return folder, campaign, load_measurable_decomposition(other_decomposition or default)
 
 
 def is_campaign(path: Path) -> bool:
-    """Whether a folder is a campaign's."""
+    """Whether a folder is the folder of a campaign."""
     return (path / "campaign.yaml").is_file() and (path / "journal.sqlite").is_file()
 
 
-def _noted(folder: CampaignFolder) -> tuple[list[Entry], dict[Key, int]]:
-    """What the journal says of realizations, and where design points were settled."""
+def _read_journal(folder: CampaignFolder) -> tuple[list[JournalEntry], dict[PointKey, int]]:
+    """The realizations in the journal, and the replicates at which design points stopped early."""
     with open_journal(folder.journal) as journal:
         return journal.entries(), journal.stops()
 
@@ -154,17 +153,17 @@ def _scored_runs(
     folder: CampaignFolder,
     campaign: Campaign,
     decomposition: Decomposition,
-    entries: list[Entry],
-    stops: Mapping[Key, int],
+    entries: list[JournalEntry],
+    stops: Mapping[PointKey, int],
 ) -> tuple[list[ScoredRun], dict[str, int]]:
-    """The runs that count, and how all realizations ended: nothing behind a stop counts, flown or not."""
+    """The runs that count, and the number of realizations by outcome. No run after a stop counts, flown or not."""
     runs = []
     outcomes: Counter[str] = Counter()
     rated: dict[tuple[str, int], Difficulty] = {}
     for entry in entries:
         result = _result(folder, entry)
         outcomes[outcome_name(entry, result.outcome, stops) if result else "not finished"] += 1
-        if result is not None and result.outcome is not Outcome.SETTLED and not is_past(entry, stops):
+        if result is not None and result.outcome is not Outcome.SETTLED and not is_after_stop(entry, stops):
             scene = (entry.design_point, entry.replicate)
             if scene not in rated:
                 rated[scene] = difficulty_of(decomposition, load_document(folder.simspec(entry.id), SimSpec))
@@ -172,8 +171,8 @@ def _scored_runs(
     return runs, dict(outcomes)
 
 
-def _result(folder: CampaignFolder, entry: Entry) -> SessionResult | None:
-    """The result as the journal noted it; one that somebody changed since is none."""
+def _result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult | None:
+    """The result that the journal noted. None if the file was changed since."""
     run = folder.run(entry.id)
     result = read_result(run, entry.id)
     if result is not None and entry.result_sha256 is not None and digest_of(run / RESULT) != entry.result_sha256:
@@ -181,7 +180,7 @@ def _result(folder: CampaignFolder, entry: Entry) -> SessionResult | None:
     return result
 
 
-def _scored_run(entry: Entry, result: SessionResult, difficulty: Difficulty, until_settled: bool) -> ScoredRun:
+def _scored_run(entry: JournalEntry, result: SessionResult, difficulty: Difficulty, until_settled: bool) -> ScoredRun:
     return ScoredRun(
         realization=entry.id,
         design_point=entry.design_point,

@@ -1,4 +1,4 @@
-"""Measures by name, as a decomposition names them."""
+"""Measures, found by the names that a decomposition gives them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from decompositions import Decomposition, DecompositionVocabulary, load_decompos
 
 
 def check_options(measure: str, options: Mapping[str, Option]) -> None:
-    """Make sure, before anything flies, that a measure exists and takes these options.
+    """Check, before anything is flown, that a measure exists and takes these options.
 
-    Raises SetupError when there is no such measure and ValueError, naming measure, option and what is known, when an
+    Raises SetupError if there is no such measure. Raises ValueError, with the measure, the option and the known ones, if an
     option is unknown, missing or of the wrong kind. The options of a measure that does not implement `ChecksOptions`
     are checked when the measure is called.
     """
@@ -22,19 +22,19 @@ def check_options(measure: str, options: Mapping[str, Option]) -> None:
         plugin.check_options(options)
 
 
-def measure_all(asked: Mapping[str, MeasureRequest], tape: Tape, simspec: SimSpec) -> tuple[Observation, ...]:
-    """One observation for each observable, in the order asked. Raises as `check_options` does."""
+def measure_all(requests: Mapping[str, MeasureRequest], tape: Tape, simspec: SimSpec) -> tuple[Observation, ...]:
+    """One observation for each observable, in the order of `requests`. Raises as `check_options` does."""
     observations = []
-    for observable, (name, options) in asked.items():
+    for observable, (name, options) in requests.items():
         measure: Measure = load_plugin("rebar.measures", name)
         observations.append(measure(observable, tape, simspec, options))
     return tuple(observations)
 
 
-def load_asked(name_or_path: str | Path) -> Decomposition:
-    """A decomposition that can be measured here: factors, units, measures and options are checked as the document is.
+def load_measurable_decomposition(name_or_path: str | Path) -> Decomposition:
+    """A decomposition whose key factors, units, measures and options are all known here.
 
-    Raises SetupError with every fault at once.
+    Raises SetupError with every fault of the document.
     """
     return load_decomposition(
         name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options)
@@ -42,5 +42,5 @@ def load_asked(name_or_path: str | Path) -> Decomposition:
 
 
 def measures_of(decomposition: Decomposition) -> dict[str, MeasureRequest]:
-    """Measure and options of every distinct observable, by its id."""
+    """Measure and options of every observable, by its id."""
     return {observable.id: (observable.measure, observable.options) for observable in decomposition.observables.values()}

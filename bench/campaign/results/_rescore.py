@@ -1,4 +1,4 @@
-"""Scoring a recording again: what a session's result says of observables must follow from its recording alone."""
+"""Measures a recording again. The observations of a result follow from its recording alone."""
 
 from __future__ import annotations
 
@@ -10,58 +10,64 @@ from bench.errors import Fault, SetupError
 from bench.recording import read_simspec, read_tape
 from decompositions import Decomposition
 
-from ..storage._folder import RECORDING, RESULT, digest_of
+from ..storage._files import digest_of
+from ..storage._folder import RECORDING, RESULT
 from ._measures import measure_all, measures_of
 
-CUT_OFF = "the recording ends without an end: its session was cut off"
+CUT_OFF = "the recording has no end event: its session was cut off"
 
 
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
-    """The result of the run in `folder`, its observations measured anew from `recording.mcap`.
+    """The result of the run in `folder`, with its observations measured again from `recording.mcap`.
 
-    How the session ended is taken from `result.json` where that is left, and from the recording otherwise. Raises SetupError
-    when the folder holds no recording that can be read, or one that is not the one that its result speaks of.
+    The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises SetupError if the
+    folder has no readable recording, or one that differs from the recording of its result.
     """
     recording = folder / RECORDING
     if not recording.is_file():
         raise SetupError(Fault(str(folder), f"there is no {RECORDING} here", "name the folder of a run or of a campaign"))
-    faults = changed_since(folder)
+    faults = recording_faults(folder)
     if faults:
         raise SetupError(faults)
     tape = read_tape(recording)
-    kept = folder / RESULT
-    result = load_document(kept, SessionResult) if kept.is_file() else _from_recording(folder.name, tape)
+    file = folder / RESULT
+    result = load_document(file, SessionResult) if file.is_file() else _from_recording(folder.name, tape)
     observations = measure_all(measures_of(decomposition), tape, read_simspec(recording)) if result.outcome.counts else ()
     return result.model_copy(update={"observations": observations, "recording_sha256": digest_of(recording)})
 
 
-def changed_since(folder: Path, noted: str | None = None) -> list[Fault]:
-    """Whether the recording is another than the one that `result.json` beside it was made of: cut off, edited, exchanged.
+def recording_faults(folder: Path, journal_sha256: str | None = None) -> list[Fault]:
+    """A fault if the recording is not the one that `result.json` was made from: cut off, edited or exchanged.
 
-    `noted` is the digest that a campaign's journal has of it, which tells when `result.json` is gone or changed as well.
+    `journal_sha256` is its digest in the campaign's journal, which also works when `result.json` is gone or changed.
     """
-    kept = folder / RESULT
-    if noted is not None and digest_of(folder / RECORDING) != noted:
-        remedy = "put the recording back, or let `rebar run` fly it again"
-        return [Fault(str(folder / RECORDING), "has changed since its session: the journal knows other bytes", remedy)]
-    if not kept.is_file():
+    file = folder / RESULT
+    if journal_sha256 is not None and digest_of(folder / RECORDING) != journal_sha256:
+        remedy = "restore the recording, or rerun it with `rebar run`"
+        return [
+            Fault(
+                str(folder / RECORDING), "has changed since its session: its digest differs from the one in the journal", remedy
+            )
+        ]
+    if not file.is_file():
         return []
-    stated = load_document(kept, SessionResult).recording_sha256
-    if stated is None or digest_of(folder / RECORDING) == stated:
+    result_sha256 = load_document(file, SessionResult).recording_sha256
+    if result_sha256 is None or digest_of(folder / RECORDING) == result_sha256:
         return []
     return [
         Fault(
             str(folder / RECORDING),
-            f"has changed since its session: {RESULT} speaks of other bytes",
-            f"put the recording back, or remove {RESULT} to score what is there",
+            f"has changed since its session: its digest differs from the one in {RESULT}",
+            f"restore the recording, or delete {RESULT} to score the recording as it is",
         )
     ]
 
 
 def _from_recording(realization: str, tape: Tape) -> SessionResult:
-    """What the recording itself says of the session's end; a recording without one was cut off, which is the bench's fault."""
+    """A result with the outcome that the recording itself holds."""
     ended = [event for event in tape.events if event.value.name == "ended"]
     if not ended:
+        # Every session records its end, whatever the agent does, so without one the bench was killed.
         return SessionResult(realization=realization, outcome=Outcome.WORKER_LOST, reason=CUT_OFF, simulated_s=tape.end_s)
     return SessionResult(
         realization=realization,

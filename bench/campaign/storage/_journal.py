@@ -1,8 +1,14 @@
-"""The journal: what has become of every realization, in SQLite, so that a kill at any moment leaves it true.
+"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any moment.
 
-Tables: `realizations` (one row each: ids, levels, digests, state, outcome), `attempts` (one row for each time one was begun),
-`recordings` (digest of each result's recording), `stops` (the last replicate that counts, where a design point was settled),
-`facts` (what the folder was made for). States: planned, running, done.
+Tables:
+
+    realizations  one row for each realization: ids, levels, digests, state, outcome
+    attempts      one row for each time that a realization was started
+    recordings    digest of the recording behind each result
+    stops         last replicate that counts, for each design point and agent that stopped early
+    facts         what the folder was made for, by name
+
+A realization is planned, running or done.
 """
 
 from __future__ import annotations
@@ -38,18 +44,20 @@ CREATE TABLE IF NOT EXISTS stops (
     design_point TEXT NOT NULL, agent TEXT NOT NULL, replicate INTEGER NOT NULL,
     PRIMARY KEY (design_point, agent)) WITHOUT ROWID;
 """
+
 INTERRUPTED = "interrupted"
+"""What the journal notes as the outcome of an attempt whose runner ended first. No session ends with it."""
 
 
-class State(StrEnum):
+class RealizationState(StrEnum):
     PLANNED = "planned"
     RUNNING = "running"
     DONE = "done"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """What the journal says of one realization."""
+class JournalEntry:
+    """One realization in the journal. `outcome`, `wall_s` and `result_sha256` are None until it is done."""
 
     id: str
     design_point: str
@@ -58,7 +66,7 @@ class Entry:
     levels: Mapping[str, bool | int | float | str]
     intent_sha256: str
     simspec_sha256: str
-    state: State
+    state: RealizationState
     attempts: int
     outcome: Outcome | None
     reason: str
@@ -67,8 +75,8 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
-    """A realization to be entered: its plan, and digests of its intent (nothing placed) and of its file in simspecs/."""
+class PlannedRealization:
+    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in simspecs/."""
 
     plan: RealizationPlan
     intent_sha256: str
@@ -81,8 +89,8 @@ class Journal:
     def __init__(self, database: sqlite3.Connection) -> None:
         self._database = database
 
-    def entries(self) -> list[Entry]:
-        """All realizations in the order in which they were entered."""
+    def entries(self) -> list[JournalEntry]:
+        """All realizations in the order in which they were added."""
         rows = self._database.execute(
             "SELECT r.id, design_point, replicate, agent, levels, intent_sha256, simspec_sha256, state, "
             "(SELECT count(*) FROM attempts a WHERE a.realization = r.id), outcome, reason, wall_s, result_sha256 "
@@ -91,27 +99,27 @@ class Journal:
         return [_entry(row) for row in rows]
 
     def fact(self, name: str) -> str | None:
-        """A fact of the folder, None when it was never noted."""
+        """A fact about the folder, None if it was never noted."""
         row = self._database.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return None if row is None else str(row[0])
 
     def note(self, name: str, value: str) -> None:
-        """Note a fact of the folder."""
+        """Note a fact about the folder, in place of an earlier value."""
         with self._change():
             self._database.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
 
-    def enter(self, planned: Iterable[Planned]) -> None:
-        """Enter realizations behind those that are there."""
+    def add(self, realizations: Iterable[PlannedRealization]) -> None:
+        """Add realizations after those that are there, as planned."""
         with self._change():
             (last,) = self._database.execute("SELECT coalesce(max(number), 0) FROM realizations").fetchone()
             self._database.executemany(
                 "INSERT INTO realizations (id, number, design_point, replicate, agent, levels, intent_sha256, simspec_sha256) "
                 "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                [_row(number, one) for number, one in enumerate(planned, start=last + 1)],
+                [_row(number, realization) for number, realization in enumerate(realizations, start=last + 1)],
             )
 
     def start(self, realization: str, worker: str) -> int:
-        """A worker begins; the number of this attempt, from 1."""
+        """Note that a worker starts a realization, and return the number of this attempt, from 1."""
         with self._change():
             (number,) = self._database.execute(
                 "SELECT count(*) + 1 FROM attempts WHERE realization = ?", (realization,)
@@ -121,30 +129,32 @@ class Journal:
                 "INSERT INTO attempts (realization, number, worker, started_utc) VALUES (?, ?, ?, ?)",
                 (realization, number, worker, _now()),
             )
+            # The attempt overwrites the recording, so the digest of the earlier one would only accuse the new one.
             self._database.execute("DELETE FROM recordings WHERE realization = ?", (realization,))
         return int(number)
 
-    def again(self, realization: str, outcome: str, reason: str) -> None:
-        """The attempt came to nothing that stays; the realization is planned once more."""
+    def retry(self, realization: str, outcome: str, reason: str) -> None:
+        """Note that the running attempt gave no lasting result; the realization is planned again."""
         with self._change():
             self._end_attempt(realization, outcome, reason)
             self._database.execute("UPDATE realizations SET state = 'planned' WHERE id = ? AND state = 'running'", (realization,))
 
     def finish(self, result: SessionResult, result_sha256: str) -> None:
-        """The result that stays; noted once, whatever is said later."""
+        """Note the lasting result of a realization. A second result for the same realization changes nothing."""
         with self._change():
             self._end_attempt(result.realization, result.outcome, result.reason)
-            noted = self._database.execute(
+            updated = self._database.execute(
                 "UPDATE realizations SET state = 'done', outcome = ?, reason = ?, wall_s = ?, result_sha256 = ? "
                 "WHERE id = ? AND state != 'done'",
                 (result.outcome, result.reason, result.wall_s, result_sha256, result.realization),
             )
-            if noted.rowcount and result.recording_sha256 is not None:
+            if updated.rowcount and result.recording_sha256 is not None:
                 row = (result.realization, result.recording_sha256)
                 self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
 
     def forget(self, realization: str) -> None:
-        """The result is gone or damaged: plan the realization again."""
+        """Plan a realization again because its result is lost, damaged or no longer wanted."""
+        # Its recording's digest stays: a recording that was edited meanwhile must not become a result.
         with self._change():
             self._database.execute(
                 "UPDATE realizations SET state = 'planned', outcome = NULL, reason = '', wall_s = NULL, result_sha256 = NULL "
@@ -153,30 +163,30 @@ class Journal:
             )
 
     def recordings(self) -> dict[str, str]:
-        """SHA-256 of the recording that each result was made of, by realization; kept when the result is lost."""
+        """SHA-256 of the recording behind each result, by realization. Kept when the result is lost."""
         return dict(self._database.execute("SELECT realization, sha256 FROM recordings").fetchall())
 
-    def stop(self, stops: Mapping[tuple[str, str], int]) -> None:
-        """Note for design points and agents the last replicate that counts, in place of all that was noted before."""
+    def set_stops(self, stops: Mapping[tuple[str, str], int]) -> None:
+        """Note the last replicate that counts, by design point and agent, in place of all that was noted before."""
         with self._change():
             self._database.execute("DELETE FROM stops")
             rows = [(*key, replicate) for key, replicate in sorted(stops.items())]
             self._database.executemany("INSERT INTO stops VALUES (?, ?, ?)", rows)
 
     def stops(self) -> dict[tuple[str, str], int]:
-        """The last replicate that counts, by design point and agent, where one was settled."""
+        """The last replicate that counts, by design point and agent, for those that stopped early."""
         rows = self._database.execute("SELECT design_point, agent, replicate FROM stops").fetchall()
         return {(point, agent): replicate for point, agent, replicate in rows}
 
     def release(self) -> list[str]:
-        """Put back whatever a runner that is gone had begun; the ids."""
-        running = [entry.id for entry in self.entries() if entry.state is State.RUNNING]
+        """Plan again whatever an earlier runner left running, and return the ids."""
+        running = [entry.id for entry in self.entries() if entry.state is RealizationState.RUNNING]
         for realization in running:
-            self.again(realization, INTERRUPTED, "the runner ended before the session did")
+            self.retry(realization, INTERRUPTED, "the runner ended before the session did")
         return running
 
-    def faults(self, realization: str) -> int:
-        """How often an attempt ended by a fault of the bench's own."""
+    def bench_faults(self, realization: str) -> int:
+        """Number of attempts that ended with a bench error or a lost worker."""
         (count,) = self._database.execute(
             "SELECT count(*) FROM attempts WHERE realization = ? AND outcome IN (?, ?)",
             (realization, Outcome.WORKER_LOST, Outcome.BENCH_ERROR),
@@ -191,6 +201,7 @@ class Journal:
 
     @contextmanager
     def _change(self) -> Iterator[None]:
+        # IMMEDIATE takes the write lock at once: a reader that turned writer could fail in the middle of a change.
         self._database.execute("BEGIN IMMEDIATE")
         try:
             yield
@@ -202,18 +213,18 @@ class Journal:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[Journal]:
-    """Yield the journal, made if need be. Raises SetupError when the file is no journal."""
+    """Yield the journal, created if it does not exist. Raises SetupError if the file is not a campaign journal."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(path, isolation_level=None, timeout=30.0)) as database:
         try:
             database.execute("PRAGMA journal_mode = WAL")
-            # A power cut may lose the last transactions, never the file's sense; result.json brings them back.
+            # A power cut may lose the last transactions but never damages the file; `result.json` brings them back.
             database.execute("PRAGMA synchronous = NORMAL")
             database.execute("PRAGMA foreign_keys = ON")
             database.executescript(_TABLES)
         except sqlite3.DatabaseError as error:
-            remedy = "move it away: results that lie in runs/ are taken up again"
-            raise SetupError(Fault(str(path), f"is no journal of a campaign: {error}", remedy)) from error
+            remedy = "move it away and run again: the results in runs/ are kept"
+            raise SetupError(Fault(str(path), f"is not a campaign journal: {error}", remedy)) from error
         yield Journal(database)
 
 
@@ -221,16 +232,16 @@ def _now() -> str:
     return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
 
 
-def _row(number: int, planned: Planned) -> tuple[str | int, ...]:
-    plan = planned.plan
+def _row(number: int, realization: PlannedRealization) -> tuple[str | int, ...]:
+    plan = realization.plan
     levels = json.dumps(dict(plan.levels))
     ids = (plan.id, number, plan.design_point, plan.replicate, plan.agent)
-    return (*ids, levels, planned.intent_sha256, planned.simspec_sha256)
+    return (*ids, levels, realization.intent_sha256, realization.simspec_sha256)
 
 
-def _entry(row: tuple[object, ...]) -> Entry:
+def _entry(row: tuple[object, ...]) -> JournalEntry:
     realization, point, replicate, agent, levels, intent, simspec, state, attempts, outcome, reason, wall, result = row
-    return Entry(
+    return JournalEntry(
         id=str(realization),
         design_point=str(point),
         replicate=int(str(replicate)),
@@ -238,7 +249,7 @@ def _entry(row: tuple[object, ...]) -> Entry:
         levels=json.loads(str(levels)),
         intent_sha256=str(intent),
         simspec_sha256=str(simspec),
-        state=State(str(state)),
+        state=RealizationState(str(state)),
         attempts=int(str(attempts)),
         outcome=None if outcome is None else Outcome(str(outcome)),
         reason=str(reason),

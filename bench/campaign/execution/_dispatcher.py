@@ -1,0 +1,145 @@
+"""Hands the realizations that wait to an executor, and takes in their results."""
+
+from __future__ import annotations
+
+import shutil
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bench.contracts import Outcome, SessionResult
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+from .._events import CampaignStopping, Observers, RealizationFinished, RealizationRetried, RealizationStarted
+from ..early_stopping._decisions import PointKey
+from ..early_stopping._early_stopping import EarlyStopping
+from ..storage._folder import CampaignFolder
+from ..storage._journal import Journal, RealizationState
+from ..storage._results import write_result
+from ._bench_faults import MAX_ATTEMPTS, RETRIED_OUTCOMES, BenchFaultWatch
+from ._pool import Executor
+from ._stop_request import StopRequest
+from ._task import Task, TaskEnded
+
+MIN_FREE_BYTES = 1024 * 1024
+"""With less free space on the disk a bench error is taken for a full disk, and not kept as a result."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deadline:
+    """A reading of `clock`, in host seconds, after which no further session is started."""
+
+    clock: Callable[[], float]
+    at: float
+
+    @property
+    def left_s(self) -> float:
+        """Host seconds until the deadline; zero or less once it has passed."""
+        return self.at - self.clock()
+
+
+class Dispatcher:
+    """One run over the realizations of a campaign that have no result yet."""
+
+    def __init__(
+        self, folder: CampaignFolder, journal: Journal, observers: Observers, early_stopping: EarlyStopping, total: int
+    ) -> None:
+        self._folder, self._journal, self._observers, self._early_stopping = folder, journal, observers, early_stopping
+        self._bench_faults = BenchFaultWatch()
+        self._running: dict[str, PointKey | None] = {}
+        self.total = total
+        self.flown = 0
+        self.stopped: str | None = None
+        entries = journal.entries()
+        self.done = sum(entry.state is RealizationState.DONE for entry in entries)
+        self._waiting = deque(entry.id for entry in entries if entry.state is not RealizationState.DONE)
+
+    @property
+    def waiting(self) -> deque[str]:
+        """Realizations to start, in the order of the plan."""
+        return self._waiting
+
+    def fly(self, executor: Executor, stop: StopRequest, deadline: Deadline | None) -> None:
+        """Fly realizations until all are done, a stop is requested, or the total budget is spent."""
+        while stop.reason is None:
+            left_s = None if deadline is None else deadline.left_s
+            is_over = left_s is not None and left_s <= 0.0
+            while executor.free and not is_over and (realization := self._next_realization()) is not None:
+                self._start(executor, realization)
+            if not executor.busy:
+                break
+            # After the deadline the running sessions may still end by their own budgets.
+            for ended in executor.wait(None if is_over else left_s, stop.wake_fd):
+                self._take_in(ended)
+        self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
+        if self.stopped is not None:
+            self._observers.notify(CampaignStopping(self.stopped))
+
+    def finish(self, result: SessionResult) -> None:
+        """Count a result that was written and noted, and notify the observers."""
+        self._early_stopping.record(result)
+        self.done += 1
+        self.flown += result.outcome is not Outcome.SETTLED
+        if result.realization in self._waiting:
+            self._waiting.remove(result.realization)
+        self._observers.notify(
+            RealizationFinished(
+                result.realization, result.outcome, result.reason, result.wall_s, done=self.done, total=self.total
+            )
+        )
+
+    def stop_decided_points(self) -> None:
+        """Stop every design point that the results so far decide, and reopen those that they do not."""
+        for key in self._early_stopping.keys:
+            self._decide(key)
+
+    def _decide(self, key: PointKey) -> None:
+        reopened = self._early_stopping.reopen(key)
+        self._waiting.extend(reopened)
+        self.done -= len(reopened)
+        for result in self._early_stopping.stop(key, self._waiting):
+            self.finish(result)
+
+    def _next_realization(self) -> str | None:
+        """Take the next realization out of `waiting`. None if none can be started before a running one ends.
+
+        With early stopping a design point of which nothing is running comes first: its next replicate is the one that is
+        most surely needed.
+        """
+        running = {key for key in self._running.values() if key is not None}
+        startable = (name for name in self._waiting if self._early_stopping.may_start(name))
+        idle = (name for name in self._waiting if self._early_stopping.key(name) not in running)
+        realization = next(filter(self._early_stopping.may_start, idle), None) or next(startable, None)
+        if realization is not None:
+            self._waiting.remove(realization)
+        return realization
+
+    def _start(self, executor: Executor, realization: str) -> None:
+        self._running[realization] = self._early_stopping.key(realization)
+        simspec = self._folder.simspec(realization)
+        wall_s = SimSpec.model_validate_json(simspec.read_bytes()).budgets.wall_s
+        worker = executor.submit(Task(realization, simspec, self._folder.fresh_run(realization), wall_s))
+        attempt = self._journal.start(realization, worker)
+        self._observers.notify(RealizationStarted(realization, worker, attempt))
+
+    def _take_in(self, ended: TaskEnded) -> None:
+        result = ended.result
+        # A second result for a realization would replace the first, which may be in scores already.
+        if result.realization not in self._running:
+            return
+        key = self._running.pop(result.realization)
+        if result.outcome is Outcome.BENCH_ERROR and shutil.disk_usage(self._folder.path).free < MIN_FREE_BYTES:
+            raise SetupError(
+                Fault(str(self._folder.path), "the disk is full", "free some space and run again; no result is lost")
+            )
+        if result.outcome in RETRIED_OUTCOMES and self._journal.bench_faults(result.realization) + 1 < MAX_ATTEMPTS:
+            self._journal.retry(result.realization, result.outcome, result.reason)
+            self._waiting.append(result.realization)
+            self._observers.notify(RealizationRetried(result.realization, result.outcome, result.reason))
+        else:
+            self._journal.finish(result, write_result(self._folder.run(result.realization), result))
+            self.finish(result)
+        if key is not None:
+            self._decide(key)
+        self._bench_faults.record(result)

@@ -1,0 +1,72 @@
+"""`manifest.json`: digests of everything that a campaign left, and the check against them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bench.documents import Document, dump_json
+from bench.errors import Fault, SetupError
+
+from ._files import digest_of, write_whole
+from ._folder import CampaignFolder
+
+# The journal and the lock change while nothing of the results does, and a manifest cannot hold its own digest.
+_UNLISTED_FILES = frozenset({"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", ".lock", "manifest.json"})
+# Logs hold process ids and times, so they differ between two runs with the same results.
+_UNLISTED_FOLDER = "logs"
+
+
+class Manifest(Document):
+    """Digests of everything that a campaign left, and what made it."""
+
+    format: Literal["rebar.manifest/1"] = "rebar.manifest/1"
+    campaign: str
+    decomposition_sha256: str
+    outcomes: Annotated[dict[str, int], Field(description="Number of realizations by outcome.")]
+    versions: dict[str, str]
+    files: Annotated[dict[str, str], Field(description="SHA-256 of every file, by its path in the folder.")]
+
+
+def write_manifest(
+    folder: CampaignFolder, campaign: str, decomposition_sha256: str, outcomes: Mapping[str, int], versions: Mapping[str, str]
+) -> None:
+    """Write `manifest.json` over everything that is in the folder now."""
+    manifest = Manifest(
+        campaign=campaign,
+        decomposition_sha256=decomposition_sha256,
+        outcomes=dict(sorted(outcomes.items())),
+        versions=dict(versions),
+        files={name: digest_of(folder.path / name) for name in _listed_files(folder.path)},
+    )
+    write_whole(folder.manifest, dump_json(manifest))
+
+
+def verify_folder(path: Path) -> list[Fault]:
+    """Every file of a campaign folder that differs from its manifest. Raises SetupError without a readable manifest."""
+    try:
+        manifest = Manifest.model_validate(json.loads((path / "manifest.json").read_text()))
+    except (FileNotFoundError, ValueError) as error:
+        raise SetupError(
+            Fault(
+                str(path / "manifest.json"),
+                f"cannot be read: {error}",
+                "only a complete campaign has a manifest: run the campaign to its end",
+            )
+        ) from None
+    present = set(_listed_files(path))
+    changed = [name for name, digest in manifest.files.items() if name in present and digest_of(path / name) != digest]
+    return [
+        *(Fault(name, "is missing") for name in sorted(manifest.files.keys() - present)),
+        *(Fault(name, "has changed since the manifest was written") for name in changed),
+        *(Fault(name, "is not in the manifest") for name in sorted(present - manifest.files.keys())),
+    ]
+
+
+def _listed_files(path: Path) -> list[str]:
+    files = (file.relative_to(path) for file in path.rglob("*") if file.is_file())
+    return sorted(str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and file.name not in _UNLISTED_FILES)

@@ -1,0 +1,49 @@
+"""Journal and run folders brought back in agreement, after a kill or when results are to be rerun."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from bench.contracts import Outcome
+from bench.errors import Fault, SetupError
+
+from ._files import digest_of
+from ._folder import RESULT, CampaignFolder
+from ._journal import Journal, RealizationState
+from ._results import read_result
+
+RERUNNABLE_OUTCOMES = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET, Outcome.SETUP_INVALID})
+"""Outcomes that a user may ask to rerun: the agent did not cause them, and another attempt may end differently."""
+
+
+def parse_rerun_outcomes(names: Collection[str]) -> frozenset[Outcome]:
+    """The outcomes with these names. Raises SetupError for each that does not exist or cannot be rerun."""
+    wrong = sorted(set(names) - RERUNNABLE_OUTCOMES)
+    if wrong:
+        remedy = f"give {', '.join(sorted(RERUNNABLE_OUTCOMES))}"
+        raise SetupError([Fault("--again", f"results with the outcome {name!s} cannot be rerun", remedy) for name in wrong])
+    return frozenset(map(Outcome, names))
+
+
+def reset_for_rerun(folder: CampaignFolder, journal: Journal, outcomes: Collection[Outcome]) -> None:
+    """Plan every realization with one of these outcomes again; its result is kept in aside/."""
+    for entry in journal.entries():
+        if entry.outcome in outcomes:
+            # The file first: after a crash in between, `reconcile` sees that the result is gone and plans it again.
+            folder.set_aside(entry.id, entry.attempts)
+            journal.forget(entry.id)
+
+
+def reconcile(folder: CampaignFolder, journal: Journal) -> None:
+    """Make the journal agree with the run folders.
+
+    A complete result counts even if the runner was killed before it could note it. A result that is gone, or is not the
+    one that was noted, is planned again.
+    """
+    for entry in journal.entries():
+        run = folder.run(entry.id)
+        result = read_result(run, entry.id)
+        if entry.state is RealizationState.DONE and (result is None or digest_of(run / RESULT) != entry.result_sha256):
+            journal.forget(entry.id)
+        elif result is not None and entry.state is not RealizationState.DONE:
+            journal.finish(result, digest_of(run / RESULT))
