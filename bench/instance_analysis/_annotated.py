@@ -1,4 +1,4 @@
-"""A base SimSpec as a file that people read and edit: what was said, with the words that said it, and no more."""
+"""A base SimSpec as a YAML file to read and edit: the stated fields, each with the words that state it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _UNCOMMENTED = ("format", "name", "description")
 
 
 def stated_values(result: BaseSimSpec) -> dict[str, Any]:
-    """Plain values of the SimSpec: what the prose speaks of, and what differs from a SimSpec's defaults.
+    """Plain values of the SimSpec: the fields that the prose mentions and those that differ from the defaults.
 
-    They make the same SimSpec. Raises ValueError while questions are open.
+    Validating them gives the same SimSpec. Raises ValueError while questions are open.
     """
     if result.simspec is None:
         raise ValueError("there is no SimSpec while questions are open")
@@ -45,7 +45,7 @@ def annotated_yaml(result: BaseSimSpec) -> str:
 
 
 def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
-    """Of a document the fields that differ from the defaults (`differing`) or were spoken of."""
+    """The fields of a document that differ from the defaults (`differing`) or are mentioned."""
     if isinstance(value, Mapping):
         inner = {name: f"{path}.{name}" if path else name for name in value}
         present = differing if isinstance(differing, Mapping) else {}
@@ -62,7 +62,7 @@ def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
 
 
 def _leaves(value: Any, at: tuple[str | int, ...], path: str) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Every plain value: where it stands, and its path as receipts name it."""
+    """Every plain value with its position and its path as receipts name it."""
     if isinstance(value, Mapping):
         for name, member in value.items():
             yield from _leaves(member, (*at, name), f"{path}.{name}" if path else name)

@@ -1,4 +1,4 @@
-"""A base SimSpec in the making: fields with the words that they come from, ranges, questions, and what cannot be said."""
+"""A base SimSpec under construction: fields with their source words, ranges, open questions, and text that does not fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FieldPath = tuple[str | int, ...]
 
 
 class VariedField(Document):
-    """A field that the prose gives a range (`low`, `high`) or several values (`levels`), or fields that change together (`choices`)."""
+    """A field with a range (`low`, `high`) or several values (`levels`), or fields that change together (`choices`)."""
 
     name: str
     paths: tuple[str, ...] = ()
@@ -43,7 +43,7 @@ class Receipt(Document):
 
 
 class Question(Document):
-    """Something that the prose says in more than one way; `--accept K` takes the K-th reading, from 1."""
+    """A passage with several readings; `--accept K` takes the K-th reading, counted from 1."""
 
     quote: str
     start: int
@@ -53,7 +53,7 @@ class Question(Document):
 
 
 class UnreadText(Document):
-    """A stretch of the prose that is not in the SimSpec, and why."""
+    """A passage of the prose that is not in the SimSpec, and the reason."""
 
     quote: str
     start: int
@@ -62,7 +62,7 @@ class UnreadText(Document):
 
 
 class BaseSimSpec(Document):
-    """What prose came to: a base SimSpec, what varies in it, where every field comes from, and what is left."""
+    """The result for a text: a base SimSpec, its ranges, the source of every field, and the passages that were not used."""
 
     format: Literal["rebar.prose/1"] = "rebar.prose/1"
     prose: str
@@ -78,7 +78,7 @@ class BaseSimSpec(Document):
 
 @dataclass(frozen=True, slots=True)
 class DraftField:
-    """The value of a field and its origin; no span means a default of the vocabulary."""
+    """The value of a field and its origin. No span: a default of the vocabulary."""
 
     value: Any
     span: Span | None
@@ -88,7 +88,7 @@ class DraftField:
 
 
 class Draft:
-    """Fields, ranges and questions as they are gathered. `answers` are the readings chosen beforehand, in order, from 1."""
+    """Collects fields, ranges and questions. `answers` holds the readings chosen in advance, in order, counted from 1."""
 
     def __init__(self, text: str, answers: Sequence[int]) -> None:
         self.text = text
@@ -114,13 +114,13 @@ class Draft:
         )
 
     def remark(self, span: Span, why: str) -> None:
-        """Say that a stretch is read otherwise than it is written."""
+        """Record that a passage is read differently from how it is written."""
         remark = UnreadText(quote=self.quote(span), start=span.start, end=span.end, why=why)
         if remark not in self.remarks:
             self.remarks.append(remark)
 
     def ask(self, span: Span, question: str, readings: Sequence[str]) -> int:
-        """Index of the reading that was chosen beforehand; otherwise the question stays open, and the first goes on."""
+        """Index of the reading chosen in advance. Without an answer the question stays open and the first reading is used."""
         self._question_count += 1
         if self._question_count <= len(self.answers):
             chosen = self.answers[self._question_count - 1]
@@ -135,7 +135,7 @@ class Draft:
         return 0
 
     def put(self, path: FieldPath, value: Any, span: Span | None, note: str = "") -> None:
-        """Set a field. What the prose says twice and differently is asked."""
+        """Set a field. Two different statements about one field become a question."""
         previous = self.entries.get(path)
         if previous is not None and previous.span is not None and span is not None and previous.value != value:
             readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
@@ -157,7 +157,7 @@ class Draft:
         integer: bool = False,
         note: str = "",
     ) -> None:
-        """Set a field to a number or a range; the SimSpec itself holds the range's lower end."""
+        """Set a field to a number or a range. The SimSpec itself holds the lower end of a range."""
         if low > high and span is not None:
             self.fault(span, f"the range runs from {low:g} down to {high:g}", "write the lower number first")
         clean = (lambda varied: int(varied)) if integer else float
@@ -174,7 +174,7 @@ class Draft:
             self.ranges.append(VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
 
     def forget(self, path: FieldPath) -> None:
-        """Take back a field, or all fields under a path, and what varies in them."""
+        """Remove a field, or all fields under a path, with their ranges."""
         removed = [entry_path for entry_path in self.entries if entry_path[: len(path)] == path]
         names = {dotted(entry_path) for entry_path in removed}
         for entry_path in removed:
@@ -182,7 +182,7 @@ class Draft:
         self.ranges = [entry_path for entry_path in self.ranges if not names.intersection(entry_path.paths)]
 
     def document(self, changed: dict[FieldPath, Any] | None = None) -> dict[str, Any]:
-        """Plain values of the SimSpec, groups and other lists in the order in which they came up."""
+        """Plain values of the SimSpec. Lists keep the order in which the text mentions their members."""
         root: dict[str, Any] = {}
         lists: dict[int, dict[str | int, dict[str, Any]]] = {}
         for path, value in ({path: entry.value for path, entry in self.entries.items()} | (changed or {})).items():
@@ -206,7 +206,7 @@ class Draft:
         return simspec
 
     def receipts(self, simspec: SimSpec) -> Iterator[Receipt]:
-        """One for every field of the SimSpec that has a value: the words, or `default`."""
+        """A receipt for every field of the SimSpec that has a value: its words, or `default`."""
         by_path = {dotted(path): entry for path, entry in self.entries.items()}
         for where, value in _leaves(simspec.model_dump(mode="json"), ""):
             entry = next((by_path[prefix] for prefix in _prefixes(where) if prefix in by_path), None)
@@ -224,7 +224,7 @@ class Draft:
 
 
 def dotted(path: FieldPath) -> str:
-    """A path as campaigns write it: actors[radar].count. Members of a list are named by what follows the list's name."""
+    """A path as campaigns write it, such as actors[radar].count: the part after a list's name is the member's id."""
     text, after_list = "", False
     for part in path:
         if after_list or isinstance(part, int):
@@ -281,6 +281,6 @@ def _prefixes(where: str) -> Iterator[str]:
 
 
 def raise_faults(faults: Sequence[Fault]) -> None:
-    """Raise SetupError where there are faults."""
+    """Raise SetupError when there are faults."""
     if faults:
         raise SetupError(list(faults))

@@ -1,4 +1,4 @@
-"""From prose to a base SimSpec, by grammar and vocabulary alone: the same text always comes to the same document."""
+"""Prose to base SimSpec by grammar and vocabulary alone: the same text always gives the same document."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MAX_CHARACTERS = 20_000
 
 
 def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
-    """What the text says, as a base SimSpec with ranges and a receipt for every field.
+    """Read a text into a base SimSpec with ranges and a receipt for every field.
 
-    `answers` choose readings for the text's questions, in order, from 1; while one is open the result has no SimSpec.
+    `answers` choose readings for the text's questions, in order, counted from 1. While a question is open the result has no SimSpec.
     Raises SetupError with every fault: ranges that run downwards, units that do not fit, a text in which nothing is a
     scenario, a text of more than 20,000 characters.
     """
@@ -28,7 +28,7 @@ def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -
 
 
 def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> tuple[Draft, dict[str, str]]:
-    """The draft of a text, and the words that were taken for another. Raises as `read_prose` does, but for what is not valid."""
+    """The draft of a text, and its corrected words. Raises as `read_prose` does, except for an invalid SimSpec."""
     if len(text) > MAX_CHARACTERS:
         raise SetupError(Fault("prose", f"has {len(text)} characters, more than {MAX_CHARACTERS}", "describe one situation"))
     draft = Draft(text, answers)
@@ -48,7 +48,7 @@ def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> 
 
 
 def finished(draft: Draft, corrected: dict[str, str]) -> BaseSimSpec:
-    """The result that a draft comes to."""
+    """The result of a draft."""
     raise_faults(draft.faults)
     name: tuple[str | int, ...] = ("name",)
     draft.put(name, "prose", None)

@@ -1,4 +1,4 @@
-"""Places in figures: metres east and north of the origin, or degrees of latitude and longitude."""
+"""Places given by numbers: metres east and north of the origin, or degrees of latitude and longitude."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _A, _E2 = 6378137.0, 6.69437999014e-3  # WGS84
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """A place as it is said: metres east and north, or degrees of latitude and longitude (WGS84) when `degrees`."""
+    """A place as stated: metres east and north, or degrees of latitude and longitude (WGS84) when `degrees` is true."""
 
     first: float
     second: float
@@ -44,7 +44,7 @@ class Coordinates:
 
 
 def coordinates_of(text: str) -> Coordinates:
-    """The place that a stretch of the form PLACE states."""
+    """The place stated by text of the form PLACE."""
     lower = text.lower().replace("−", "-")
     if lower.lstrip().startswith("lat"):
         latitude, longitude = (float(figure) for figure in re.findall(r"-?\d+(?:\.\d+)?", lower))
@@ -70,7 +70,7 @@ def name_of(text: str) -> str:
 
 
 def local_m(place: Coordinates, origin: Origin) -> tuple[float, float]:
-    """Metres east and north of the origin, in the plane that touches the earth there (WGS84), to the centimetre."""
+    """Metres east and north of the origin in its tangent plane (WGS84), rounded to the centimetre."""
     if not place.degrees:
         return place.first, place.second
     latitude, longitude = math.radians(origin.latitude_deg), math.radians(origin.longitude_deg)

@@ -1,4 +1,4 @@
-"""Words to phrases: at every word, the longest phrase of the grammar that begins there."""
+"""Finds phrases: at every word, the longest phrase of the grammar that begins there."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A word of a phrase in the meaning that the phrase gives it."""
+    """A word of a phrase, with the meaning that it has in the phrase."""
 
     kind: str
     value: object
@@ -87,14 +87,14 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Phrase:
-    """A phrase with its parts in order; a `ref` is a phrase inside one."""
+    """A phrase with its parts in order. A `ref` is a phrase inside another phrase."""
 
     rule: str
     parts: tuple[Part | Phrase, ...]
     span: Span
 
     def first(self, kind: str) -> Part | None:
-        """The first part of a kind; None when there is none."""
+        """The first part of a kind, or None."""
         return next((part for part in self.parts if isinstance(part, Part) and part.kind == kind), None)
 
     def every(self, kind: str) -> list[Part]:
@@ -106,7 +106,7 @@ class Phrase:
 
 
 def _skipped(word: Word) -> bool:
-    """Whether a phrase may go on past a word that nobody knows; past a denial it may not."""
+    """Whether a phrase may continue past an unknown word. It may not continue past a denial."""
     return word.text.isalpha() and word.text.lower() not in DENIALS
 
 
@@ -118,12 +118,12 @@ def _grammar() -> Lark:
 
 @cache
 def _first_kinds(rule: str) -> frozenset[str]:
-    """What a phrase may begin with."""
+    """Kinds of words that a phrase of this rule may begin with."""
     return frozenset(_grammar().parse_interactive(start=rule).choices())  # type: ignore[no-untyped-call]
 
 
 def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], int] | None:
-    """The longest run of words from `begin` on that the rule takes, and where it ends; None when it takes none.
+    """The longest run of words from `begin` that matches the rule, and the index after it; None when nothing matches.
 
     A word with several meanings is tried in each of them that the rule takes at its place.
     """
@@ -179,7 +179,7 @@ _State = tuple[InteractiveParser, _Tokens]
 
 
 def _branch(state: InteractiveParser) -> InteractiveParser:
-    """A parser to go on with from a state. What it builds is shared with others, and only good to see whether it goes on."""
+    """A copy of a parser state. Its tree is shared with the original, so it only shows whether parsing can continue."""
     return state.copy(deepcopy_values=False)  # type: ignore[no-untyped-call, no-any-return]
 
 
@@ -192,8 +192,9 @@ def _tree(rule: str, tokens: _Tokens) -> Tree[Token]:
 
 
 def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> list[Word]:
-    """The words with numbers and their units read as quantities. A number before a word that can only be a unit that
-    nobody knows is added to `unknown`."""
+    """The words, with numbers and their units combined to quantities.
+
+    A number before a word that can only be an unknown unit is added to `unknown`."""
     read: list[Word] = []
     index = 0
     while index < len(words):
@@ -224,7 +225,7 @@ _BEGINS = {"NUM", "VAGUE", "LBR", "BETWEEN", "FROM", *NUMBERED}
 
 
 def _no_unit(words: Sequence[Word], at: int) -> bool:
-    """Whether a word that nobody knows stands where a unit would: before `from`, `away`, `of` or another relation."""
+    """Whether an unknown word stands in the place of a unit: before `from`, `away`, `of` or another relation."""
     if at + 1 >= len(words) or words[at].meanings or words[at].filler or words[at + 1].comma:
         return False
     return any(meaning.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER") for meaning in words[at + 1].meanings)
@@ -281,7 +282,7 @@ def _meaning(token: Token, words: Sequence[Word]) -> Meaning:
 
 
 def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
-    """The phrases of a text, in order, and every word between them that belongs to none."""
+    """The phrases of a text in order, with every word that belongs to no phrase."""
     index = 0
     while index < len(words):
         best: tuple[str, Tree[Token], int] | None = None
@@ -300,7 +301,7 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
 
 
 def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
-    """Whether a number stands before a word that takes another kind: in `9 m/s, limit 5 min` it is not the limit's."""
+    """Whether a number does not fit the word after it: in `9 m/s, limit 5 min` the speed is not the limit."""
     first, *rest = tree.scan_values(lambda token: isinstance(token, Token))
     if first.type == "FIELD":
         return _far_off(first, rest, words)
@@ -316,7 +317,7 @@ _COUNTED = {"ASSET", "AMBIGUOUS"}
 
 
 def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool:
-    """Whether a number after a word is of another kind, and others stand between: `battery anomaly: 150 s` is no charge."""
+    """Whether a number after a word belongs to something else: `battery anomaly: 150 s` is not a charge."""
     at = int(str(field).split(":")[0])
     kinds = {item.value.kind for item in words[at].meanings if isinstance(item.value, FieldWords)}
     taken = [int(str(item).split(":")[0]) for item in rest]

@@ -1,4 +1,4 @@
-"""Phrases and words in sentences; what only asks something describes nothing."""
+"""Groups phrases and words to sentences, and sets questions aside."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _QUESTION_START = re.compile(
 
 
 def sentences_of(items: Sequence[Phrase | Word], draft: Draft) -> Iterator[list[Phrase | Word]]:
-    """The sentences of a text that have anything in them, in order. What only asks is listed, and none of them."""
+    """The non-empty sentences of a text, in order. A question is listed as unread instead."""
     parts: list[Phrase | Word] = []
     for item in items:
         if not (isinstance(item, Word) and any(meaning.kind == "STOP" for meaning in item.meanings)):

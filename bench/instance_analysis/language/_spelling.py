@@ -1,4 +1,4 @@
-"""Words as the vocabulary spells them: one that is a letter or two off is taken for the word that it is nearest to."""
+"""Corrects spelling: a word one or two letters off is replaced by the nearest word of the vocabulary."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MIN_CORRECTED_LETTERS, LONG_WORD_LETTERS = 4, 8
 
 
 def corrected_spelling(text: str, vocabulary: Vocabulary, corrections: dict[str, str]) -> str:
-    """The word as the vocabulary spells it: itself, or the one word that it is a letter or two off."""
+    """The word as the vocabulary spells it: unchanged, or the nearest word one or two letters off."""
     lower = re.sub(r"\s+", " ", text.lower().replace("’", "'"))
     if lower in vocabulary.plain or not lower.isalpha() or len(lower) < MIN_CORRECTED_LETTERS:
         return lower
@@ -39,7 +39,7 @@ def corrected_spelling(text: str, vocabulary: Vocabulary, corrections: dict[str,
 
 
 def edit_distance(a: str, b: str, most: int) -> int:
-    """Letters dropped, added, changed or swapped with their neighbour between two words; most + 1 where it is more."""
+    """Letters dropped, added, changed or swapped with a neighbour between two words; most + 1 when there are more."""
     before, row = list[int](), list(range(len(b) + 1))
     for i, x in enumerate(a, start=1):
         earlier, before, row = before, row, [i]

@@ -1,4 +1,4 @@
-"""Prose to words with meanings: numbers, clock times, phrases of the vocabulary, and words that are a letter off."""
+"""Splits prose into words with meanings: numbers, clock times, words of the vocabulary, misspelt words."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ ZONES_H = {"cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Characters of the prose, the end not included."""
+    """A range of characters of the prose, end excluded."""
 
     start: int
     end: int
@@ -70,7 +70,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A word or phrase and what it may mean; no meaning where nobody knows it."""
+    """A word or phrase with its possible meanings; none for an unknown word."""
 
     text: str
     span: Span
@@ -80,13 +80,13 @@ class Word:
     mended: str = ""
 
     def span_text(self, text: str) -> str:
-        """The word as it stands in the text."""
+        """The word as written in the text."""
         return text[self.span.start : self.span.end]
 
 
 @dataclass(frozen=True, slots=True)
 class TimeOfDay:
-    """A time of day; `zoned` when the prose gives a zone, which is so many hours ahead of UTC."""
+    """A time of day. `zoned` when the prose gives a time zone, `ahead_h` hours ahead of UTC."""
 
     at: dt.time
     zoned: bool
@@ -94,7 +94,7 @@ class TimeOfDay:
 
 
 def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
-    """All words of a text, in order, phrases taken as long as they come. Time grows with the length of the text alone."""
+    """All words of a text in order, with the longest phrases of the vocabulary. Takes time linear in the text's length."""
     speaker_starts = _speakers(text)
     raw = [
         candidate
@@ -120,7 +120,7 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
 
 
 def _speakers(text: str) -> frozenset[int]:
-    """Where a line begins with the name of who says it, which begins another one too; and where it quotes a line."""
+    """Positions of speaker names (a name that begins at least two lines) and of quotation marks at line starts."""
     lines = [(match.start(1), match.group(1).lower()) for match in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)]
     names = [name for _, name in lines]
     quoted = {match.start(1) for match in re.finditer(r"(?m)^[ \t]*(>)", text)}
@@ -128,12 +128,12 @@ def _speakers(text: str) -> frozenset[int]:
 
 
 def _is_meaningless(match: re.Match[str], text: str) -> bool:
-    """Whether it is a heading with a number, or the end of a full line."""
+    """Whether a match is a numbered heading or a line break inside a sentence."""
     return match.lastgroup == "heading" or (match.group() == "\n" and _wrapped(text, match.start()))
 
 
 def _wrapped(text: str, at: int) -> bool:
-    """Whether a line ends there only because it was full: a sentence goes on in the next one."""
+    """Whether a line was broken only because it was full, so that the sentence continues."""
     line = text[text.rfind("\n", 0, at) + 1 : at]
     following = text[at + 1 :].split("\n", 1)[0]
     return len(line) >= FULL_LINE_CHARACTERS and bool(following.strip()) and _ITEM.match(following) is None
@@ -181,7 +181,7 @@ def _clock(text: str) -> TimeOfDay | None:
 
 
 def _spoken_time(text: str) -> TimeOfDay:
-    """`half past five in the morning, UTC`; without a part of the day it is before noon."""
+    """Read `half past five in the morning, UTC`. Without a part of the day the time is before noon."""
     lower = text.lower()
     hour = next(number for number, name in enumerate(HOURS, start=1) if re.search(rf"\b({name}|{number})\b", lower))
     minute = 30 if "half" in lower else 15 if "quarter" in lower else 0
@@ -226,7 +226,7 @@ _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
 
 
 def _articles(words: list[Word]) -> Iterator[Word]:
-    """`a truck`, `an hour` are one of it; other articles change nothing."""
+    """Turn `a` before a countable noun into the number 1; drop other articles."""
     for index, word in enumerate(words):
         is_about = word.text.lower() == "some" or (
             word.text.lower() == "around" and index > 0 and (word.comma or words[index - 1].text.lower() in ("and", "with", "of"))

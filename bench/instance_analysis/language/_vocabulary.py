@@ -1,4 +1,4 @@
-"""The words that prose is read by: a document that users extend, and what each word may mean."""
+"""The vocabulary: a document that users can extend, and the meanings of each word."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Kind = Literal["NUMBER", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA"]
 
 
 class AssetWords(Document):
-    """What a group is made of, by its words; the key is the group's id in the SimSpec."""
+    """Words for an asset. The key of the entry becomes the group's id in the SimSpec."""
 
     asset: Identifier
     role: Role
@@ -27,7 +27,7 @@ class AssetWords(Document):
 
 
 class WeatherWords(Document):
-    """A level of the environment; `level` where the word alone says how much."""
+    """Words for a field of the environment; `level` when the word alone implies one."""
 
     path: str
     level: float | None = None
@@ -35,7 +35,7 @@ class WeatherWords(Document):
 
 
 class MotionWords(Document):
-    """A way to move, and the speed that the word alone means."""
+    """Words for a motion, and the speed that they imply."""
 
     kind: Literal["still", "wander"]
     speed_mps: float | None = None
@@ -44,7 +44,7 @@ class MotionWords(Document):
 
 
 class FieldWords(Document):
-    """Words beside which a quantity of that kind goes into a field of the SimSpec."""
+    """Words that name a field for a quantity of this kind beside them."""
 
     kind: Kind
     path: str
@@ -52,14 +52,14 @@ class FieldWords(Document):
 
 
 class SetWords(Document):
-    """A phrase that gives fields their values by itself."""
+    """A phrase that sets fields on its own."""
 
     set: dict[str, float | bool | str]
     words: Words
 
 
 class EventWords(Document):
-    """Something that happens at a moment of the flight."""
+    """Words for an event at a moment of the flight."""
 
     part: Literal["vehicle.failures", "outages", "orders"]
     kind: str
@@ -67,7 +67,7 @@ class EventWords(Document):
 
 
 class Defaults(Document):
-    """Numbers that stand in where the prose gives none; each use of one is shown as a default."""
+    """Numbers used when the prose gives none; each use is shown as a default."""
 
     near_m: Annotated[float, Field(gt=0.0)] = 50.0
     exact_share: Annotated[float, Field(gt=0.0, lt=1.0, description="A distance without a range may be off by this share.")] = 0.1
@@ -77,7 +77,7 @@ class Defaults(Document):
 
 
 class VocabularyDocument(Document):
-    """A vocabulary as it is written; every part may be left out."""
+    """A vocabulary document. Every part is optional."""
 
     assets: dict[Identifier, AssetWords] = {}
     ambiguous: Annotated[dict[str, Words], Field(description="A word, and the assets that it may be.")] = {}
@@ -107,14 +107,14 @@ class VocabularyDocument(Document):
 
 @dataclass(frozen=True, slots=True)
 class Meaning:
-    """One thing that a word may be: the grammar's name for it, and its value."""
+    """A meaning of a word: the grammar's token name and a value."""
 
     kind: str
     value: object = None
 
 
 class Vocabulary:
-    """What each phrase may mean, from one document or several; what an earlier one says of a phrase as an asset goes first."""
+    """The meanings of each phrase, from one or more documents. Assets of an earlier document take precedence."""
 
     def __init__(self, documents: list[VocabularyDocument]) -> None:
         self.assets: dict[str, AssetWords] = {}
@@ -144,7 +144,7 @@ class Vocabulary:
 
 
 def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
-    """The bench's own vocabulary, after that of a file where one is given. Raises SetupError with every fault of the file."""
+    """The shipped vocabulary, preceded by that of a file if given. Raises SetupError with every fault of the file."""
     shipped = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
     documents = [read_document(shipped, VocabularyDocument, source="vocabulary.yaml")]
     if extra is not None:

@@ -45,7 +45,7 @@ _NEEDED_HEADERS = {"host", "accept", "accept-encoding", "connection", "content-l
 
 @dataclass(frozen=True, slots=True)
 class ModelConnection:
-    """The model, and how it is reached; `url` and `key` count for a server with OpenAI's chat interface alone."""
+    """The model and how to reach it. `url` and `key` are used only for a server with OpenAI's chat interface."""
 
     model: str
     provider: str
@@ -59,7 +59,7 @@ class ModelConnection:
 
 
 def provider_of(model: str, url: str | None) -> str:
-    """What stands before the colon, where it is a provider and no `url` is given. Raises SetupError where its package is missing."""
+    """The provider named before the colon, when no `url` is given. Raises SetupError when the provider's package is missing."""
     name, colon, _ = model.partition(":")
     if url is not None or not colon:
         return COMPATIBLE
@@ -75,7 +75,7 @@ def provider_of(model: str, url: str | None) -> str:
 
 
 def converse(door: ModelConnection, brief: str, question: str, judge: Judge) -> Conversation:
-    """Ask, and send what the judge finds wrong back. Raises as `ModelEndpoint.ask`."""
+    """Ask the model and send the judge's faults back to it. Raises as `ModelEndpoint.ask` does."""
     with warnings.catch_warnings():
         # That a model takes no temperature, or a server counts no tokens, is no concern of who asks.
         warnings.filterwarnings("ignore", message="Sampling parameters", category=UserWarning)
@@ -145,7 +145,7 @@ async def _run(
 
 
 def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnection, gate: _TrafficFilter) -> RebarError:
-    """What a person is to conclude from there being no answer."""
+    """The error that tells a person why there is no answer."""
     if gate.refused:
         return LinkLost(gate.refused)
     if isinstance(error, ModelHTTPError):
@@ -163,7 +163,7 @@ def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnecti
 
 
 def _advice(error: Exception) -> str:
-    """What a library says, without what is for its programmers."""
+    """A library's message without its advice to programmers."""
     return re.sub(r" or pass it via `[^`]*`", "", str(error)).partition(" To try Pydantic AI")[0].rstrip(".")
 
 
@@ -197,7 +197,7 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
 
 
 class _TrafficFilter:
-    """What goes out and comes in: to a server of one's own nothing but what it needs, and no answer above a megabyte."""
+    """Filters the traffic: a compatible server gets only the headers it needs, and an answer above a megabyte is refused."""
 
     def __init__(self, door: ModelConnection) -> None:
         self._door = door
@@ -223,7 +223,7 @@ class _TrafficFilter:
 
 
 class _Refused(httpx2.TransportError):
-    """An answer is not read on."""
+    """The answer is refused; reading stops."""
 
 
 class _Bounded(httpx2.AsyncByteStream):

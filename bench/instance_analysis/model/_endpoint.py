@@ -1,4 +1,4 @@
-"""Where a language model answers: at a provider that pydantic-ai knows, or at any server with OpenAI's chat interface."""
+"""The address of a language model: a provider that pydantic-ai knows, or any server with OpenAI's chat interface."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ModelEndpoint:
 
     @property
     def provider(self) -> str:
-        """Name of the provider. Raises SetupError where what speaks with it is not installed."""
+        """Name of the provider. Raises SetupError when the package for it is not installed."""
         try:
             from ._conversation import provider_of
         except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""What a language model proposes for a text, verified: each field with a quote that stands there and says the number.
+"""Verifies fields that a language model proposes: each needs a quote from the text that states its number.
 
 The model only ever adds to what grammar and vocabulary have read. Where the two differ the grammar's reading holds.
 """
@@ -62,7 +62,7 @@ class Proposal(Document):
 
 
 class ProposedResult(Document):
-    """The result with what a model added, and what was refused of it, and why."""
+    """The result, with the fields that a model added and the proposals that were refused, with reasons."""
 
     format: Literal["rebar.proposed/1"] = "rebar.proposed/1"
     result: BaseSimSpec
@@ -79,7 +79,7 @@ Judge = Callable[[Proposal], str]
 
 @dataclass(frozen=True, slots=True)
 class Conversation:
-    """Answers heard, and why the last of them was no proposal, with its beginning."""
+    """The number of answers, and why the last one was not a proposal, with its beginning."""
 
     rounds: int
     why: str = ""
@@ -87,7 +87,7 @@ class Conversation:
 
 
 class Endpoint(Protocol):
-    """Where a model answers."""
+    """A language model that can be asked."""
 
     @property
     def model(self) -> str: ...
@@ -101,9 +101,9 @@ class Endpoint(Protocol):
 
 
 def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: Sequence[int] = ()) -> ProposedResult:
-    """Read the text, let a model propose what is missing, verify it, and send the faults back, three times at the most.
+    """Read the text, let a model propose missing fields, verify them, and send faults back, in at most three rounds.
 
-    Questions that the text leaves open are a person's to answer: with one open, no model is asked. Raises as `read_prose`,
+    A person answers open questions: while one is open, no model is asked. Raises as `read_prose`,
     and as the endpoint's `ask`.
     """
     provider = endpoint.provider
@@ -136,7 +136,7 @@ def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: S
 
 
 class _Verifier:
-    """Holds proposals against the text, as grammar and vocabulary read it; `accepted` and `refused` are of the last one."""
+    """Compares proposals with the text as grammar and vocabulary read it. `accepted` and `refused` describe the last one."""
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
         self.accepted: dict[FieldPath, DraftField] = {}
@@ -186,7 +186,7 @@ class _Verifier:
         return ""
 
     def _numbers(self, span: Span) -> Iterator[_StatedNumber]:
-        """Numbers that the text says within the span, in SI units; a number of which the span holds a part is none of them."""
+        """Numbers that the text states within the span, in SI units. A number that the span cuts does not count."""
         inside = [item for item in self._quantified if _within(item.span, span)]
         per_area = next((item.value for word in inside for item in word.meanings if item.kind == "PERAREA"), None)
         for word in inside:
@@ -210,14 +210,14 @@ class _Verifier:
 
 @dataclass(frozen=True, slots=True)
 class _StatedNumber:
-    """A number of the text, what it measures, and what the quote says after it."""
+    """A number in the text, its kind, and the text after it in the quote."""
 
     kind: str
     number: float
     after: str
 
     def fits(self, name: str) -> bool:
-        """Whether a field of that name may have it."""
+        """Whether a field with this name may hold the number."""
         if self.kind in _GRADES:
             return name.endswith(_GRADES[self.kind])
         if name.endswith("_per_km2"):
@@ -234,7 +234,7 @@ def _within(inner: Span, outer: Span) -> bool:
 
 
 def _occurrences(quote: str, text: str) -> Iterator[Span]:
-    """Where a quote stands in the text, letter by letter and not in the middle of a word; nowhere, if it has no word."""
+    """Exact occurrences of a quote in the text, in whole words; none for a quote without a word."""
     if re.search(r"\w", quote):
         edged = (
             (r"(?<!\w)" if re.match(r"\w", quote) else "") + re.escape(quote) + (r"(?!\w)" if re.search(r"\w$", quote) else "")
@@ -263,7 +263,7 @@ def _invalid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> str:
 
 
 def _largest_valid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> dict[FieldPath, DraftField]:
-    """Those fields, member by member of a list and else one by one, with which the SimSpec is valid."""
+    """The fields that keep the SimSpec valid, added one by one; the fields of a list member are added together."""
     wholes: dict[FieldPath, dict[FieldPath, DraftField]] = {}
     for path, entry in accepted.items():
         wholes.setdefault(path[:2] if path[0] in LISTS else path, {})[path] = entry

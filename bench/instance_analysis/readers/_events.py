@@ -1,4 +1,4 @@
-"""What happens during the flight to fields: failures of the vehicle, outages, orders of the operator."""
+"""Reads events during the flight: vehicle failures, outages, orders of the operator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DURATION_CHOICES_S = (10.0, 30.0, 60.0)
 
 @dataclass(frozen=True, slots=True)
 class EventTiming:
-    """When something happens, for how long, and what else is said of it; None for what is not."""
+    """When an event happens, how long it lasts, and its deadline; None for what the text does not say."""
 
     at_s: float | None = None
     lasting_s: float | None = None
@@ -25,7 +25,7 @@ class EventTiming:
 
 
 class EventReader:
-    """Reads events into a draft, in the order in which they are spoken of."""
+    """Reads events into a draft, in the order of the text."""
 
     def __init__(self, draft: Draft, cast: GroupRegister, reports: IntelligenceReader) -> None:
         self._draft, self._groups, self._intelligence = draft, cast, reports
@@ -48,7 +48,7 @@ class EventReader:
         self._happens(event, phrase, when)
 
     def finish(self) -> None:
-        """When something happens is asked where it is said nowhere."""
+        """Ask for the time of every event that has none anywhere in the text."""
         for event, phrase in self._timeless:
             if (event.part, event.kind) not in self._timed:
                 self._happens(event, phrase, _timing_of(phrase))

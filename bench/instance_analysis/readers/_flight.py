@@ -1,4 +1,4 @@
-"""What is said of the flight to fields: height, speed, time, and whatever else a number beside a word says."""
+"""Reads phrases about the flight: height, speed, time, and other numbers beside a word of the vocabulary."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ BOUNDS = {
 
 
 class FlightReader:
-    """Reads numbers and settings into a draft; each rule of the grammar by the method of its name."""
+    """Reads numbers and settings into a draft. Each rule of the grammar is read by the method with its name."""
 
     RULES = frozenset(["field", "altitude", "speed", "limit", "set"])
 
@@ -92,7 +92,7 @@ class FlightReader:
         self._draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
 
     def _usual_unit(self, kind: str, span: Span) -> str | None:
-        """The unit that all other numbers of a kind have in the text; None where there are none, or several."""
+        """The unit of all other numbers of a kind in the text; None when there is none, or more than one."""
         used = {
             unit for unit, pattern in WRITTEN.get(kind, {}).items() if re.search(rf"\d\s?-?(?:{pattern})\b", self._draft.text)
         }
@@ -103,7 +103,7 @@ class FlightReader:
         return unit
 
     def _plain_number(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
-        """Angles are degrees; a share is a fraction up to 1, and percent above."""
+        """Angles are degrees. A share up to 1 is a fraction, above 1 it is a percentage."""
         share = 0.01 if field.kind == "PERCENT" and quantity.high > 1 else 1.0
         low, high = (round(part * share, 9) for part in (quantity.low, quantity.high))
         self._draft.vary(tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind))
@@ -112,7 +112,7 @@ class FlightReader:
         return all(("actors", group, "motion", "kind") in self._draft.entries for group in self._groups.subject)
 
     def _bounds(self, field: FieldWords, phrase: Phrase) -> bool:
-        """`height not more than 100 m, not less than 25 m`: rules, and not the height of the mission."""
+        """`height not more than 100 m, not less than 25 m` sets rules, not the mission's height."""
         names = BOUNDS.get(field.path, {})
         taken, bound = False, ""
         for part in phrase.parts:

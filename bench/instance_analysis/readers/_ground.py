@@ -1,4 +1,4 @@
-"""Phrases of the ground to fields: the area of interest and its parts, named pieces, no-fly areas, the fence."""
+"""Reads phrases about the ground: the area of interest and its parts, named areas, no-fly areas, the geofence."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIDDLE_SHARE = 1 / 3
 
 @dataclass(slots=True)
 class GroundPiece:
-    """A piece of ground as it comes up: what it is, its extent by corners or size and middle, and who stands inside."""
+    """An area under construction: its kind, its extent by corners or by size and centre, and the groups inside."""
 
     kind: str
     id: str
@@ -42,7 +42,7 @@ class GroundPiece:
 
 
 class GroundReader:
-    """The pieces of ground, laid out by `finish`. `current` is the one that was last spoken of."""
+    """The areas of a text. `finish` lays them out. `current` is the area mentioned last."""
 
     def __init__(self, draft: Draft, defaults: Defaults, places: PlaceReader) -> None:
         self._draft, self._defaults, self._places = draft, defaults, places
@@ -55,7 +55,7 @@ class GroundReader:
         self._fence: tuple[GroundPiece, Span] | None = None
 
     def mention(self, phrase: Phrase) -> GroundPiece:
-        """The piece of ground that a phrase names, which is the one that is spoken of from now on."""
+        """The area that a phrase names. It becomes the current one."""
         part = next((name_part for kind in KINDS for name_part in phrase.every(kind)), None)
         if part is None:  # `inside it`
             return self.current or self.world
@@ -76,7 +76,7 @@ class GroundReader:
         return piece
 
     def _is_the_current(self, span: Span) -> bool:
-        """`the yard is the named area from ...`, `a no-fly zone; the zone goes ...`: the piece that was spoken of."""
+        """Whether a word means the current area: `the yard is the named area from ...`, `a no-fly zone; the zone goes ...`."""
         assert self.current is not None
         before, word = self._draft.text[: span.start].lower().rstrip(), self._draft.quote(span).lower()
         named = re.search(r"\bis (the|a|an)( named)?$", before) is not None and self.current is not self.world
@@ -87,7 +87,7 @@ class GroundReader:
         return bool(before) and before[-1] in ("the", "this", "that")
 
     def area(self, phrase: Phrase) -> None:
-        """A piece of ground with its size."""
+        """Read an area with its size."""
         if any(phrase.every(kind) for kind in KINDS):
             self.mention(phrase)
         else:
@@ -95,7 +95,7 @@ class GroundReader:
         self.extent(phrase)
 
     def extent(self, phrase: Phrase) -> None:
-        """The size of the piece that is spoken of."""
+        """Set the size of the current area."""
         part = phrase.first("DIM") or phrase.first("AREA") or phrase.first("LENGTH")
         piece = self.current or self.world
         if phrase.every("AXIS"):
@@ -115,12 +115,12 @@ class GroundReader:
             self._draft.put(("world", "area", "corners"), _corners(east, north), phrase.span)
 
     def round(self, quantity: Quantity, span: Span) -> None:
-        """The radius of the piece that is spoken of."""
+        """Set the radius of the current area."""
         piece = self.current or self.world
         piece.radius_m, piece.extent = quantity.low, span
 
     def corners(self, phrase: Phrase) -> None:
-        """Corners of the piece that is spoken of, or the middle of it where there is one place alone."""
+        """Set the corners of the current area, or its centre when only one place is given."""
         piece, places = self.current or self.world, places_in(phrase)
         if len(places) == 1:
             self.middle(places[0], phrase.span)
@@ -140,12 +140,12 @@ class GroundReader:
         piece.extent = piece.extent.joined(span) if piece.extent else span
 
     def lies(self, direction: float) -> None:
-        """The piece that is spoken of lies in a part of the area."""
+        """Put the current area into a part of the area of interest."""
         if self.current is not None:
             self.current.part = direction
 
     def when(self, phrase: Phrase) -> None:
-        """When a no-fly area holds."""
+        """Set the times at which a no-fly area is active."""
         time = phrase.first("TIME")
         if self.current is None or self.current.kind != "NOFLY" or time is None or not isinstance(time.value, Quantity):
             self._draft.unread(phrase.span, "stands by itself", expressible=True)
@@ -159,13 +159,13 @@ class GroundReader:
             self.current.times["from_s"] = (time.value.low, phrase.span)
 
     def put_inside(self, group: str, phrase: Phrase) -> None:
-        """A group stands inside the piece that a phrase names."""
+        """Put a group inside the area that a phrase names."""
         piece = self.mention(phrase)
         if piece is not self.world:
             piece.within.append((group, phrase.span))
 
     def overfly(self, phrase: Phrase) -> None:
-        """A piece of ground that must not be flown over."""
+        """Read an area that must not be flown over."""
         if any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
             self._over.append((self.mention(phrase).id, phrase.span))
         else:
@@ -189,7 +189,7 @@ class GroundReader:
         return min(east), min(north), max(east), max(north)
 
     def finish(self) -> None:
-        """The area of interest, the parts of it that groups stand in, and the other pieces."""
+        """Put the area of interest, its parts with groups, and all other areas into the draft."""
         path: FieldPath = ("world", "area", "corners")
         self._take_for_the_area()
         if path not in self._draft.entries:
@@ -212,7 +212,7 @@ class GroundReader:
         self._rules()
 
     def _take_for_the_area(self) -> None:
-        """A village of some size is the area of interest, where there is no other and nothing tells them apart."""
+        """Use a single named place with a size as the area of interest when the text gives no other."""
         if ("world", "area", "corners") in self._draft.entries:
             return
         candidates = [
@@ -305,7 +305,7 @@ class GroundReader:
                 )
 
     def beside_line(self, line: tuple[Point, Point], direction: float) -> list[Point] | None:
-        """The part of the area of interest on the side of a straight line that lies in a direction; None where there is none."""
+        """The part of the area of interest on one side of a straight line; None when the line runs in that direction."""
         a, b = line
         normal = (b["north_m"] - a["north_m"], a["east_m"] - b["east_m"])
         towards = normal[0] * math.sin(math.radians(direction)) + normal[1] * math.cos(math.radians(direction))

@@ -1,4 +1,4 @@
-"""Who is spoken of: the groups of a text, what each word for one means, and how many there are."""
+"""The groups of actors in a text: what each word refers to, and how many members a group has."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ ROOFED = frozenset(["house", "shed"])
 
 
 class GroupRegister:
-    """The groups as they come up. `subject` is who is spoken of now, `here` whether this sentence has said so."""
+    """The groups that a text has mentioned so far.
+
+    `subject` holds the groups that the text is about now; `in_sentence` is true once the current sentence has named them."""
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
         self.draft, self.vocabulary = draft, vocabulary
@@ -93,7 +95,7 @@ class GroupRegister:
         return last in PLURALS or (last.endswith("s") and not last.endswith("ss"))
 
     def named(self, phrase: Phrase) -> list[str]:
-        """The group or groups that a phrase names: those there are, or a new one."""
+        """The group or groups that a phrase names: known ones, or a new one."""
         groups = self._groups_named(phrase)
         self.mentioned += groups
         return groups
@@ -132,11 +134,11 @@ class GroupRegister:
         return [self._new(phrase, name, span, count)]
 
     def _there_are(self, span: Span) -> bool:
-        """Whether the sentence only says how many there are: `there are four houses and ten trees`."""
+        """Whether the sentence only gives a number: `there are four houses and ten trees`."""
         return re.search(r"\bthere (are|were|is|was|will be)\b[^.;\n]*$", self.draft.text[: span.start].lower()) is not None
 
     def _not_counted(self, known: Sequence[str], *, there: bool) -> str | None:
-        """The one group of these whose number has not been said; None where there is none, or more."""
+        """The single group of these that has no number yet; None when there is none or more than one."""
         countable = self.plural | self._defined | (set(known) if there else set())
         uncounted = [group for group in known if group in self._uncounted and group in countable]
         return uncounted[0] if len(uncounted) == 1 else None
@@ -165,13 +167,13 @@ class GroupRegister:
         return group
 
     def twins(self, group: str, number: int, span: Span) -> list[str]:
-        """More groups of one of the same kind."""
+        """More groups with one member each, of the same kind."""
         name = self.kinds[group]
         word = Part("COUNT", Quantity("COUNT", 1.0, 1.0), span)
         return [self._new(Phrase("ref", (), span), name, span, word) for _ in range(number)]
 
     def count_later(self, group: str, quantity: Quantity, span: Span) -> bool:
-        """Say how many there are of a group of which it has not been said; False where it has."""
+        """Set the number of members of a group that has none yet. False when it has one."""
         path: FieldPath = ("actors", group, "count")
         entry = self.draft.entries.get(path)
         if entry is None or group not in self._uncounted or quantity.low != int(quantity.low):
@@ -225,7 +227,7 @@ class GroupRegister:
         self.draft.vary(("actors", group, "density_per_km2"), low, high, span, unit="1/km2")
 
     def introduce(self, phrase: Phrase) -> None:
-        """Speak of the group that a phrase names from now on."""
+        """Make the group that a phrase names the subject."""
         self.subject_is_mission = False
         self.subject = self.named(phrase)
         self.in_sentence = bool(self.subject)
@@ -239,14 +241,14 @@ class GroupRegister:
             put_motion(self.draft, group, part, None)
 
     def ref(self, phrase: Phrase) -> list[RelationTarget]:
-        """Whom a relation is to: groups, the vehicle's home, or a place. The same words said of several groups mean the same."""
+        """The targets of a relation: groups, the vehicle's home, or a place. The same words always resolve to the same targets."""
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
         if ref.span not in self.referents:
             self.referents[ref.span] = self._resolve(ref, indoors=phrase.rule == "inside")
         return self.referents[ref.span]
 
     def groups_in(self, phrase: Phrase) -> list[str]:
-        """The groups among those that a phrase is about."""
+        """The groups among the targets of a phrase."""
         return [target for target in self.ref(phrase) if isinstance(target, str) and target in self.kinds]
 
     def _resolve(self, ref: Phrase, *, indoors: bool) -> list[RelationTarget]:
@@ -285,7 +287,7 @@ class GroupRegister:
         return self._new(Phrase("ref", (), span), adversaries[chosen], span, Part("COUNT", Quantity("COUNT", 1.0, 1.0), span))
 
     def of_bystanders(self, phrase: Phrase) -> bool:
-        """Whether a rule is about bystanders; a word for them makes no group here."""
+        """Whether a rule is about bystanders. A word for bystanders creates no group here."""
         ref = phrase if phrase.rule == "ref" else phrase.refs[-1]
         if part := ref.first("ASSET"):
             name = str(part.value)

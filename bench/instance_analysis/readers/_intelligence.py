@@ -1,4 +1,4 @@
-"""What is said of intelligence to fields: about which group, how old, how sure, when it comes."""
+"""Reads intelligence reports: about which group, how old, how accurate, when delivered."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ UNITS = {"latency_s": "s", "delivered_s": "s", "uncertainty_m": "m"}
 
 
 class IntelligenceReader:
-    """Reads reports into a draft; what is said of one before it is known whom it is about waits."""
+    """Reads reports into a draft. Numbers of a report wait until its group is known."""
 
     def __init__(self, draft: Draft, cast: GroupRegister) -> None:
         self._draft, self._groups = draft, cast
@@ -24,7 +24,7 @@ class IntelligenceReader:
         """Who was spoken of when what waits was said."""
 
     def field(self, name: str, quantity: Quantity, span: Span) -> None:
-        """A number of the report that is spoken of."""
+        """Set a number of the current report."""
         of = self._single_group_in_sentence() if name == "priority" else None
         if of is not None and (self._report is None or self._report_groups not in ([of], [])):
             self._report, self._report_groups = self.on(of, span), [of]
@@ -40,7 +40,7 @@ class IntelligenceReader:
         self._draft.vary(path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority")
 
     def _single_group_in_sentence(self) -> str | None:
-        """The group that the sentence is about, where a report may be about it."""
+        """The single group of this sentence, when a report may be about it."""
         cast = self._groups
         if not cast.in_sentence or len(cast.subject) != 1 or cast.vocabulary.role(cast.kinds[cast.subject[0]]) is Role.CLUTTER:
             return None
@@ -63,12 +63,12 @@ class IntelligenceReader:
                 self.field(name, quantity, span)
 
     def last(self) -> list[str]:
-        """The group that the report which was spoken of last is about."""
+        """The group of the report mentioned last."""
         entry = self._draft.entries.get(("intelligence", self._report, "about")) if self._report else None
         return [entry.value] if entry else []
 
     def on(self, group: str, span: Span) -> str:
-        """Id of the report on a group, which there is from then on."""
+        """Id of the report on a group; creates the report when there is none."""
         report = f"{group}-sighting"
         if ("intelligence", report, "id") not in self._draft.entries:
             self._draft.put(("intelligence", report, "id"), report, span)
@@ -76,7 +76,7 @@ class IntelligenceReader:
         return report
 
     def finish(self) -> None:
-        """What is said of a sighting without whom it is of is of the one adversary; with several it is asked."""
+        """Give waiting numbers to the report on the only adversary; with several adversaries, ask."""
         adversaries = self._groups.of_role(Role.ADVERSARY)
         if not self._pending:
             return

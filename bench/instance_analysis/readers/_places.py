@@ -1,4 +1,4 @@
-"""Places by figures: the origin, the vehicle's home, groups that stand at a fixed place, and the ways of patrols."""
+"""Reads coordinates: the origin, the vehicle's home, groups at fixed places, and patrol routes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FARTHEST_M = 20_000.0
 
 
 class PlaceReader:
-    """Reads coordinates into a draft. `finish` settles what a fixed place leaves of a group's other relations."""
+    """Reads coordinates into a draft. `finish` reconciles fixed places with the other relations of a group."""
 
     def __init__(self, draft: Draft, defaults: Defaults) -> None:
         self._draft, self._defaults = draft, defaults
@@ -30,7 +30,7 @@ class PlaceReader:
 
     @property
     def origin(self) -> Origin:
-        """Where metres east and north are counted from: as said, or the SimSpec's default."""
+        """The origin of metres east and north: as stated, or the SimSpec's default."""
         given = {
             name: entry.value
             for name in ("latitude_deg", "longitude_deg", "altitude_m")
@@ -61,7 +61,7 @@ class PlaceReader:
         self._draft.put(("world", "origin", "longitude_deg"), round(place.second, 7), span, note)
 
     def origin_of(self, phrases: Sequence[Phrase]) -> None:
-        """Where no origin is said and the places in degrees lie far from the default one, the first of them is the origin."""
+        """Use the first place in degrees as origin when the text states none and the default is far away."""
         if ("world", "origin", "latitude_deg") in self._draft.entries:
             return
         for phrase in phrases:
@@ -91,7 +91,7 @@ class PlaceReader:
         return f"from the origin at {at.latitude_deg:g}, {at.longitude_deg:g} degrees"
 
     def place_of(self, phrase: Phrase) -> Coordinates | None:
-        """The first place that a phrase states; None where it is told from a group, whose own place is not known."""
+        """The first place that a phrase states; None when it is relative to a group, whose place is not known yet."""
         part = phrase.first("POINT")
         if part is not None and isinstance(part.value, Coordinates):
             return part.value
@@ -115,7 +115,7 @@ class PlaceReader:
         return round(east, 6), round(north, 6)
 
     def stand(self, group: str, place: Coordinates, span: Span) -> None:
-        """Fix where a group of one stands."""
+        """Fix the place of a group with one member."""
         if group in self._fixed and self._fixed[group][0] != place:
             earlier, where = self._fixed[group]
             readings = [self._draft.quote(where), self._draft.quote(span)]
@@ -123,13 +123,13 @@ class PlaceReader:
         self._fixed[group] = (place, span)
 
     def fixed(self, group: str) -> Point | None:
-        """Where a group stands by its coordinates; None where it has none."""
+        """The stated coordinates of a group, or None."""
         return self.point(self._fixed[group][0]) if group in self._fixed else None
 
     # Ways.
 
     def patrol(self, group: str, span: Span) -> None:
-        """A group patrols; where is said elsewhere, or not at all."""
+        """Note that a group patrols; the route may follow elsewhere in the text."""
         self._patrols.setdefault(group, span)
 
     def walk(self, group: str, places: Sequence[Coordinates], span: Span) -> None:
@@ -147,7 +147,7 @@ class PlaceReader:
     # At the end.
 
     def finish(self, roads: dict[str, list[Point]]) -> None:
-        """Loops around what has a place, patrols along roads, and fixed places with what they leave of other relations."""
+        """Complete loops around fixed places, patrols along roads, and the relations of groups at fixed places."""
         for group, side_m, of, span in self._loops:
             self._loop(group, side_m, of, span)
         for group, span in self._patrols.items():
@@ -191,7 +191,7 @@ class PlaceReader:
             self._draft.put((*base, "at", "heading_deg"), heading, where)
 
     def _heading(self, group: str, point: Point) -> tuple[float | None, Span | None]:
-        """What a fixed group heads to, in degrees; None where that is not known before placement."""
+        """The heading of a fixed group in degrees; None when it is not known before placement."""
         facing: FieldPath = ("actors", group, "placement", "facing")
         for name in ("heading_deg", "point", "of"):
             entry = self._draft.entries.get((*facing, name))
@@ -210,7 +210,7 @@ class PlaceReader:
         return None, None
 
     def _turn_over(self, group: str) -> None:
-        """A relation of a fixed group to a single free one is said of that other; what cannot be is listed."""
+        """Move a relation of a fixed group to the free group that it refers to; list it as unread when that is impossible."""
         base: FieldPath = ("actors", group, "placement")
         placed = {
             path[:4]

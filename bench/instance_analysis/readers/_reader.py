@@ -1,4 +1,4 @@
-"""Phrases to fields: sentence by sentence, who and what is spoken of, and whom each phrase is handed to."""
+"""Reads a text sentence by sentence: tracks the subject and hands each phrase to its reader."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ class TextReader:
         self.rules = RuleReader(draft, self.groups)
 
     def read(self, items: Sequence[Phrase | Word]) -> None:
-        """Read everything; the draft then has all but what `finish` adds."""
+        """Read all phrases and words into the draft."""
         self._origin_and_home([item for item in items if isinstance(item, Phrase)])
         for sentence in sentences_of(items, self.draft):
             self._sentence(sentence)
         self.finish()
 
     def _origin_and_home(self, phrases: Sequence[Phrase]) -> None:
-        """What all other places are told from goes first, wherever it stands."""
+        """Read origin and home first, wherever the text states them: all other places depend on them."""
         placed = [phrase for phrase in phrases if phrase.rule == "place"]
         for phrase in placed:
             if phrase.first("ORIGIN"):
@@ -112,7 +112,7 @@ class TextReader:
             self._of_group(waiting)
 
     def _of_the_next(self, phrase: Phrase, rest: Sequence[Phrase | Word]) -> bool:
-        """Whether a relation is of the group that follows: `a truck and, 60 m from it, six civilians`; `, in sector B a car`."""
+        """Whether a relation belongs to the next group: `a truck and, 60 m from it, six civilians`; `, in sector B a car`."""
         before = self.draft.text[: phrase.span.start].lower().rstrip().removesuffix(" some")
         words = before.split()
         if phrase.refs and phrase.refs[0].first("THEM") and words and words[-1].strip(",") in ("and", "plus"):
@@ -151,7 +151,7 @@ class TextReader:
         self.joined = []
 
     def _counts_again(self, phrase: Phrase) -> bool:
-        """`the aid workers, seven persons`: how many there are of those who were just named."""
+        """`the aid workers, seven persons`: whether a phrase gives the number of the group just named."""
         count, asset = phrase.first("COUNT"), phrase.first("ASSET")
         before = self.draft.text[: phrase.span.start].rstrip()
         if count is None or asset is None or len(phrase.parts) > 2 or not before.endswith((",", "(", ":")):
@@ -164,7 +164,7 @@ class TextReader:
         return person and self.groups.count_later(named[0], count.value, phrase.span)
 
     def _about_groups(self, phrase: Phrase) -> list[Phrase]:
-        """The phrase, where it says something of a group; none where it says it of ground or the vehicle's home."""
+        """The phrase when it describes a group; nothing when it describes ground or the vehicle's home."""
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (phrase.rule == "road" and phrase.first("THEM") is not None)
         if it and self.roads.roads and (phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))):
             return [self.roads.as_road_phrase(phrase)]
@@ -194,7 +194,7 @@ class TextReader:
         return [phrase]
 
     def _it_is_a_road(self, phrase: Phrase) -> bool:
-        """Whether a road was spoken of last before the subject, or `it` can be no group: all others are several."""
+        """Whether `it` means a road: one was mentioned before the subject, or no group of one member is left."""
         if self.before == "road":
             return True
         single = [group for group in self.groups.kinds if group not in self.groups.plural and group not in self.groups.subject]
@@ -202,7 +202,7 @@ class TextReader:
         return them is not None and self.draft.quote(them.span).lower() == "it" and not single
 
     def _about_ground(self, phrase: Phrase) -> bool:
-        """Whether the phrase was about a piece of ground, or about the vehicle's home; it is read then."""
+        """Read the phrase if it describes an area or the vehicle's home; whether it did."""
         if self.topic == "home" and phrase.rule == "facing":
             self.places.home_heading(phrase)
             return True
@@ -224,7 +224,7 @@ class TextReader:
         return False
 
     def _figures(self, phrase: Phrase, *, later: bool) -> None:
-        """Places by coordinates go to whoever or whatever is spoken of."""
+        """Hand coordinates to the reader of the current subject."""
         if any(phrase.first(kind) for kind in ("HOME", "LAUNCH", "ORIGIN")):
             self.topic = "home"
             return
@@ -249,7 +249,7 @@ class TextReader:
             self._stand(phrase)
 
     def _one_place_per_member(self, phrase: Phrase) -> bool:
-        """Whether as many places are given as the group that is spoken of has members."""
+        """Whether the phrase gives one place for each member of the subject."""
         counts = [self.draft.entries.get(("actors", group, "count")) for group in self.groups.subject if self.groups.in_sentence]
         return len(counts) == 1 and counts[0] is not None and counts[0].value == len(places_in(phrase))
 
@@ -271,7 +271,7 @@ class TextReader:
                 self.relations.offset(group, east_m, north_m, other, phrase.span)
 
     def _stand_apart(self, places: Sequence[Coordinates], phrase: Phrase) -> None:
-        """As many places as members: a group of one at each."""
+        """Put a group with one member at each place."""
         if not self._one_place_per_member(phrase):
             self.draft.unread(phrase.span, "as many places as members, or one, can be given", expressible=True)
             return
@@ -282,7 +282,7 @@ class TextReader:
             self.places.stand(group_id, place, phrase.span)
 
     def _handler(self, rule: str) -> Callable[[Phrase], None]:
-        """Who reads a phrase that is said of no group."""
+        """The method that reads a phrase which describes no group."""
         readers: list[tuple[object, frozenset[str]]] = [
             (self.weather_reader, WeatherReader.RULES),
             (self.rules, RuleReader.RULES),
@@ -298,7 +298,7 @@ class TextReader:
         return handler
 
     def _denied(self, before: Sequence[Phrase | Word]) -> bool:
-        """Whether what follows is said not to be so, or only perhaps: taking it at its word would say something else."""
+        """Whether the words before a phrase deny it or make it conditional; reading it would then be wrong."""
         for item in reversed(before):
             if not isinstance(item, Word):
                 return False
@@ -309,7 +309,7 @@ class TextReader:
         return False
 
     def _relative(self, word: Word, before: Sequence[Phrase | Word]) -> None:
-        """`near a truck that is camouflaged`, `of which there are two` speak of the truck from then on."""
+        """After `near a truck that is camouflaged` or `of which there are two` the truck is the subject."""
         if before and isinstance(before[-1], Word) and before[-1].text.lower() == "of":
             before = before[:-1]
         last = before[-1] if before else None
@@ -326,7 +326,7 @@ class TextReader:
                 self.topic = "group"
 
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
-        """A number by itself says how many there are of who is spoken of: `soldiers: 4`, `there are two`."""
+        """Use a number on its own as the number of the subject: `soldiers: 4`, `there are two`."""
         count = next((meaning.value for meaning in word.meanings if meaning.kind == "COUNT"), None)
         if not isinstance(count, Quantity) or len(self.groups.subject) != 1 or self.topic in ("road", "home"):
             return False
@@ -370,7 +370,7 @@ class TextReader:
         self.draft.unread(word.span, "nobody knows this here" if not kinds else "stands by itself", expressible=True)
 
     def _bare(self, word: Word) -> bool:
-        """`we fly 90 m, four minutes`: height and time of the mission."""
+        """Read height and time of the mission from numbers alone: `we fly 90 m, four minutes`."""
         fields = {"LENGTH": ("altitude_m", "m"), "TIME": ("time_limit_s", "s")}
         for meaning in word.meanings:
             if meaning.kind in fields and isinstance(meaning.value, Quantity):
@@ -452,7 +452,7 @@ class TextReader:
     # At the end, when everything is known.
 
     def finish(self) -> None:
-        """What depends on several parts of the text: the moment, the ground, roads, ways, windows, the ceiling."""
+        """Read what depends on several parts of the text: start time, ground, roads, routes, report windows, the ceiling."""
         self.events.finish()
         self.intelligence_reader.finish()
         self.weather_reader.finish()
@@ -463,7 +463,7 @@ class TextReader:
 
 
 def _flies(item: Phrase | Word) -> bool:
-    """Whether something in a sentence says that it is of the flight."""
+    """Whether an item shows that its sentence is about the flight."""
     if isinstance(item, Word):
         return any(meaning.kind in ("FLY", "HOME") for meaning in item.meanings)
     return item.rule in ("altitude", "speed") or (
@@ -472,7 +472,7 @@ def _flies(item: Phrase | Word) -> bool:
 
 
 def _of_a_rule(word: Word, rest: Sequence[Phrase | Word]) -> bool:
-    """Whether `a target` is that of a rule, `a target must not be marked`: any target."""
+    """Whether `a target` belongs to a rule (`a target must not be marked`) and so means any target."""
     following = next((item for item in rest if not (isinstance(item, Word) and item.filler)), None)
     targets = any(item.kind == "TARGET" for item in word.meanings)
     return targets and isinstance(following, Phrase) and following.rule in RuleReader.RULES

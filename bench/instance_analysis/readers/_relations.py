@@ -1,4 +1,4 @@
-"""What is said of where a group stands, to the relations of its placement: to other groups, to places, to the vehicle's home."""
+"""Reads where a group stands: its relations to other groups, to places and to the vehicle's home."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NO_OWN_DISTANCE = "a group has no distance to itself"
 
 
 class Whose(Protocol):
-    """Whom relations are to, as the reader knows it."""
+    """Resolves the targets of relations."""
 
     kinds: dict[str, str]
     mentioned: list[str]
@@ -77,7 +77,7 @@ class RelationReader:
             self._draft.put((*where, "max_m"), high, defaulted, "what near means" if defaulted is None else note)
 
     def _closer(self, base: FieldPath, other: str | Coordinates, note: str) -> None:
-        """What near means gives way to a distance from the same group."""
+        """Replace the default for `near` by a distance from the same group."""
         of, most = (self._draft.entries.get((*base, "near", name)) for name in ("of", "max_m"))
         if of is not None and of.value == other and most is not None and most.span is None and note != "default":
             self._draft.forget((*base, "near"))
@@ -99,12 +99,12 @@ class RelationReader:
         self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
 
     def far(self, group: str, phrase: Phrase) -> None:
-        """How far is far is asked."""
+        """Ask how far `far` is."""
         chosen = self._draft.ask(phrase.span, "how far at least?", [f"{choice:g} m" for choice in FAR_CHOICES_M])
         self._distance(group, phrase, FAR_CHOICES_M[chosen], None, every=True)
 
     def refine(self, group: str, length: Quantity, span: Span) -> None:
-        """`near the houses, within 25 m`: a distance by itself says how near that was; otherwise from whom is asked."""
+        """Read a distance on its own: it refines a `near` before it (`near the houses, within 25 m`); else ask from which group."""
         path: FieldPath = ("actors", group, "placement", "near", "max_m")
         before = self._draft.entries.get(path)
         low = 0.0 if length.single else length.low
@@ -124,7 +124,7 @@ class RelationReader:
         self._keep(group, self._distance_origin(group, span), span, low, high, every=False, note=note)
 
     def _distance_origin(self, group: str, span: Span) -> str:
-        """From whom a distance without a word for it is: the one other group there is, or home; with several it is asked."""
+        """The origin of a distance without one: the only other group, or home; with several groups, ask."""
         others: list[str] = [other for other in self._groups.kinds if other != group]
         mentioned = [other for other in others if other in self._groups.mentioned]
         if len(others) > 1 and len(mentioned) != 1:
@@ -183,7 +183,7 @@ class RelationReader:
             self._draft.put((*base, "to_deg"), (direction + half) % 360, span)
 
     def offset(self, group: str, east_m: float, north_m: float, of: str, span: Span) -> None:
-        """So many metres east and north of a group, whose own place is not known before placement."""
+        """Place a group at an offset from another group whose place is not known before placement."""
         direction = round(math.degrees(math.atan2(east_m, north_m)) % 360, 3)
         away_m = round(math.hypot(east_m, north_m), 3)
         low, high, note = self._band(Quantity("LENGTH", away_m, away_m))
@@ -269,6 +269,6 @@ class RelationReader:
         self._draft.vary(("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m")
 
     def spread(self, group: str, phrase: Phrase) -> None:
-        """Anywhere in the area, which is what a group without a relation has; or in a piece of ground of its own."""
+        """Spread over the area of interest (the default of a group without a relation) or over a named area."""
         if phrase.first("GROUND") or phrase.first("NAMED"):
             self._ground.put_inside(group, phrase)

@@ -1,4 +1,4 @@
-"""Phrases of roads to fields: how many there are, how they run, and who stands on, beside or off them."""
+"""Reads phrases about roads: how many, their direction, and the groups on, beside or off them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 
 @dataclass(slots=True)
 class Road:
-    """A road as it comes up: the direction that it runs in, the part of the area that it lies in, or its points."""
+    """A road under construction: its direction, the part of the area in which it lies, or its points."""
 
     id: str
     span: Span
@@ -32,7 +32,7 @@ class Road:
 
 
 class RoadReader:
-    """The roads, laid out by `finish`. `current` are those that were last spoken of."""
+    """The roads of a text. `finish` lays them out. `current` are the roads mentioned last."""
 
     RULES = frozenset(["road", "roadgap", "roadside", "crossroads"])
     """What is said of a group."""
@@ -50,7 +50,7 @@ class RoadReader:
         """Groups with a least distance from a road alone."""
 
     def mention(self, phrase: Phrase) -> None:
-        """Roads that are spoken of; `the road` of which nothing is said makes none."""
+        """Read a mention of roads. `the road` without any description creates none yet."""
         word = phrase.first("ROAD")
         assert word is not None
         if not self.roads and self._is_bare(phrase) and self._definite(phrase):
@@ -92,7 +92,7 @@ class RoadReader:
             self.current = [self._new(self._hinted)]
 
     def as_road_phrase(self, phrase: Phrase) -> Phrase:
-        """`on it`, `beside it`, `30 m north of it`, where it is a road."""
+        """`on it`, `beside it`, `30 m north of it` as a phrase about a road."""
         if phrase.rule in ("exact", "within", "atleast", "bearing"):
             rule = "roadside" if phrase.rule == "bearing" else "roadgap"
             return Phrase(rule, tuple(part for part in phrase.parts if isinstance(part, Part)), phrase.span)
@@ -100,7 +100,7 @@ class RoadReader:
         return Phrase("road", (side,), phrase.span)
 
     def _fitting(self, phrase: Phrase) -> list[Road]:
-        """The roads there are that a phrase describes; none where it describes none."""
+        """The known roads that a phrase describes."""
         candidates = self.roads
         if nth := phrase.first("NTH"):
             assert isinstance(nth.value, int | float)
@@ -126,7 +126,7 @@ class RoadReader:
             road.width = (width.value.low, phrase.span)
 
     def axis(self, phrase: Phrase) -> None:
-        """How a road runs: the first of those spoken of that nothing says it of yet."""
+        """Set the direction of the first road mentioned that has none."""
         self._create_hinted()
         if phrase.first("CROSSING"):
             for road in self.current[1:2] or self.roads[1:2]:
@@ -153,7 +153,7 @@ class RoadReader:
             self._draft.unread(phrase.span, "it is not said of what", expressible=True)
 
     def through(self, phrase: Phrase) -> None:
-        """The points of a road."""
+        """Set the points of a road."""
         self._create_hinted()
         points = [self._places.point(place) for place in places_in(phrase)]
         free = [place for place in self.current if not place.points] or self.current
@@ -189,7 +189,7 @@ class RoadReader:
             self._draft.put((*base, "at_least_m"), round(low, 6), phrase.span)
 
     def roadside(self, group: str, phrase: Phrase) -> None:
-        """North of a road: in the part of the area that lies there."""
+        """Put a group into the part of the area on one side of a road."""
         road, direction = self._roads_named(phrase)[0], phrase.first("DIR")
         assert direction is not None
         assert isinstance(direction.value, float | int)
@@ -203,7 +203,7 @@ class RoadReader:
     # At the end.
 
     def finish(self) -> None:
-        """The roads through the area as it then is, and what depends on where they run."""
+        """Lay out the roads in the finished area, and place the groups that depend on them."""
         if self._hinted is not None and not self.roads:
             self._draft.unread(self._hinted.span, "stands by itself", expressible=True)
         west, south, east, north = self._ground.box
@@ -261,7 +261,7 @@ class RoadReader:
         return through if road.axis_span or road.part is not None else f"{through}, {_named(road.axis)}"
 
     def _line(self, road: Road) -> list[Point]:
-        """The straight way through the middle of the area, or of the part of it that the road lies in, from edge to edge."""
+        """A straight line from edge to edge through the centre of the area, or of the part in which the road lies."""
         west, south, east, north = self._ground.box
         middle_e, middle_n = (west + east) / 2, (south + north) / 2
         axis = road.axis
@@ -283,7 +283,7 @@ class RoadReader:
 
 
 def _part(phrase: Phrase) -> Part | None:
-    """The part of the area that a road lies in; `north of the road` says another thing with its first direction."""
+    """The part of the area in which a road lies. In `north of the road` the first direction means something else."""
     candidates = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
     return candidates[0] if candidates else None
 

@@ -1,4 +1,4 @@
-"""What the agent must and must not do to fields: distances to bystanders, windows of reports, the lost link, the ceiling."""
+"""Reads rules for the agent: distances to bystanders, report windows, the lost link, the ceiling."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MARKS = "read as a rule of marks: a report with mark true is what the bench hold
 
 
 class RuleReader:
-    """Reads rules into a draft; each rule of the grammar by the method of its name."""
+    """Reads rules into a draft. Each rule of the grammar is read by the method with its name."""
 
     RULES = frozenset(["nomark", "noreport", "slow", "loiter", "window", "linklost"])
 
@@ -39,7 +39,7 @@ class RuleReader:
         self._rule(phrase, {"no_mark_within_m": "LENGTH"})
 
     def noreport(self, phrase: Phrase) -> None:
-        """Said of reports, and kept of marks."""
+        """Read a distance for reports; the SimSpec applies it to marks."""
         if self._rule(phrase, {"no_mark_within_m": "LENGTH"}, MARKS):
             self._draft.remark(phrase.span, MARKS)
 
@@ -53,7 +53,7 @@ class RuleReader:
         self._rule(phrase, {"max_loiter_over_bystander_s": "TIME"})
 
     def window(self, phrase: Phrase) -> None:
-        """When reports are allowed, or not."""
+        """Read when reports are allowed or forbidden."""
         into = self._silences if phrase.first("NOREPORT") else self._windows
         before = ""
         for part in phrase.parts:
@@ -108,7 +108,7 @@ def _stretch(before: str, time: Quantity) -> tuple[float, float | None]:
 
 
 def _without(window: tuple[float, float, Span], low: float, high: float, span: Span) -> list[tuple[float, float, Span]]:
-    """What is left of a stretch when another is taken out of it."""
+    """The parts of a time window that remain outside another one."""
     begin, end, _ = window
     if high <= begin or low >= end:
         return [window]

@@ -1,4 +1,4 @@
-"""The moment that a text means by sunset, noon and the like, on a day over a place."""
+"""The moment of sunrise, sunset, noon or midnight on a day at a place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a group by itself to fields: how it moves, how many there are in a place, how well it hides."""
+"""Reads properties of one group: motion, density, concealment."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ DEFAULT_SPEED_NOTE = "the word's own speed"
 
 
 class DensityWriter(Protocol):
-    """Who is spoken of."""
+    """Sets densities."""
 
     def density_of(self, group: str, count: Part, per: Part, span: Span) -> None:
-        """Say how many of a group there are in a place."""
+        """Set the density of a group."""
 
 
 class TraitReader:
-    """Reads what is said of one group into a draft; each rule of the grammar by the method of its name."""
+    """Reads properties of one group into a draft. Each rule of the grammar is read by the method with its name."""
 
     RULES = frozenset(["motion", "radius", "concealment", "density"])
 
@@ -63,7 +63,7 @@ class TraitReader:
 
 
 def put_speed(draft: Draft, group: str, quantity: Quantity, span: Span) -> None:
-    """A speed that is said goes before the one that `driving` has by itself."""
+    """Set a stated speed; it replaces the default speed of a word such as `driving`."""
     path: FieldPath = ("actors", group, "motion", "speed_mps")
     before = draft.entries.get(path)
     if before is not None and before.note == DEFAULT_SPEED_NOTE:
@@ -72,7 +72,7 @@ def put_speed(draft: Draft, group: str, quantity: Quantity, span: Span) -> None:
 
 
 def put_motion(draft: Draft, group: str, part: Part, speed: Part | None) -> None:
-    """Say how a group moves, with the speed that is given or that the word has by itself."""
+    """Set the motion of a group, with the stated speed or the word's default."""
     assert isinstance(part.value, MotionWords)
     base: FieldPath = ("actors", group, "motion")
     before = draft.entries.get((*base, "kind"))

@@ -1,4 +1,4 @@
-"""Phrases of weather and light to fields: rain, fog, wind, and the moment at which it begins."""
+"""Reads weather and light: rain, fog, wind, and the start time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ._sun_times import sun_moment
 
 
 class WeatherReader:
-    """Reads phrases of weather and light into a draft; `finish` settles the moment when all of the text is known."""
+    """Reads weather and light into a draft. `finish` sets the start time once the whole text is read."""
 
     RULES = frozenset(["weather", "clear", "wind", "calm", "gusts", "sun", "clock", "date"])
     """Rules of the grammar that are read here, each by the method of its name."""
@@ -59,14 +59,14 @@ class WeatherReader:
         self._draft.ranges.append(VariedField(name="weather", choices=choices, unit="level"))
 
     def _only_kind(self, phrase: Phrase) -> Part | None:
-        """The one kind of weather that a phrase names without saying how much; None for any other phrase."""
+        """The weather word of a phrase that states no level; None for any other phrase."""
         if len(phrase.parts) != 1 or not isinstance(state := phrase.parts[0], Phrase) or len(state.parts) != 1:
             return None
         word = state.first("WEATHER")
         return word if word is not None and isinstance(word.value, WeatherWords) and word.value.level is None else None
 
     def _ask_missing_levels(self) -> None:
-        """How much it rains, and how strong the wind is, is asked where no sentence has said it."""
+        """Ask for the level of rain and the strength of wind when no sentence states them."""
         path: FieldPath = ("environment", "wind", "speed_mps")
         for span in self._winds_without_speed:
             if path not in self._draft.entries:
@@ -80,7 +80,7 @@ class WeatherReader:
                 self._draft.put(tuple(where.split(".")), level, span)
 
     def _states(self, phrase: Phrase) -> list[tuple[str, float, float]]:
-        """Field and level of each of several; a level by itself is of the kind that is named beside it."""
+        """Field and level of each state. A level without a weather word takes the word beside it."""
         word = phrase.first("WEATHER") or next(
             weather_part for part in phrase.parts if isinstance(part, Phrase) for weather_part in part.every("WEATHER")
         )
@@ -175,12 +175,12 @@ class WeatherReader:
         self._stated_day = (part.value, phrase.span)
 
     def finish(self) -> None:
-        """What weather is not told more closely, and the moment at which the scenario begins."""
+        """Ask for missing levels and set the start time."""
         self._ask_missing_levels()
         self._moment()
 
     def _moment(self) -> None:
-        """From day, hour and sun together."""
+        """Combine day, time of day and sun to the start time."""
         usual = Environment().start_utc
         day, where = self._stated_day or (usual.date(), None)
         spans = [
