@@ -42,7 +42,7 @@ def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> 
     reader.read(list(phrases_of(quantified)))
     if not draft.entries.keys() - {("world", "area", "corners")} and not draft.faults and not draft.not_expressible:
         raise SetupError(
-            Fault("prose", "nothing in it is a scenario", "say who is where: 'a radar vehicle, five civilians within 50 m of it'")
+            Fault("prose", "it describes no scenario", "write who is where: 'a radar vehicle, five civilians within 50 m of it'")
         )
     return draft, {word.span_text(text): word.mended for word in quantified if word.mended}
 

@@ -140,9 +140,9 @@ def test_the_server_is_told_no_more_than_it_needs(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("answer", "why"),
     [
-        (fields(("vehicle.camera.tilt_deg", 45, "the camera at 45 degrees")), "does not stand in the description"),
+        (fields(("vehicle.camera.tilt_deg", 45, "the camera at 45 degrees")), "is not in the description"),
         (fields(("vehicle.camera.tilt_deg", 50, "say 45 degrees")), "says 45 (angle)"),
-        (fields(("vehicle.camera.tilt_deg", 5, "5 degrees")), "does not stand in the description"),
+        (fields(("vehicle.camera.tilt_deg", 5, "5 degrees")), "is not in the description"),
         (fields(("vehicle.camera.tilt_deg", 5, "five degrees")), "no number as a whole"),
         (fields(("mission.speed_mps", 45, "say 45 degrees")), "says 45 (angle)"),
         (fields(("environment.rain_level", 45, "say 45 degrees")), "says 45 (angle)"),
@@ -150,13 +150,13 @@ def test_the_server_is_told_no_more_than_it_needs(monkeypatch: pytest.MonkeyPatc
         (fields(("actors[radar].asset", "civilian", "A radar")), "has been read as 'radar-vehicle'"),
         (fields(("actors[house].asset", "house", "A radar")), "speaks of radar-vehicle"),
         (fields(("actors[house].asset", "house", TEXT)), "the quote is the whole description"),
-        (fields(("vehicle.camera.gimbal", True, f" {TEXT[1:]}")), "does not stand in the description"),
+        (fields(("vehicle.camera.gimbal", True, f" {TEXT[1:]}")), "is not in the description"),
         (fields(("vehicle.camera.gimbal", True, TEXT)), "the quote is the whole description"),
-        (fields(("vehicle.camera.gimbal", True, ". ")), "does not stand in the description"),
-        (fields(("agent.manifest", "evil", "A radar")), "prose says nothing of this"),
-        (fields(("vehicle.ground_truth", True, "A radar")), "prose says nothing of this"),
-        (fields(("mission..x", 1, "A radar")), "prose says nothing of this"),
-        (fields(("vehicle.camera.tilt_deg", 45, "")), "does not stand in the description"),
+        (fields(("vehicle.camera.gimbal", True, ". ")), "is not in the description"),
+        (fields(("agent.manifest", "evil", "A radar")), "a model may not set this field"),
+        (fields(("vehicle.ground_truth", True, "A radar")), "a model may not set this field"),
+        (fields(("mission..x", 1, "A radar")), "a model may not set this field"),
+        (fields(("vehicle.camera.tilt_deg", 45, "")), "is not in the description"),
         (fields(("mission.altitude_deg.x_deg", 45, "say 45 degrees")), "'altitude_deg'"),
         (fields(("vehicle.camera.tilt_deg.x_deg", 45, "say 45 degrees")), "dict is not valid"),
         (fields(("actors", "many", "say 45 degrees")), "'many' is not valid"),
@@ -315,7 +315,7 @@ def test_an_endpoint_that_fails_is_named(answer: Raw, what: str) -> None:
     assert len(heard) == 1
 
 
-@pytest.mark.parametrize(("status", "mend"), [(401, "REBAR_LLM_KEY"), (403, "REBAR_LLM_KEY"), (404, "see to the name")])
+@pytest.mark.parametrize(("status", "mend"), [(401, "REBAR_LLM_KEY"), (403, "REBAR_LLM_KEY"), (404, "check the name")])
 def test_what_is_the_users_to_mend_says_how(status: int, mend: str) -> None:
     """A key that is not taken, and a model that is not there."""
     with recorded(Raw(status)) as (url, heard), pytest.raises(SetupError, match=mend):

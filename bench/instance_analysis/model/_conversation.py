@@ -70,7 +70,7 @@ def provider_of(model: str, url: str | None) -> str:
     except ImportError as error:
         extra = re.search(r"pydantic-ai-slim\[[a-z-]+\]", str(error))
         remedy = f".venv/bin/pip install '{extra[0]}'" if extra else str(error)
-        raise SetupError(Fault("--llm", f"what speaks with {name} is not installed", remedy)) from error
+        raise SetupError(Fault("--llm", f"the package for {name} is not installed", remedy)) from error
     return name
 
 
@@ -152,10 +152,10 @@ def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnecti
         what = f"{door.description} answers {error.status_code}"
         if error.status_code in (401, 403):
             advice = "give its key in REBAR_LLM_KEY"
-            remedy = advice if door.provider == COMPATIBLE else f"see to the key of {door.provider} in the environment"
+            remedy = advice if door.provider == COMPATIBLE else f"check the key of {door.provider} in the environment"
             return SetupError(Fault("--llm", f"{what}: it takes no such key", remedy))
         if isinstance(error, ModelNotFoundError):
-            return SetupError(Fault("--llm", f"{what}: there is no {door.model!r}", "see to the name and to --llm-url"))
+            return SetupError(Fault("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url"))
         return LinkLost(what)
     if isinstance(error, ModelAPIError):
         return LinkLost(f"{door.description} does not answer: {_first_line(error)}")

@@ -168,9 +168,9 @@ class _Verifier:
     def _wrong(self, field: ProposedField, path: FieldPath | None, spans: Sequence[Span]) -> str:
         """What is wrong with one proposed field; empty when nothing is."""
         if path is None or path[0] not in PROPOSABLE_PARTS or path[:2] in _EXCLUDED_PATHS:
-            return f"prose says nothing of this; it may of {', '.join(PROPOSABLE_PARTS)}"
+            return f"a model may not set this field; it may set {', '.join(PROPOSABLE_PARTS)}"
         if not spans:
-            return f"the quote {field.quote[:80]!r} does not stand in the description, in whole words"
+            return f"the quote {field.quote[:80]!r} is not in the description in whole words"
         entry = self._draft.entries.get(path)
         if entry is not None and entry.span is not None and entry.value != field.value:
             return f"the description has been read as {entry.value!r} here, from {self._draft.quote(entry.span)!r}; that holds"

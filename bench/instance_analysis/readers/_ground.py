@@ -260,20 +260,20 @@ class GroundReader:
     def _lay_out(self, piece: GroundPiece) -> None:
         wanted = piece.within or piece.kind in ("NOFLY", "FENCE") or any(piece.id == piece_id for piece_id, _ in self._over)
         if isinstance(piece.middle, str) and piece.middle != HOME and self._places.fixed(piece.middle) is None:
-            self._draft.unread(piece.extent or piece.span, "what it lies around has no coordinates")
+            self._draft.unread(piece.extent or piece.span, "the place at its centre has no coordinates")
             return
         if not (piece.corners or piece.size_m or piece.radius_m):
             if (wanted and piece.kind in ("NOFLY", "FENCE")) or (piece.within and piece.kind == "NAMED"):
-                self._draft.unread(piece.span, "neither corners nor size of it are said", expressible=True)
+                self._draft.unread(piece.span, "its corners or size are missing", expressible=True)
             for _, span in piece.within if piece.kind == "GROUND" else ():
-                self._draft.remark(span, "nothing says where it lies or how large it is: read as the whole area")
+                self._draft.remark(span, "no place and no size are given: read as the whole area")
             return
         base: dict[str, FieldPath] = {"NOFLY": ("rules", "no_fly", piece.id, "area"), "FENCE": ("rules", "geofence")}
         where = base.get(piece.kind, ("world", "areas", piece.id))
         if piece.kind != "FENCE":
             self._draft.put((*where[:3], "id"), piece.id, piece.span)
         placed = piece.corners or piece.middle is not None or piece.part is not None
-        notes = ["" if placed else "in the middle of the area, as nothing says where"]
+        notes = ["" if placed else "in the middle of the area: the text does not say where"]
         if piece.radius_m:
             notes.append(f"a circle, by {CORNERS_OF_A_CIRCLE} corners around it")
         self._draft.put((*where, "corners"), self._laid_out(piece), piece.extent, "; ".join(filter(None, notes)))
@@ -286,7 +286,7 @@ class GroundReader:
         for name, span in self._over:
             area_corners = self._draft.entries.get(("world", "areas", name, "corners"))
             if area_corners is None:
-                self._draft.unread(span, "neither corners nor size of it are said", expressible=True)
+                self._draft.unread(span, "its corners or size are missing", expressible=True)
                 continue
             self._draft.put(("rules", "no_fly", name, "id"), name, span)
             self._draft.put(("rules", "no_fly", name, "area", "corners"), area_corners.value, span)
@@ -296,7 +296,7 @@ class GroundReader:
                 self.outline if piece is self.world else self._draft.entries.get(("world", "areas", piece.id, "corners"))
             )
             if fence_corners is None:
-                self._draft.unread(span, "neither corners nor size of it are said", expressible=True)
+                self._draft.unread(span, "its corners or size are missing", expressible=True)
             elif piece.kind != "FENCE":
                 self._draft.put(
                     ("rules", "geofence", "corners"),

@@ -65,7 +65,7 @@ class GroupRegister:
     def choose_one(self, ids: list[str], span: Span) -> list[str]:
         if len(ids) == 1:
             return ids
-        chosen = self.draft.ask(span, f"which one is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"])
+        chosen = self.draft.ask(span, f"which group is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"])
         return ids if chosen == len(ids) else [ids[chosen]]
 
     def _thing(self, phrase: Phrase) -> tuple[str, Span]:
@@ -158,7 +158,7 @@ class GroupRegister:
         put(("actors", group, "role"), str(words.role), span)
         if phrase.rule == "group" and (per := phrase.first("PERAREA")):
             if count is None:
-                self.draft.fault(phrase.span, "says per area, and not how many", "write a number before it")
+                self.draft.fault(phrase.span, "gives `per area` without a number", "write a number before it")
                 return group
             self.density_of(group, count, per, phrase.span)
             self.plural.add(group)
@@ -195,7 +195,7 @@ class GroupRegister:
             if self._is_plural(span):
                 few, most = self._vague_range()
                 self.plural.add(group)
-                self.draft.vary(path, few, most, None, unit=None, integer=True, note="how many is not said; taken for some")
+                self.draft.vary(path, few, most, None, unit=None, integer=True, note="no number is given: read as `some`")
             else:
                 self.draft.put(path, 1, span)
             return
@@ -276,7 +276,7 @@ class GroupRegister:
             others = [group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED] or others
         fitting = [group for group in others if (group not in self.plural) == single] or others
         if not fitting:
-            self.draft.unread(span, "there is nothing before it that it could mean", expressible=True)
+            self.draft.unread(span, "nothing before it that it could refer to", expressible=True)
             return []
         recent = [group for group in fitting if group in self.mentioned]
         return recent if len(recent) == 1 else self.choose_one(fitting, span)

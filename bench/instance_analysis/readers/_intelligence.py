@@ -83,7 +83,7 @@ class IntelligenceReader:
         span = self._pending[0][2]
         if not adversaries:
             for _name, _, where in self._pending:
-                self._draft.unread(where, "no intelligence is spoken of", expressible=True)
+                self._draft.unread(where, "the text mentions no intelligence report", expressible=True)
             return
         adversaries = [group for group in adversaries if group in self._candidate_groups] or adversaries
         chosen = 0

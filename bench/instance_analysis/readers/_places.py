@@ -178,10 +178,10 @@ class PlaceReader:
         count = self._draft.entries.get(("actors", group, "count"))
         point, note = self.point(place), self._converted(place)
         if count is None or count.value != 1 or any(f"actors[{group}].count" in varied.paths for varied in self._draft.ranges):
-            self._draft.remark(span, "several cannot stand in one place: they stand near it")
+            self._draft.remark(span, "several members cannot stand at one point: they stand near it")
             number = len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
             self._draft.put((*base, "distances", number, "point"), point, span, note)
-            self._draft.put((*base, "distances", number, "max_m"), self._defaults.near_m, None, "what near means")
+            self._draft.put((*base, "distances", number, "max_m"), self._defaults.near_m, None, "the default for `near`")
             return
         heading, where = self._heading(group, point)
         self._turn_over(group)

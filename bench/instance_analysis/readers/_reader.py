@@ -99,7 +99,7 @@ class TextReader:
                     self._word(item)
                 continue
             if self._denied(sentence[:index]):
-                self.draft.unread(item.span, "what is denied, or only perhaps so, is not read", expressible=True)
+                self.draft.unread(item.span, "a negation or a condition stands before it, so it is not read", expressible=True)
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
             if later and item.rule in GROUP_RULES and self._of_the_next(item, sentence[index + 1 :]):
@@ -255,7 +255,7 @@ class TextReader:
 
     def _stand(self, phrase: Phrase) -> None:
         if not self.groups.in_sentence and self.topic != "group":
-            self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
+            self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
             return
         places = places_in(phrase)
         if len(places) > 1:
@@ -367,7 +367,7 @@ class TextReader:
             return
         if word.filler or kinds & INSIGNIFICANT_KINDS or word.text.lower() in ("a", "an", "one", "single", "a single", "another"):
             return
-        self.draft.unread(word.span, "nobody knows this here" if not kinds else "stands by itself", expressible=True)
+        self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
 
     def _bare(self, word: Word) -> bool:
         """Read height and time of the mission from numbers alone: `we fly 90 m, four minutes`."""
@@ -388,7 +388,7 @@ class TextReader:
         subject = self.groups.subject
         if not subject:
             if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
-                self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
+                self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
                 for item in phrase.refs:
                     self.groups.ref(item)  # who is named is there, whatever is said of it
             return
@@ -397,7 +397,7 @@ class TextReader:
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(joined)]
-            if self.draft.ask(phrase.span, "of whom is this said?", readings) == 1:
+            if self.draft.ask(phrase.span, "which groups does this describe?", readings) == 1:
                 subject = joined
         for group in subject:
             if phrase.rule == "loop":

@@ -74,7 +74,7 @@ class RelationReader:
         if low > 0.0:
             self._draft.put((*where, "min_m"), low, span, note)
         if high is not None:
-            self._draft.put((*where, "max_m"), high, defaulted, "what near means" if defaulted is None else note)
+            self._draft.put((*where, "max_m"), high, defaulted, "the default for `near`" if defaulted is None else note)
 
     def _closer(self, base: FieldPath, other: str | Coordinates, note: str) -> None:
         """Replace the default for `near` by a distance from the same group."""
@@ -94,7 +94,7 @@ class RelationReader:
 
     def atleast(self, group: str, phrase: Phrase) -> None:
         if not phrase.refs:
-            self._draft.unread(phrase.span, "it is not said from what")
+            self._draft.unread(phrase.span, "the text does not say from what")
             return
         self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
 
@@ -119,7 +119,7 @@ class RelationReader:
     def _away(self, group: str, low: float, high: float, span: Span, note: str) -> None:
         others: list[str] = [other for other in self._groups.kinds if other != group]
         if not others:
-            self._draft.unread(span, "it is not said from what", expressible=True)
+            self._draft.unread(span, "the text does not say from what", expressible=True)
             return
         self._keep(group, self._distance_origin(group, span), span, low, high, every=False, note=note)
 
@@ -130,7 +130,7 @@ class RelationReader:
         if len(others) > 1 and len(mentioned) != 1:
             return [*others, HOME][self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])]
         origin = (mentioned if len(others) > 1 else others or [HOME])[0]
-        self._draft.remark(span, f"it is not said from what: read as from {'the start' if origin == HOME else origin}")
+        self._draft.remark(span, f"the text does not say from what: read as from {'the start' if origin == HOME else origin}")
         return origin
 
     def _band(self, length: Quantity) -> tuple[float, float, str]:
@@ -212,9 +212,9 @@ class RelationReader:
             return
         for other in self._groups.ref(phrase):
             if isinstance(other, Coordinates) or other not in self._groups.kinds:
-                self._draft.unread(phrase.span, "nobody stands inside a point")
+                self._draft.unread(phrase.span, "a group cannot stand inside a point")
             elif other == group:
-                self._draft.unread(phrase.span, "a group does not stand inside itself")
+                self._draft.unread(phrase.span, "a group cannot stand inside itself")
             else:
                 self._draft.put(("actors", group, "placement", "inside", "of"), other, phrase.span)
 
@@ -258,7 +258,7 @@ class RelationReader:
         if len(names) == 1 and len(ends) == 1 and names[0] in self._groups.plural:
             names *= 2
         if len(names) != 2 or len(ends) > 2:
-            self._draft.unread(phrase.span, "between is said of two groups, or of two members of one")
+            self._draft.unread(phrase.span, "`between` needs two groups, or a group of several")
             return
         base: FieldPath = ("actors", group, "placement", "between")
         self._draft.put((*base, "first"), names[0], phrase.span)

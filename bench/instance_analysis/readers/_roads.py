@@ -135,7 +135,7 @@ class RoadReader:
         free = [road for road in self.current if road.axis is None and not road.points]
         free = free or [road for road in self.roads if road.axis is None and not road.points]
         if not free:
-            self._draft.unread(phrase.span, "it is not said of which road", expressible=True)
+            self._draft.unread(phrase.span, "the text does not say which road", expressible=True)
             return
         part = phrase.first("AXIS") or phrase.every("DIR")[-1]
         assert isinstance(part.value, float | int)
@@ -150,7 +150,7 @@ class RoadReader:
         for road in self.current:
             road.width = (length.low, phrase.span)
         if not self.current:
-            self._draft.unread(phrase.span, "it is not said of what", expressible=True)
+            self._draft.unread(phrase.span, "the text does not say of what", expressible=True)
 
     def through(self, phrase: Phrase) -> None:
         """Set the points of a road."""
@@ -231,7 +231,7 @@ class RoadReader:
             base: FieldPath = ("actors", group, "placement", "distances")
             row = len({path[4] for path in self._draft.entries if path[:4] == base})
             self._draft.put((*base, row, "point"), middle, span)
-            self._draft.put((*base, row, "max_m"), self._defaults.near_m, None, "what near means")
+            self._draft.put((*base, row, "max_m"), self._defaults.near_m, None, "the default for `near`")
 
     @property
     def laid_out(self) -> dict[str, list[Point]]:

@@ -25,7 +25,7 @@ class RuleReader:
 
     def _rule(self, phrase: Phrase, fields: dict[str, str], note: str = "") -> bool:
         if phrase.refs and not any(self._groups.of_bystanders(ref) for ref in phrase.refs):
-            self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders alone")
+            self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders only")
             return False
         for name, kind in fields.items():
             part = phrase.first(kind)
