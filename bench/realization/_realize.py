@@ -17,8 +17,8 @@ from bench.errors import Fault, SetupError
 from bench.simspec import AgentSpec, Seeds, SimSpec
 
 from .design._design import Design, DesignPoint
-from .design._factors import Factor, Level
-from .design._paths import UNITS, PathFault, SpecPath, find_path
+from .design._factors import DesignFactor, FactorLevel
+from .design._spec_paths import UNITS, PathFault, SpecPath, find_path
 from .design._stratified import Difficulties
 
 
@@ -32,7 +32,7 @@ class RealizationPlan:
     id: str
     design_point: str
     replicate: int
-    levels: Mapping[str, Level]
+    levels: Mapping[str, FactorLevel]
     simspec: SimSpec
 
     @property
@@ -163,7 +163,7 @@ class _Patches:
             return None
         return lambda levels: rate(self.apply(DesignPoint("candidate", levels)))
 
-    def _with(self, levels: Mapping[str, Level]) -> SimSpec:
+    def _with(self, levels: Mapping[str, FactorLevel]) -> SimSpec:
         document: Any = json.loads(self.text)
         for factor in self.design.factors:
             if factor.name in levels:
@@ -194,7 +194,7 @@ class _Patches:
         ]
 
 
-def _other_unit(where: str, factor: Factor, path: SpecPath) -> Fault | None:
+def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | None:
     """A factor's unit is its field's; a field without one takes none that a field could have."""
     if factor.unit is None or path.unit == factor.unit or path.open:
         return None
@@ -207,7 +207,7 @@ def _other_unit(where: str, factor: Factor, path: SpecPath) -> Fault | None:
     return None
 
 
-def _two_units(factor: Factor, paths: Mapping[str, SpecPath]) -> list[Fault]:
+def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Fault]:
     """One number cannot be metres in one field and seconds in another."""
     stated = {paths[text].unit: text for text in factor.sets if text in paths and paths[text].unit}
     if factor.unit is not None or len(stated) < 2:

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from bench.campaign import Campaign, CampaignBudgets, CampaignSummary, Observer, RealizationFinished, run_campaign
 from bench.contracts import Outcome, SessionResult
-from bench.realization import Design, Factor
+from bench.realization import Design, DesignFactor
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
 
 JOB = "campaign_fakes:fake_flight"
@@ -72,7 +72,7 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
         actors=(ActorGroup(id="people", asset="civilian", role=Role.BYSTANDER, count=4),),
         budgets=Budgets(wall_s=60.0),
     )
-    fog = Factor(name="fog", levels=tuple(float(one) for one in range(points)), sets=("environment.fog_level",))
+    fog = DesignFactor(name="fog", levels=tuple(float(one) for one in range(points)), sets=("environment.fog_level",))
     return Campaign(
         name="small",
         base=base,

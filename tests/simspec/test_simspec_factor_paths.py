@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from bench.realization.design._paths import find_path
+from bench.realization.design._spec_paths import find_path
 from bench.simspec import FACTORS, SimSpec, factor_paths, load_simspec
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"

@@ -23,7 +23,7 @@ import yaml
 
 from bench.documents import read_document, validate_document
 from bench.errors import Fault, SetupError
-from bench.realization import INACTIVE, Design, Factor, FullFactorial, Level, Method, Sobol
+from bench.realization import INACTIVE, Design, DesignFactor, FactorLevel, FullFactorial, Method, Sobol
 from bench.reporting import ReportData, factors_that_matter, load_report_data, points_of, quality_of
 from bench.statistics import difference_bounds, difficulty_response, factor_columns
 
@@ -91,7 +91,7 @@ def propose_next(folder: Path, beside: Path | None = None) -> Proposal:
     return Proposal(following, tuple(changes), text)
 
 
-def _with(factors: Sequence[_Next], campaign: Campaign) -> Iterator[tuple[_Next, Factor]]:
+def _with(factors: Sequence[_Next], campaign: Campaign) -> Iterator[tuple[_Next, DesignFactor]]:
     return zip(factors, campaign.design.factors, strict=True)
 
 
@@ -118,7 +118,7 @@ class _Evidence:
 
     frame: pl.DataFrame
     runs: pl.DataFrame
-    levels: Mapping[str, Mapping[str, Level]]
+    levels: Mapping[str, Mapping[str, FactorLevel]]
     hidden: Mapping[str, Sequence[_Hidden]]
     blurred: Mapping[str, Sequence[str]]
 
@@ -201,7 +201,7 @@ class _Hidden:
         return f"{100 * (self.most or 0.0):.0f} points in {self.node} of {self.agent}"
 
 
-def _hidden(runs: pl.DataFrame, levels: Mapping[str, Mapping[str, Level]], design: Design) -> dict[str, list[_Hidden]]:
+def _hidden(runs: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel]], design: Design) -> dict[str, list[_Hidden]]:
     """By factor, those that are not carried first, then the widest. What follows by a formula is part of what it follows from."""
     switched = {one.name for one in design.factors if one.when}
     found: dict[str, list[_Hidden]] = {one.name: [] for one in design.factors if one.formula is None}
@@ -221,11 +221,11 @@ def _hidden(runs: pl.DataFrame, levels: Mapping[str, Mapping[str, Level]], desig
 class _Next:
     """A factor as it goes on, None where it goes, and why; the change comes first."""
 
-    factor: Factor | None
+    factor: DesignFactor | None
     why: tuple[str, ...]
 
 
-def _next_factor(factor: Factor, design: Design, evidence: _Evidence) -> _Next:
+def _next_factor(factor: DesignFactor, design: Design, evidence: _Evidence) -> _Next:
     if factor.formula is not None:
         return _Next(factor, ("follows from others",))
     followed = evidence.followed(factor.name, NO_EFFECT_P)
@@ -247,7 +247,7 @@ def _next_factor(factor: Factor, design: Design, evidence: _Evidence) -> _Next:
     return _Next(narrowed.factor, (*narrowed.why, *why, *notes)) if narrowed else _Next(factor, (*why, *notes))
 
 
-def _without_effect(factor: Factor, design: Design, hidden: Sequence[_Hidden], notes: tuple[str, ...]) -> _Next:
+def _without_effect(factor: DesignFactor, design: Design, hidden: Sequence[_Hidden], notes: tuple[str, ...]) -> _Next:
     """No test found anything: that is worth something where the tests would have."""
     widest = hidden[0]
     if widest.most is None:
@@ -285,7 +285,7 @@ def _user(name: str, design: Design) -> str:
     return used or ("fidelity" if any(getattr(method, "fidelity", None) == name for method in design.methods) else "")
 
 
-def _narrowed(factor: Factor, evidence: _Evidence) -> _Next | None:
+def _narrowed(factor: DesignFactor, evidence: _Evidence) -> _Next | None:
     """The factor on less of its range, or with what would be cut off if that were sure, and why; None where its range stays."""
     bounds = _bounds(factor) if evidence.values(factor.name) >= LEAST_VALUES else None
     if bounds is None:
@@ -305,7 +305,7 @@ def _narrowed(factor: Factor, evidence: _Evidence) -> _Next | None:
     )
 
 
-def _within(factor: Factor, bounds: tuple[float, float], span: tuple[float, float] | None) -> Factor | None:
+def _within(factor: DesignFactor, bounds: tuple[float, float], span: tuple[float, float] | None) -> DesignFactor | None:
     """The factor on this span; None where that is no less than most of it, or too little."""
     if span is None:
         return None
@@ -313,7 +313,7 @@ def _within(factor: Factor, bounds: tuple[float, float], span: tuple[float, floa
     return None if high - low > WORTH_NARROWING * (bounds[1] - bounds[0]) else _on(factor, low, high)
 
 
-def _bounds(factor: Factor) -> tuple[float, float] | None:
+def _bounds(factor: DesignFactor) -> tuple[float, float] | None:
     """The ends of a factor of numbers; None where it is none, or its levels stand for more than their number."""
     if factor.patches:
         return None
@@ -323,7 +323,7 @@ def _bounds(factor: Factor) -> tuple[float, float] | None:
     return (min(numbers), max(numbers)) if len(numbers) == len(factor.levels) > 1 else None
 
 
-def _on(factor: Factor, low: float, high: float) -> Factor | None:
+def _on(factor: DesignFactor, low: float, high: float) -> DesignFactor | None:
     """A factor between two values, with as many levels as it had; None where too few are left."""
     whole = factor.range.integer if factor.range is not None else all(isinstance(one, int) for one in factor.levels)
     low, high = (math.floor(low), math.ceil(high)) if whole else (_short(low), _short(high))
@@ -343,7 +343,7 @@ def _short(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _next_design(old: Design, factors: Sequence[Factor], data: ReportData) -> tuple[Design, dict[str, str]]:
+def _next_design(old: Design, factors: Sequence[DesignFactor], data: ReportData) -> tuple[Design, dict[str, str]]:
     """The design over these factors, and reasons by field."""
     reasons = {"seed": "another one, so that what was chosen by its results is not judged by them again"}
     method, why = _next_method(old, factors)
@@ -372,7 +372,7 @@ def _rated(method: Method) -> bool:
     return method.kind == "stratified"
 
 
-def _next_method(old: Design, factors: Sequence[Factor]) -> tuple[Method, str]:
+def _next_method(old: Design, factors: Sequence[DesignFactor]) -> tuple[Method, str]:
     """The old method where it still serves, else one that takes these factors; and why it is another."""
     method = old.method
     if method.kind in SCREENING:
@@ -392,7 +392,7 @@ def _next_method(old: Design, factors: Sequence[Factor]) -> tuple[Method, str]:
     return old.method, ""
 
 
-def _size(factors: Sequence[Factor]) -> int | None:
+def _size(factors: Sequence[DesignFactor]) -> int | None:
     """Points of the full factorial; None where a range has no steps."""
     free = [one for one in factors if one.formula is None]
     if any(one.range is not None and one.range.steps is None for one in free):
@@ -400,7 +400,7 @@ def _size(factors: Sequence[Factor]) -> int | None:
     return math.prod(len(one.counted()) for one in free)
 
 
-def _design(old: Design, factors: Sequence[Factor], method: Method, **others: int) -> Design:
+def _design(old: Design, factors: Sequence[DesignFactor], method: Method, **others: int) -> Design:
     document = {"factors": list(factors), "forbid": old.forbid, "method": method, "replicates": 1, "seed": old.seed, **others}
     return validate_document(document, Design)
 

@@ -16,13 +16,15 @@ from pydantic import Field, model_validator
 
 from bench.documents import Document
 
-from ._covering import CoveringArray
+from ._covering_arrays import CoveringArray
+from ._factor_space import FactorSpace
 from ._factorial import FullFactorial, OneByOne
-from ._factors import MAX_POINTS, ExpressionText, Factor, Level, Levels, Space
-from ._nested import Nested
-from ._orthogonal import NearlyOrthogonalLatinHypercube, OrthogonalLatinHypercube
-from ._sampled import Halton, LatinHypercube, Sobol
-from ._screening import DefinitiveScreening, FractionalFactorial, PlackettBurman
+from ._factors import MAX_POINTS, DesignFactor, ExpressionText, FactorLevel, FactorLevels
+from ._fractional_factorial import FractionalFactorial
+from ._nested_hypercubes import Nested
+from ._orthogonal_hypercubes import NearlyOrthogonalLatinHypercube, OrthogonalLatinHypercube
+from ._screening import DefinitiveScreening, PlackettBurman
+from ._space_filling import Halton, LatinHypercube, Sobol
 from ._stratified import Difficulties, Stratified
 
 
@@ -32,7 +34,7 @@ class Combines(Protocol):
     grows: ClassVar[bool]
     """Whether more points leave the earlier ones as they were, number and levels."""
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         """The points in their own order, all factors' levels in each; the same for the same factors, options and seed.
 
         Raises ValueError with a sentence where these factors cannot be combined so.
@@ -65,7 +67,7 @@ class DesignPoint:
     """
 
     id: str
-    levels: Mapping[str, Level]
+    levels: Mapping[str, FactorLevel]
     scene: str = ""
 
     def __post_init__(self) -> None:
@@ -76,7 +78,7 @@ class DesignPoint:
 class Design(Document):
     """Which situations are flown: factors, the method that combines them, replicates, and the seed of all of it."""
 
-    factors: tuple[Factor, ...] = ()
+    factors: tuple[DesignFactor, ...] = ()
     forbid: Annotated[
         tuple[ExpressionText, ...],
         Field(max_length=200, description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\"."),
@@ -117,9 +119,9 @@ class Design(Document):
         return (self.method, *self.then)
 
     @property
-    def space(self) -> Space:
+    def space(self) -> FactorSpace:
         """The factors as a whole."""
-        return Space(self.factors, self.forbid)
+        return FactorSpace(self.factors, self.forbid)
 
     @property
     def rated(self) -> bool:
@@ -179,7 +181,7 @@ class Design(Document):
         return hashlib.blake2b(f"{self.seed}/{point.id}/{replicate}".encode()).digest()
 
 
-def _numbered(combinations: Sequence[Levels], before: int, twins: Container[int]) -> list[DesignPoint]:
+def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:
     """Points from the one after `before`. Those whose places are among `twins` share the scene of the one in front of them.
 
     Points that merely have the same levels do not: two flights of one scene are one, and would count as two.

@@ -16,23 +16,38 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 Value = bool | float | str
-MOST_CHARACTERS = 500
-MOST_DEPTH = 40
-MOST_NUMBER = 1e300
+
+
+MAX_CHARACTERS = 500
+
+
+MAX_DEPTH = 40
+
+
+MAX_NUMBER = 1e300
+
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<text>'[^']*'|\"[^\"]*\")"
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*(?:-[A-Za-z0-9_]+)*)|(?P<sign>\*\*|==|!=|<=|>=|[-+*/%()<>,]))"
 )
-_WORDS = frozenset({"and", "or", "not", "if", "else", "true", "false"})
-_SAME: dict[str, Callable[[object, object], bool]] = {"==": operator.eq, "!=": operator.ne}
-_ORDER: dict[str, Callable[[float, float], bool]] = {
+
+
+_KEYWORDS = frozenset({"and", "or", "not", "if", "else", "true", "false"})
+
+
+_EQUALITY: dict[str, Callable[[object, object], bool]] = {"==": operator.eq, "!=": operator.ne}
+
+
+_COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
     ">=": operator.ge,
 }
-_SUMS: dict[str, Callable[[float, float], float]] = {
+
+
+_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
@@ -40,6 +55,8 @@ _SUMS: dict[str, Callable[[float, float], float]] = {
     "%": operator.mod,
     "**": math.pow,
 }
+
+
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "min": (0, min),
     "max": (0, max),
@@ -51,10 +68,11 @@ _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
 }
 """By name: how many arguments (0: one or more), and what is worked out."""
 
+
 Evaluate = Callable[[Mapping[str, object]], Value]
 
 
-class Absent(Exception):
+class InactiveFactor(Exception):
     """A factor that an expression came to is inactive, so the expression says nothing."""
 
 
@@ -88,8 +106,8 @@ class Expression:
 
 def parse_expression(text: str) -> Expression:
     """Read an expression. Raises ValueError saying what stands wrong, and where."""
-    if len(text) > MOST_CHARACTERS:
-        raise ValueError(f"an expression has at most {MOST_CHARACTERS} characters, this one {len(text)}")
+    if len(text) > MAX_CHARACTERS:
+        raise ValueError(f"an expression has at most {MAX_CHARACTERS} characters, this one {len(text)}")
     reader = _Reader(text)
     evaluate = reader.whole()
     return Expression(text, frozenset(reader.names), frozenset(reader.compared), evaluate)
@@ -125,7 +143,7 @@ class _Reader:
             place = match.end()
             kind = str(match.lastgroup)
             word = match[kind]
-            yield ("word" if kind == "name" and word in _WORDS else kind), word
+            yield ("word" if kind == "name" and word in _KEYWORDS else kind), word
 
     def _kind(self) -> str:
         return self._tokens[self._place][0] if self._place < len(self._tokens) else ""
@@ -149,8 +167,8 @@ class _Reader:
 
     def _choice(self) -> Evaluate:
         self._depth += 1
-        if self._depth > MOST_DEPTH:
-            self._wrong(f"is nested deeper than {MOST_DEPTH}")
+        if self._depth > MAX_DEPTH:
+            self._wrong(f"is nested deeper than {MAX_DEPTH}")
         first = self._either()
         if self._next("if"):
             condition = self._either()
@@ -187,7 +205,7 @@ class _Reader:
     def _compared(self) -> Evaluate:
         places = [self._place]
         terms, signs = [self._sum()], []
-        while sign := self._next(*_SAME, *_ORDER):
+        while sign := self._next(*_EQUALITY, *_COMPARISONS):
             signs.append(sign)
             places.append(self._place)
             terms.append(self._sum())
@@ -200,7 +218,7 @@ class _Reader:
         alone = [self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)]
         for sign, one, other in zip(signs, alone, alone[1:], strict=False):
             for (kind, name), (beside, word) in ((one, other), (other, one)):
-                if sign in _SAME and kind == "name" and beside in ("text", "word"):
+                if sign in _EQUALITY and kind == "name" and beside in ("text", "word"):
                     self.compared.add((name, word[1:-1] if beside == "text" else word == "true"))
 
     def _sum(self) -> Evaluate:
@@ -229,8 +247,8 @@ class _Reader:
         if not self._next("**"):
             return found
         self._depth += 1
-        if self._depth > MOST_DEPTH:
-            self._wrong(f"is nested deeper than {MOST_DEPTH}")
+        if self._depth > MAX_DEPTH:
+            self._wrong(f"is nested deeper than {MAX_DEPTH}")
         power = _combined("**", found, self._signed())
         self._depth -= 1
         return power
@@ -274,14 +292,14 @@ class _Reader:
 def _level(levels: Mapping[str, object], name: str) -> Value:
     value = levels.get(name)
     if value is None:
-        raise Absent(name)
+        raise InactiveFactor(name)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else value  # type: ignore[return-value]
 
 
 def _number(value: Value) -> float:
     if isinstance(value, bool) or not isinstance(value, float):
         raise ValueError(f"{value!r} is no number")
-    if not abs(value) <= MOST_NUMBER:
+    if not abs(value) <= MAX_NUMBER:
         raise ValueError("a number grows too large")
     return value
 
@@ -301,7 +319,7 @@ def _or(first: Evaluate, second: Evaluate) -> Evaluate:
 
 
 def _combined(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
-    work = _SUMS[sign]
+    work = _ARITHMETIC[sign]
     return lambda levels: _number(work(_number(first(levels)), _number(second(levels))))
 
 
@@ -310,7 +328,7 @@ def _chain(terms: list[Evaluate], signs: list[str]) -> Evaluate:
         left = terms[0](levels)
         for sign, term in zip(signs, terms[1:], strict=True):
             right = term(levels)
-            if not (_SAME[sign](left, right) if sign in _SAME else _ORDER[sign](_number(left), _number(right))):
+            if not (_EQUALITY[sign](left, right) if sign in _EQUALITY else _COMPARISONS[sign](_number(left), _number(right))):
                 return False
             left = right
         return True

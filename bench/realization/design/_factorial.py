@@ -10,7 +10,8 @@ from pydantic import Field
 
 from bench.documents import Document
 
-from ._factors import MAX_POINTS, Levels, Space
+from ._factor_space import FactorSpace
+from ._factors import MAX_POINTS, FactorLevels
 
 
 class FullFactorial(Document):
@@ -22,7 +23,7 @@ class FullFactorial(Document):
         int | None, Field(ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent.")
     ] = None
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         counted = [factor.counted() for factor in space.free]
         size = math.prod(map(len, counted))
@@ -40,14 +41,14 @@ class OneByOne(Document):
     grows: ClassVar[bool] = False
     kind: Literal["one_by_one"] = "one_by_one"
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
-        first: Levels = {factor.name: factor.counted()[0] for factor in space.free}
+        first: FactorLevels = {factor.name: factor.counted()[0] for factor in space.free}
         others = [{**first, factor.name: level} for factor in space.free for level in factor.counted()[1:]]
         return _distinct(space, [first, *others])
 
 
-def _distinct(space: Space, chosen: list[Levels]) -> list[Levels]:
+def _distinct(space: FactorSpace, chosen: list[FactorLevels]) -> list[FactorLevels]:
     """What is allowed, each point once: combinations that differ in inactive factors alone are one."""
     found = {tuple(map(repr, levels.values())): levels for levels in reversed(list(space.whole(chosen)))}
     return list(reversed(found.values()))

@@ -18,20 +18,33 @@ from pydantic import Field
 
 from bench.documents import Document
 
-from ._covering import Possible
+from ._covering_arrays import PartialAssignments
 from ._design import DesignPoint
-from ._factors import INACTIVE, Factor, Level, Space
+from ._factor_space import FactorSpace
+from ._factors import INACTIVE, DesignFactor, FactorLevel
 
-PARTS = 3
+RANGE_PARTS = 3
 """A range without steps counts as so many equal parts where combinations of levels are counted."""
-MOST_POINTS = 2000
+
+
+MAX_POINTS_FOR_DISTANCE = 2000
 """More points than this are not measured for discrepancy and distance, whose work grows with their square."""
-MOST_COMBINATIONS = 200_000
-MOST_SHOWN = 20
-MOST_ALIASED = 8
-MOST_TERMS = 5_000_000
+
+
+MAX_COMBINATIONS = 200_000
+
+
+SHOWN_CONFIGURATIONS = 20
+
+
+SHOWN_ALIASES = 8
+
+
+MAX_INTERACTION_TERMS = 5_000_000
 """Points times interactions of two above which these are not measured."""
-SAME = 1e-9
+
+
+TOLERANCE = 1e-9
 
 
 class Coverage(Document):
@@ -100,8 +113,8 @@ class DesignQuality(Document):
             between = f" ({' and '.join(self.interacting)})" if self.interacting else ""
             yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{between}"
         if self.aliased:
-            more = f"; and {len(self.aliased) - MOST_ALIASED} more" if len(self.aliased) > MOST_ALIASED else ""
-            yield f"cannot be told apart: {'; '.join(self.aliased[:MOST_ALIASED])}{more}"
+            more = f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
+            yield f"cannot be told apart: {'; '.join(self.aliased[:SHOWN_ALIASES])}{more}"
         if self.estimable is False:
             yield "the points are too few, or too alike, for the main effects of all factors"
         if self.discrepancy is not None and self.min_distance is not None:
@@ -109,14 +122,14 @@ class DesignQuality(Document):
         if self.coverage:
             told = (f"{one.covered} of {one.possible} for t = {one.t} ({one.share:.0%})" for one in self.coverage)
             yield f"combinations of t levels: {', '.join(told)}"
-        for name, count in list(self.configurations.items())[:MOST_SHOWN]:
+        for name, count in list(self.configurations.items())[:SHOWN_CONFIGURATIONS]:
             yield f"{count} {'point' if count == 1 else 'points'} in configuration {name}"
-        if len(self.configurations) > MOST_SHOWN:
-            yield f"and {len(self.configurations) - MOST_SHOWN} more configurations"
+        if len(self.configurations) > SHOWN_CONFIGURATIONS:
+            yield f"and {len(self.configurations) - SHOWN_CONFIGURATIONS} more configurations"
 
 
 def design_quality(
-    space: Space,
+    space: FactorSpace,
     points: Sequence[DesignPoint],
     *,
     pairs: int | None = None,
@@ -135,7 +148,7 @@ def design_quality(
     mixed, mixing, aliased = _interactions(numbers)
     cube = [column for one in space.free if (column := numbers.get(one.name, _names_column(one, points))) is not None]
     unit = np.stack(cube, axis=1) if cube else np.zeros((len(points), 0))
-    measured = unit.shape[1] > 0 and 2 <= len(points) <= MOST_POINTS
+    measured = unit.shape[1] > 0 and 2 <= len(points) <= MAX_POINTS_FOR_DISTANCE
     return DesignQuality(
         points=len(points),
         pairs=len(points) if pairs is None else pairs,
@@ -155,12 +168,12 @@ def design_quality(
     )
 
 
-def coverage(space: Space, points: Sequence[DesignPoint], t: int) -> Coverage | None:
+def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Coverage | None:
     """How many of the combinations of t factors' levels occur; None where there are fewer factors, or too many combinations."""
     choices = {one.name: _parts(one) for one in space.free}
     places = list(itertools.combinations(range(len(choices)), t))
     sizes = [len(one) for one in choices.values()]
-    if not places or sum(math.prod(sizes[at] for at in some) for some in places) > MOST_COMBINATIONS:
+    if not places or sum(math.prod(sizes[at] for at in some) for some in places) > MAX_COMBINATIONS:
         return None
     rows = [[_part(factor, point.levels[factor.name]) for factor in space.free] for point in points]
     covered = {(some, tuple(row[at] for at in some)) for row in rows for some in places}
@@ -172,12 +185,12 @@ def coverage(space: Space, points: Sequence[DesignPoint], t: int) -> Coverage | 
 
 
 def _possible(
-    space: Space, choices: Mapping[str, Sequence[Level]], places: Sequence[tuple[int, ...]], sizes: Sequence[int]
+    space: FactorSpace, choices: Mapping[str, Sequence[FactorLevel]], places: Sequence[tuple[int, ...]], sizes: Sequence[int]
 ) -> int:
     """Rules are asked of levels, so they count only where every factor that they name has levels to count."""
     counted = {one.name for one in space.free if one.range is None or one.range.steps is not None}
     rules = [rule for rule in space.rules() if rule.names <= counted]
-    possible = Possible(choices, rules)
+    possible = PartialAssignments(choices, rules)
     bound, count = set(possible.bound), 0
     for some in places:
         if not bound & set(some):
@@ -191,13 +204,13 @@ def _possible(
     return count
 
 
-def _parts(factor: Factor) -> tuple[Level, ...]:
+def _parts(factor: DesignFactor) -> tuple[FactorLevel, ...]:
     counts = factor.range is None or factor.range.steps is not None
-    parts: tuple[Level, ...] = factor.counted() if counts else tuple(range(PARTS))
+    parts: tuple[FactorLevel, ...] = factor.counted() if counts else tuple(range(RANGE_PARTS))
     return (*parts, INACTIVE) if factor.when else parts
 
 
-def _part(factor: Factor, level: Level) -> int:
+def _part(factor: DesignFactor, level: FactorLevel) -> int:
     """The number of a level among those counted: itself, or the nearest of a range's steps, or the part that it lies in."""
     if factor.when and level == INACTIVE:
         return len(_parts(factor)) - 1
@@ -207,10 +220,10 @@ def _part(factor: Factor, level: Level) -> int:
     share = (level - factor.range.low) / (factor.range.high - factor.range.low)
     if factor.range.steps is not None:
         return round(share * (factor.range.steps - 1))
-    return min(int(share * PARTS), PARTS - 1)
+    return min(int(share * RANGE_PARTS), RANGE_PARTS - 1)
 
 
-def _column(factor: Factor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
+def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
     """A factor's levels on [0, 1] of its range, where they are numbers or two; None where it is neither, or off somewhere."""
     levels = [point.levels[factor.name] for point in points]
     if factor.when and INACTIVE in levels:
@@ -223,21 +236,21 @@ def _column(factor: Factor, points: Sequence[DesignPoint]) -> NDArray[np.float64
     return np.asarray((values - low) / (high - low)) if high > low else None
 
 
-def _bounds(factor: Factor, values: NDArray[np.float64]) -> tuple[float, float]:
+def _bounds(factor: DesignFactor, values: NDArray[np.float64]) -> tuple[float, float]:
     if factor.range is not None:
         return factor.range.low, factor.range.high
     known = [float(one) for one in factor.levels] or values.tolist()
     return min(known, default=0.0), max(known, default=0.0)
 
 
-def _names_column(factor: Factor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
+def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
     """The places of a factor's levels among them all, evenly on [0, 1]; None for a range, one level, or one that is off."""
     if len(factor.levels) < 2 or any(point.levels[factor.name] not in factor.levels for point in points):
         return None
     return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (len(factor.levels) - 1)
 
 
-def _block(factor: Factor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
+def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
     """What a factor brings to a model of main effects: a column, or one for each of three or more names but one.
 
     Not a number in points where it is inactive; None where it does not vary.
@@ -283,7 +296,7 @@ def _basis(block: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(block) < 2:
         return np.zeros((len(block), 0))
     left, sizes, _ = np.linalg.svd(block - block.mean(axis=0), full_matrices=False)
-    return np.asarray(left[:, sizes > SAME * max(1.0, float(sizes.max(initial=0.0)))])
+    return np.asarray(left[:, sizes > TOLERANCE * max(1.0, float(sizes.max(initial=0.0)))])
 
 
 def _correlation(columns: Mapping[str, NDArray[np.float64]]) -> tuple[float | None, tuple[str, ...]]:
@@ -300,7 +313,7 @@ def _correlation(columns: Mapping[str, NDArray[np.float64]]) -> tuple[float | No
 def _units(columns: Mapping[str, NDArray[np.float64]]) -> tuple[list[str], NDArray[np.float64]]:
     """The columns that vary, less their means and of length 1."""
     centred = {name: column - column.mean() for name, column in columns.items() if len(column)}
-    varied = {name: column for name, column in centred.items() if np.linalg.norm(column) > SAME}
+    varied = {name: column for name, column in centred.items() if np.linalg.norm(column) > TOLERANCE}
     return list(varied), np.array([column / np.linalg.norm(column) for column in varied.values()]).T
 
 
@@ -310,7 +323,7 @@ def _interactions(
     """How far main effects go with products of two, which ones most, and the terms that are the same but for their sign."""
     names, mains = _units(columns)
     pairs = list(itertools.combinations(range(len(names)), 2))
-    if len(names) < 3 or len(pairs) * len(mains) > MOST_TERMS:
+    if len(names) < 3 or len(pairs) * len(mains) > MAX_INTERACTION_TERMS:
         return None, (), ()
     products = {f"{names[one]} x {names[other]}": mains[:, one] * mains[:, other] for one, other in pairs}
     told, crossed = _units(products)

@@ -10,11 +10,14 @@ from pydantic import Field
 
 from bench.documents import Document
 
-from ._factors import Level, Levels, Space
-from ._sampled import halton_shares
+from ._factor_space import FactorSpace
+from ._factors import FactorLevel, FactorLevels
+from ._space_filling import halton_shares
 
-Difficulties = Callable[[Mapping[str, Level]], Mapping[str, float]]
+Difficulties = Callable[[Mapping[str, FactorLevel]], Mapping[str, float]]
 """The difficulties of the studied nodes, by their names, in the situation that levels make."""
+
+
 DECIMALS = 6
 
 
@@ -37,9 +40,9 @@ class Stratified(Document):
         Field(gt=0.0, le=100.0, description="Width of the difficulties that count as one; 20 is a tension. Exact when absent."),
     ] = None
 
-    def chosen(self, space: Space, seed: int, difficulties: Difficulties) -> list[Levels]:
+    def chosen(self, space: FactorSpace, seed: int, difficulties: Difficulties) -> list[FactorLevels]:
         """The points. Raises ValueError where there are more configurations than points, or too few candidates."""
-        strata: dict[tuple[object, ...], list[Levels]] = {}
+        strata: dict[tuple[object, ...], list[FactorLevels]] = {}
         for levels in self._candidates(space, seed):
             strata.setdefault(self._stratum(difficulties(levels)), []).append(levels)
         if len(strata) > self.points:
@@ -47,12 +50,12 @@ class Stratified(Document):
                 f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
                 "or give band (20 is a tension), the width of difficulties that count as one"
             )
-        found = list(itertools.islice(_turns(list(strata.values())), self.points))
+        found = list(itertools.islice(_round_robin(list(strata.values())), self.points))
         if len(found) < self.points:
             raise ValueError(f"only {len(found)} different points are among the candidates; lower points or raise candidates")
         return found
 
-    def _candidates(self, space: Space, seed: int) -> list[Levels]:
+    def _candidates(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         drawn = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
         return list({tuple(levels.items()): levels for levels in drawn}.values())
 
@@ -63,6 +66,6 @@ class Stratified(Document):
         return tuple(max(1, -int(-round(one, DECIMALS) // self.band)) for one in difficulties.values())
 
 
-def _turns(strata: list[list[Levels]]) -> Iterator[Levels]:
+def _round_robin(strata: list[list[FactorLevels]]) -> Iterator[FactorLevels]:
     for turn in itertools.zip_longest(*strata):
         yield from (levels for levels in turn if levels is not None)

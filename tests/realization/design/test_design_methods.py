@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import INACTIVE, Design, DesignPoint, Method, design_quality
-from bench.realization.design._nested import nested_latin_hypercube
-from bench.realization.design._orthogonal import (
+from bench.realization.design._fractional_factorial import fraction
+from bench.realization.design._hadamard import conference_matrix
+from bench.realization.design._nested_hypercubes import nested_latin_hypercube
+from bench.realization.design._orthogonal_hypercubes import (
     largest_correlation,
     nearly_orthogonal_latin_hypercube,
     orthogonal_latin_hypercube,
 )
-from bench.realization.design._screening import conference_matrix, definitive_screening, fraction, plackett_burman
+from bench.realization.design._screening import definitive_screening, plackett_burman
 
 
 def ranges(count: int, **others: Any) -> list[dict[str, Any]]:

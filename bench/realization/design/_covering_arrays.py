@@ -19,12 +19,17 @@ from pydantic import Field
 
 from bench.documents import Document
 
-from ._factors import Level, Levels, Rule, Space
+from ._factor_space import FactorSpace, LevelRule
+from ._factors import FactorLevel, FactorLevels
 
-FREE = -1
+UNSET = -1
 """A place of a row that nothing has asked for yet."""
-MOST_COMBINATIONS = 500_000
-MOST_LOOKED_AT = 200_000
+
+
+MAX_COMBINATIONS = 500_000
+
+
+MAX_ASSIGNMENTS = 200_000
 """Assignments that are tried before what is forbidden is said to be too tangled."""
 
 
@@ -35,23 +40,23 @@ class CoveringArray(Document):
     kind: Literal["covering_array"] = "covering_array"
     strength: Annotated[int, Field(ge=1, le=4, description="2 covers all pairs, 3 all triples.")] = 2
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         choices = {factor.name: space.choices(factor) for factor in space.free}
         strength = min(self.strength, len(choices))
         sizes = [len(one) for one in choices.values()]
         count = sum(math.prod(some) for some in itertools.combinations(sizes, strength))
-        if count > MOST_COMBINATIONS:
+        if count > MAX_COMBINATIONS:
             raise ValueError(
-                f"there are {count} combinations of {strength} levels to cover, more than {MOST_COMBINATIONS}; lower strength"
+                f"there are {count} combinations of {strength} levels to cover, more than {MAX_COMBINATIONS}; lower strength"
             )
-        rows = _covered(choices, strength, Possible(choices, space.rules()), np.random.default_rng(seed))
+        rows = _covering_rows(choices, strength, PartialAssignments(choices, space.rules()), np.random.default_rng(seed))
         return [space.complete(row) for row in rows]
 
 
-class Possible:
+class PartialAssignments:
     """Whether a partial choice of levels, as numbers into `choices`, can be made whole without breaking a rule."""
 
-    def __init__(self, choices: Mapping[str, Sequence[Level]], rules: Sequence[Rule]) -> None:
+    def __init__(self, choices: Mapping[str, Sequence[FactorLevel]], rules: Sequence[LevelRule]) -> None:
         self._names = list(choices)
         self._choices = list(choices.values())
         place = {name: at for at, name in enumerate(choices)}
@@ -73,20 +78,20 @@ class Possible:
         found = list(row)
         if not self._legal(found):
             return None
-        return self._filled(found, [at for at in self.bound if row[at] == FREE], draws)
+        return self._filled(found, [at for at in self.bound if row[at] == UNSET], draws)
 
-    def levels(self, row: Sequence[int]) -> Levels:
+    def levels(self, row: Sequence[int]) -> FactorLevels:
         """The levels of a row with nothing free."""
         return {name: levels[at] for name, levels, at in zip(self._names, self._choices, row, strict=True)}
 
     def _filled(self, row: list[int], waiting: list[int], draws: np.random.Generator | None) -> list[int] | None:
         if not waiting:
-            free = [at for at, number in enumerate(row) if number == FREE]
+            free = [at for at, number in enumerate(row) if number == UNSET]
             for at in free:
                 row[at] = int(draws.integers(len(self._choices[at]))) if draws else 0
             return row
         self._looked_at += 1
-        if self._looked_at > MOST_LOOKED_AT:
+        if self._looked_at > MAX_ASSIGNMENTS:
             raise ValueError("what is forbidden is too tangled for a covering_array; use full_factorial, sobol or halton")
         at, *rest = waiting
         numbers = range(len(self._choices[at]))
@@ -94,23 +99,23 @@ class Possible:
             row[at] = number
             if self._legal(row, at) and (found := self._filled(row, rest, draws)) is not None:
                 return found
-        row[at] = FREE
+        row[at] = UNSET
         return None
 
     def _legal(self, row: Sequence[int], changed: int | None = None) -> bool:
         for rule, places in self._rules:
-            if (changed is None or changed in places) and all(row[at] != FREE for at in places):
+            if (changed is None or changed in places) and all(row[at] != UNSET for at in places):
                 levels = {self._names[at]: self._choices[at][row[at]] for at in places}
                 if rule.broken(levels):
                     return False
         return True
 
 
-def _covered(
-    choices: Mapping[str, Sequence[Level]], strength: int, possible: Possible, draws: np.random.Generator
-) -> list[Levels]:
+def _covering_rows(
+    choices: Mapping[str, Sequence[FactorLevel]], strength: int, possible: PartialAssignments, draws: np.random.Generator
+) -> list[FactorLevels]:
     sizes = [len(one) for one in choices.values()]
-    if not possible([FREE] * len(sizes)):
+    if not possible([UNSET] * len(sizes)):
         raise ValueError("everything is forbidden")
     # Factors with many levels first keeps the array short.
     order = sorted(range(len(sizes)), key=lambda at: (-sizes[at], at))
@@ -119,25 +124,27 @@ def _covered(
         row for numbers in itertools.product(*(range(sizes[at]) for at in first)) if possible(row := _row(sizes, first, numbers))
     ]
     for done in range(strength, len(order)):
-        _grow(rows, _Missing(order[:done], order[done], sizes, strength, possible), possible)
+        _extend_rows(rows, _UncoveredCombinations(order[:done], order[done], sizes, strength, possible), possible)
     filled = [possible.filled(row, draws) for row in rows]
     return [possible.levels(row) for row in filled if row is not None]
 
 
 def _row(sizes: Sequence[int], places: Sequence[int], numbers: Sequence[int]) -> list[int]:
-    row = [FREE] * len(sizes)
+    row = [UNSET] * len(sizes)
     for at, number in zip(places, numbers, strict=True):
         row[at] = number
     return row
 
 
-class _Missing:
+class _UncoveredCombinations:
     """Combinations of one new factor with any t - 1 earlier ones that no row has yet.
 
     `open` is (sets of earlier factors, their levels as one number, the new factor's level).
     """
 
-    def __init__(self, earlier: Sequence[int], new: int, sizes: Sequence[int], strength: int, possible: Possible) -> None:
+    def __init__(
+        self, earlier: Sequence[int], new: int, sizes: Sequence[int], strength: int, possible: PartialAssignments
+    ) -> None:
         self.new, self._sizes = new, sizes
         sets = list(itertools.combinations(earlier, strength - 1))
         self.sets = np.array(sets, dtype=np.int64).reshape(len(sets), strength - 1)
@@ -160,7 +167,7 @@ class _Missing:
 
     def strike(self, row: Sequence[int]) -> None:
         """What this row has is missing no more."""
-        if row[self.new] != FREE:
+        if row[self.new] != UNSET:
             codes, known = self._codes(row)
             self.open[self._every[known], codes[known], row[self.new]] = False
 
@@ -180,11 +187,11 @@ class _Missing:
         codes, known = np.zeros(len(self.sets), dtype=np.int64), np.ones(len(self.sets), dtype=np.bool_)
         for column in self.sets.T:
             codes = codes * self._size_of[column] + numbers[column]
-            known &= numbers[column] != FREE
+            known &= numbers[column] != UNSET
         return codes, known
 
 
-def _grow(rows: list[list[int]], missing: _Missing, possible: Possible) -> None:
+def _extend_rows(rows: list[list[int]], missing: _UncoveredCombinations, possible: PartialAssignments) -> None:
     """Give every row the new factor's level that covers most, then add rows for what is missing still."""
     for row in rows:
         gains = missing.gains(row)
@@ -195,7 +202,7 @@ def _grow(rows: list[list[int]], missing: _Missing, possible: Possible) -> None:
             if possible(row):
                 missing.strike(row)
                 break
-            row[missing.new] = FREE
+            row[missing.new] = UNSET
     for wanted in missing.left():
         home = next((row for row in rows if _fits(row, wanted) and possible(_merged(row, wanted))), None)
         if home is None:
@@ -206,8 +213,8 @@ def _grow(rows: list[list[int]], missing: _Missing, possible: Possible) -> None:
 
 
 def _fits(row: Sequence[int], wanted: Sequence[int]) -> bool:
-    return all(one in (FREE, other) or other == FREE for one, other in zip(row, wanted, strict=True))
+    return all(one in (UNSET, other) or other == UNSET for one, other in zip(row, wanted, strict=True))
 
 
 def _merged(row: Sequence[int], wanted: Sequence[int]) -> list[int]:
-    return [other if one == FREE else one for one, other in zip(row, wanted, strict=True)]
+    return [other if one == UNSET else one for one, other in zip(row, wanted, strict=True)]

@@ -14,8 +14,10 @@ from bench.simspec import SimSpec
 
 _PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_-]+)\])?")
 
+
 OWNED = ("format", "name", "realized", "agent", "seeds.root")
 """What realization itself writes into every SimSpec; no factor may."""
+
 
 UNITS = {
     "per_m": "1/m",

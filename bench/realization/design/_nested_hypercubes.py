@@ -15,9 +15,10 @@ from pydantic import Field, model_validator
 from bench.documents import Document
 from bench.simspec import Identifier
 
-from ._factors import Levels, Space
+from ._factor_space import FactorSpace
+from ._factors import FactorLevels
 
-STARTS = 20
+MAXIMIN_DRAWS = 20
 
 
 class Nested(Document):
@@ -40,7 +41,7 @@ class Nested(Document):
         """The places of the points at high fidelity, each right behind its own at low fidelity."""
         return range(1, 2 * self.high, 2)
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         """The low points, the first `high` of them followed by their high twins."""
         switch = next((factor for factor in space.free if factor.name == self.fidelity), None)
         if switch is None or switch.when is not None:
@@ -48,7 +49,7 @@ class Nested(Document):
         low, high = switch.ends()
         others = [factor for factor in space.free if factor is not switch]
         rows = nested_latin_hypercube(self.points, self.high, len(others), seed)
-        chosen: list[Levels] = []
+        chosen: list[FactorLevels] = []
         for place, row in enumerate(rows):
             levels = {factor.name: factor.at(float(share)) for factor, share in zip(others, row, strict=True)}
             chosen.append(levels | {switch.name: low})
@@ -63,11 +64,11 @@ def nested_latin_hypercube(points: int, high: int, factors: int, seed: int) -> N
     Of some drawn ones the one whose closest points are farthest apart.
     """
     draws = np.random.default_rng(seed)
-    found = [_drawn(points, high, factors, draws) for _ in range(STARTS if 1 < points <= 500 else 1)]
+    found = [_drawn_rows(points, high, factors, draws) for _ in range(MAXIMIN_DRAWS if 1 < points <= 500 else 1)]
     return max(found, key=_closest)
 
 
-def _drawn(points: int, high: int, factors: int, draws: np.random.Generator) -> NDArray[np.float64]:
+def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator) -> NDArray[np.float64]:
     columns = []
     for _ in range(factors):
         finer = points // high

@@ -17,17 +17,30 @@ from pydantic import Field
 from bench.arrays import Counts
 from bench.documents import Document
 
-from ._factors import Levels, Space
+from ._factor_space import FactorSpace
+from ._factors import FactorLevels
 
-MOST_ORTHOGONAL = 1025
-MOST_NEARLY = 500
-STARTS = 4
+MAX_ORTHOGONAL_POINTS = 1025
+
+
+MAX_NEARLY_ORTHOGONAL_POINTS = 500
+
+
+SEARCHES = 4
 """Searches for a nearly orthogonal one, from as many drawn hypercubes; the one with the best result is kept."""
-CHOICES = 60
+
+
+COLUMN_CHOICES = 60
 """Choices of columns of an orthogonal one that are compared; fewer above MOST_COMPARED points, where comparing takes long."""
-MOST_COMPARED = 300
-ROUNDS = 60
-ENOUGH = 500
+
+
+MAX_COMPARED_POINTS = 300
+
+
+MAX_SWEEPS = 60
+
+
+CORRELATION_DIVISOR = 500
 """A correlation below one over this is not lowered further: a nearly orthogonal one has 0.03 by custom."""
 
 
@@ -40,13 +53,14 @@ class OrthogonalLatinHypercube(Document):
     grows: ClassVar[bool] = False
     kind: Literal["orthogonal_latin_hypercube"] = "orthogonal_latin_hypercube"
     points: Annotated[
-        int | None, Field(ge=4, le=MOST_ORTHOGONAL, description="The least with a centre that carries the factors, when absent.")
+        int | None,
+        Field(ge=4, le=MAX_ORTHOGONAL_POINTS, description="The least with a centre that carries the factors, when absent."),
     ] = None
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         factors = len(space.free)
         points = self.points or least_points(factors)
-        kept = _spread_out(points, factors, seed)
+        kept = _maximin_columns(points, factors, seed)
         return space.every([space.ranked(row, points) for row in _ranks(kept)], self.kind)
 
 
@@ -55,9 +69,9 @@ class NearlyOrthogonalLatinHypercube(Document):
 
     grows: ClassVar[bool] = False
     kind: Literal["nearly_orthogonal_latin_hypercube"] = "nearly_orthogonal_latin_hypercube"
-    points: Annotated[int, Field(ge=3, le=MOST_NEARLY)]
+    points: Annotated[int, Field(ge=3, le=MAX_NEARLY_ORTHOGONAL_POINTS)]
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         square = nearly_orthogonal_latin_hypercube(self.points, len(space.free), seed)
         return space.every([space.ranked(row, self.points) for row in _ranks(square)], self.kind)
 
@@ -101,7 +115,7 @@ def _constructed(points: int, exponent: int) -> Counts:
 
 
 @lru_cache(maxsize=16)
-def _spread_out(points: int, factors: int, seed: int) -> Counts:
+def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
     """Of some drawn choices of columns the one whose closest points are farthest apart.
 
     Which column a factor gets, and which way round it runs, is free: no correlation changes.
@@ -109,7 +123,7 @@ def _spread_out(points: int, factors: int, seed: int) -> Counts:
     draws = np.random.default_rng(seed)
     squares = [_constructed(points, one) for one in _exponents(points, factors)] or [orthogonal_latin_hypercube(points, factors)]
     best, farthest = squares[0], -1
-    for turn in range(CHOICES if points <= MOST_COMPARED else len(squares)):
+    for turn in range(COLUMN_CHOICES if points <= MAX_COMPARED_POINTS else len(squares)):
         square = squares[turn % len(squares)]
         kept = square[:, draws.permutation(square.shape[1])[:factors]] * draws.choice([-1, 1], factors)
         closest = _closest(kept)
@@ -120,7 +134,7 @@ def _spread_out(points: int, factors: int, seed: int) -> Counts:
 
 def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Counts:
     """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches from drawn hypercubes."""
-    return _nearly(points, factors, seed).copy()
+    return _nearly_orthogonal(points, factors, seed).copy()
 
 
 def largest_correlation(square: Counts) -> float:
@@ -131,14 +145,14 @@ def largest_correlation(square: Counts) -> float:
 
 
 @lru_cache(maxsize=16)
-def _nearly(points: int, factors: int, seed: int) -> Counts:
+def _nearly_orthogonal(points: int, factors: int, seed: int) -> Counts:
     draws = np.random.default_rng(seed)
     marks = 2 * np.arange(points, dtype=np.int64) - (points - 1)
-    found = [_evened(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(STARTS)]
+    found = [_decorrelated(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(SEARCHES)]
     return min(found, key=lambda one: (round(largest_correlation(one), 2), -_closest(one)))
 
 
-def _evened(square: Counts) -> Counts:
+def _decorrelated(square: Counts) -> Counts:
     """Swaps within columns, the best one at a time, until all correlations are small or none lowers the sum of their squares.
 
     Swapping rows a and b of column j, whose values are d apart, changes its product with another column m by d times that
@@ -146,11 +160,11 @@ def _evened(square: Counts) -> Counts:
     products with j, and w the squared distance of the two rows in them.
     """
     square = square.copy()
-    for _ in range(ROUNDS):
+    for _ in range(MAX_SWEEPS):
         improved = False
         for column in range(square.shape[1]):
             others = np.delete(square, column, axis=1)
-            if _small(square[:, column], others):
+            if _is_decorrelated(square[:, column], others):
                 continue
             apart = _squared_distances(others)
             while (swap := _best_swap(square[:, column], others, apart)) is not None:
@@ -161,12 +175,12 @@ def _evened(square: Counts) -> Counts:
     return square
 
 
-def _small(mine: Counts, others: Counts) -> bool:
-    return not others.size or ENOUGH * int(np.abs(others.T @ mine).max()) <= int(mine @ mine)
+def _is_decorrelated(mine: Counts, others: Counts) -> bool:
+    return not others.size or CORRELATION_DIVISOR * int(np.abs(others.T @ mine).max()) <= int(mine @ mine)
 
 
 def _best_swap(mine: Counts, others: Counts, distances: Counts) -> tuple[int, int] | None:
-    if _small(mine, others):
+    if _is_decorrelated(mine, others):
         return None
     weighted = others @ (others.T @ mine)
     apart = mine[None, :] - mine[:, None]

@@ -13,9 +13,10 @@ from pydantic import Field
 
 from bench.documents import Document
 
-from ._factors import MAX_POINTS, Levels, Space
+from ._factor_space import FactorSpace
+from ._factors import MAX_POINTS, FactorLevels
 
-BLOCK = 256
+HALTON_BLOCK = 256
 
 
 class LatinHypercube(Document):
@@ -25,7 +26,7 @@ class LatinHypercube(Document):
     kind: Literal["latin_hypercube"] = "latin_hypercube"
     points: Annotated[int, Field(ge=1, le=10_000)]
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.every([space.at(row) for row in _latin(self.points, len(space.free), seed)], self.kind)
 
 
@@ -36,7 +37,7 @@ class Halton(Document):
     kind: Literal["halton"] = "halton"
     points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.first(map(space.at, halton_shares(len(space.free), seed)), self.points)
 
 
@@ -47,7 +48,7 @@ class Sobol(Document):
     kind: Literal["sobol"] = "sobol"
     points: Annotated[int, Field(ge=1, le=MAX_POINTS)]
 
-    def combinations(self, space: Space, seed: int) -> list[Levels]:
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         return space.first(map(space.at, _sobol_shares(len(space.free), seed)), self.points)
 
 
@@ -57,7 +58,7 @@ def halton_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
 
     engine = qmc.Halton(d=factors, scramble=True, rng=np.random.default_rng(seed))
     while True:
-        yield from engine.random(BLOCK)
+        yield from engine.random(HALTON_BLOCK)
 
 
 def _sobol_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:

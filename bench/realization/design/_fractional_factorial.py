@@ -1,0 +1,166 @@
+"""Regular fractions of two-level factorials, by resolution, by runs, or by generators.
+
+Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions, resolution).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from bench.arrays import Counts
+from bench.documents import Document
+from bench.simspec import Identifier
+
+from ._factor_space import FactorSpace
+from ._factors import DesignFactor, FactorLevels
+
+MAX_RUNS = 4096
+
+
+MAX_COLUMNS_TRIED = 20_000
+"""Columns that the search for a fraction looks at before it takes more runs instead."""
+
+
+class FractionalFactorial(Document):
+    """A regular fraction of the two-level full factorial: by resolution, by runs, or by its generators.
+
+    Resolution III keeps main effects apart from each other, IV also from interactions of two, V those from each other too.
+    """
+
+    grows: ClassVar[bool] = False
+    kind: Literal["fractional_factorial"] = "fractional_factorial"
+    resolution: Annotated[int | None, Field(ge=3, le=8, description="The least runs that have at least this resolution.")] = None
+    runs: Annotated[
+        int | None, Field(ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds.")
+    ] = None
+    generators: Annotated[
+        dict[Identifier, tuple[Identifier, ...]],
+        Field(description="For each factor that is not a base one: the base factors whose product it is."),
+    ] = {}
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.resolution is not None) + (self.runs is not None) + bool(self.generators) != 1:
+            raise ValueError("give one of resolution, runs and generators")
+        if self.runs is not None and self.runs & (self.runs - 1):
+            raise ValueError(f"runs {self.runs} is no power of two")
+        return self
+
+    def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
+        del seed
+        return space.every(two_level_points(space.free, _runs_of(self._columns([one.name for one in space.free]))), self.kind)
+
+    def _columns(self, names: Sequence[str]) -> tuple[int, ...]:
+        """Each factor's column as the set of base factors whose product it is, a bit each."""
+        if self.generators:
+            return _generator_columns(names, self.generators)
+        if self.resolution is not None:
+            return fraction(len(names), self.resolution)
+        assert self.runs is not None  # one of the three is given
+        bases = self.runs.bit_length() - 1
+        if len(names) <= bases:
+            raise ValueError(
+                f"{len(names)} factors have {2 ** len(names)} combinations, no more than runs {self.runs}; use full_factorial"
+            )
+        for resolution in range(8, 2, -1):
+            if found := _search(len(names), bases, resolution):
+                return found
+        raise ValueError(f"{self.runs} runs carry at most {self.runs - 1} factors, not {len(names)}")
+
+
+def fraction(factors: int, resolution: int) -> tuple[int, ...]:
+    """The columns of the smallest fraction found with at least this resolution; all base factors where only the whole has it."""
+    for bases in range(2, factors):
+        if found := _search(factors, bases, resolution):
+            return found
+    return tuple(1 << place for place in range(factors))
+
+
+@lru_cache(maxsize=64)
+def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None:
+    """Columns of a fraction in 2**bases runs; None where none is found.
+
+    It has the resolution where no fewer columns multiply to a constant: a new one may not be a product of up to
+    resolution - 2 that are there.
+    """
+    if factors > 2**bases - 1:
+        return None
+    order = sorted(range(1, 2**bases), key=lambda one: (-one.bit_count(), one))
+    start = [1 << place for place in range(bases)]
+    tried = itertools.count(1)
+
+    def further(columns: list[int], reached: list[set[int]], place: int) -> list[int] | None:
+        if len(columns) == factors:
+            return columns
+        for at in range(place, len(order)):
+            if len(order) - at < factors - len(columns) or next(tried) > MAX_COLUMNS_TRIED:
+                return None
+            if not any(order[at] in products for products in reached):
+                found = further([*columns, order[at]], _extended_products(reached, order[at]), at + 1)
+                if found:
+                    return found
+        return None
+
+    reached: list[set[int]] = [{0}, *(set() for _ in range(resolution - 2))]
+    for column in start:
+        reached = _extended_products(reached, column)
+    found = further(start, reached, 0)
+    if not found and resolution == 4 and factors <= 2 ** (bases - 1):
+        # Columns of odd weight: an odd number of them never multiplies to a constant, nor do two that differ.
+        found = [*start, *(one for one in order if one.bit_count() % 2 and one not in start)][:factors]
+    return tuple(found) if found else None
+
+
+def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
+    """Products of n columns, for each n, once there is another column."""
+    return [reached[0], *(have | {one ^ column for one in fewer} for fewer, have in itertools.pairwise(reached))]
+
+
+def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[str]]) -> tuple[int, ...]:
+    bases = [name for name in names if name not in generators]
+    for name, words in generators.items():
+        strange = next((one for one in (name, *words) if one not in names or (one != name and one not in bases)), None)
+        if strange is not None:
+            raise ValueError(
+                f"generators: {name!r} from {list(words)}: {strange!r} is no {'base ' if strange in names else ''}factor"
+            )
+        if len(set(words)) != len(words) or len(words) < 2:
+            raise ValueError(f"generators: {name!r} needs at least two base factors, each once")
+    if 2 ** len(bases) > MAX_RUNS:
+        raise ValueError(f"{len(bases)} base factors make {2 ** len(bases)} runs, more than {MAX_RUNS}")
+    place = {name: 1 << at for at, name in enumerate(bases)}
+    columns = tuple(sum(place[one] for one in generators.get(name, (name,))) for name in names)
+    twice = next((name for at, name in enumerate(names) if columns[at] in columns[:at]), None)
+    if twice is not None:
+        raise ValueError(f"generators: {twice!r} has the same column as another factor, so their effects could not be told apart")
+    return columns
+
+
+def _runs_of(columns: Sequence[int]) -> Counts:
+    """The runs of a fraction: base factors in standard order, the last one changing fastest."""
+    bases = max(columns).bit_length()
+    base = [one for one in columns if one.bit_count() == 1]
+    place = {one: bases - 1 - at for at, one in enumerate(sorted(base))}
+    runs = np.arange(2**bases)
+    raised = {one: 2 * (runs >> place[one] & 1) - 1 for one in base}
+    return np.stack([_product(raised, one) for one in columns], axis=1)
+
+
+def _product(raised: Mapping[int, Counts], column: int) -> Counts:
+    return np.asarray(np.prod([raised[one] for one in _bits(column)], axis=0), dtype=np.int64)
+
+
+def _bits(column: int) -> Iterator[int]:
+    return (1 << place for place in range(column.bit_length()) if column >> place & 1)
+
+
+def two_level_points(factors: Sequence[DesignFactor], signs: Counts) -> list[FactorLevels]:
+    ends = [factor.ends() for factor in factors]
+    names = [factor.name for factor in factors]
+    return [{name: end[sign > 0] for name, end, sign in zip(names, ends, row, strict=True)} for row in signs.tolist()]

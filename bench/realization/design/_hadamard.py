@@ -1,0 +1,88 @@
+"""Hadamard, Jacobsthal and conference matrices, on which screening designs rest.
+
+Paley, R. E. A. C. (1933), "On orthogonal matrices", Journal of Mathematics and Physics 12, 311-320.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from bench.arrays import Counts
+
+
+def conference_matrix(order: int) -> Counts | None:
+    """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has none."""
+    field = _jacobsthal_matrix(order - 1)
+    if field is not None:
+        border = 1 if (order - 1) % 4 == 1 else -1
+        square = np.ones((order, order), dtype=np.int64)
+        square[0, 0], square[1:, 0], square[1:, 1:] = 0, border, field
+        return square
+    half = conference_matrix(order // 2) if order % 4 == 0 else None
+    if half is None or not np.array_equal(half.T, -half):
+        return None
+    unit = np.eye(order // 2, dtype=np.int64)
+    return np.block([[half, half + unit], [half - unit, -half]])
+
+
+def hadamard_matrix(order: int) -> Counts | None:
+    """A Hadamard matrix, first row and column +1 up to sign; None where neither Paley nor doubling gives one.
+
+    From Paley's first kind the rest of it is cyclic, with the rows that Plackett and Burman printed for 8, 12, 20 and 24 runs.
+    """
+    if order in (1, 2):
+        return np.array([[1, 1], [1, -1]], dtype=np.int64)[:order, :order]
+    prime = order - 1
+    if prime % 4 == 3 and _is_prime(prime):
+        square = np.ones((order, order), dtype=np.int64)
+        residues = _quadratic_character(prime)
+        residues[0] = 1
+        square[:-1, 1:] = -np.array([np.roll(residues, turn) for turn in range(prime)])
+        return square
+    if order % 2 == 0 and (half := hadamard_matrix(order // 2)) is not None:
+        return np.block([[half, half], [half, -half]])
+    field = _jacobsthal_matrix(order // 2 - 1) if order % 4 == 0 and (order // 2 - 1) % 4 == 1 else None
+    if field is None:
+        return None
+    core = np.pad(field, ((1, 0), (1, 0)), constant_values=1)
+    core[0, 0] = 0
+    unit = np.eye(order // 2, dtype=np.int64)
+    return np.block([[core + unit, core - unit], [core - unit, -core - unit]])
+
+
+def _jacobsthal_matrix(size: int) -> Counts | None:
+    """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a difference is a square."""
+    if size % 2 == 1 and _is_prime(size):
+        signs = _quadratic_character(size)
+        return np.array([[signs[(one - other) % size] for one in range(size)] for other in range(size)])
+    root = round(size**0.5)
+    if root * root != size or root == 2 or not _is_prime(root):
+        return None
+    return _jacobsthal_of_square(root)
+
+
+def _jacobsthal_of_square(prime: int) -> Counts:
+    """As `_field`, for pairs a + b x over a prime's field with x x = n, n no square there."""
+    residues = _quadratic_character(prime)
+    odd = next(n for n in range(2, prime) if residues[n] < 0)
+    pairs = list(itertools.product(range(prime), repeat=2))
+    squares = {((a * a + odd * b * b) % prime, 2 * a * b % prime) for a, b in pairs if (a, b) != (0, 0)}
+
+    def sign(a: int, b: int) -> int:
+        return 0 if (a, b) == (0, 0) else 1 if (a, b) in squares else -1
+
+    return np.array([[sign((a - c) % prime, (b - d) % prime) for a, b in pairs] for c, d in pairs], dtype=np.int64)
+
+
+def _quadratic_character(prime: int) -> Counts:
+    """For each remainder 0, or +1 where it is a square, else -1."""
+    signs = np.full(prime, -1, dtype=np.int64)
+    signs[[n * n % prime for n in range(1, prime)]] = 1
+    signs[0] = 0
+    return signs
+
+
+def _is_prime(number: int) -> bool:
+    return number > 1 and all(number % factor for factor in range(2, int(number**0.5) + 1))
