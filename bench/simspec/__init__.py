@@ -1,4 +1,4 @@
-"""The SimSpec: one situation as a document, read and written with every fault reported at once.
+"""The SimSpec: one situation as a document. Reading one reports every fault at once.
 
 from bench.simspec import load_simspec
 spec = load_simspec("examples/search.yaml")

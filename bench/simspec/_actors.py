@@ -16,7 +16,7 @@ from ._quantities import Fraction, Identifier
 
 
 class Role(StrEnum):
-    """What an actor is to the mission, whatever it looks like."""
+    """The part an actor plays in the mission, whatever it looks like."""
 
     ADVERSARY = "adversary"
     BYSTANDER = "bystander"
@@ -24,12 +24,12 @@ class Role(StrEnum):
 
 
 class Motion(Document):
-    """How a member moves. `wander` walks to random points within `radius_m` of its own start; `patrol` walks `route` in a loop."""
+    """How a member moves. `wander`: to random points within `radius_m` of its start. `patrol`: along `route`, in a loop."""
 
     kind: Literal["still", "wander", "patrol"] = "still"
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = 1.2
     radius_m: Annotated[float, Field(gt=0.0, le=2000.0)] = 25.0
-    pause_s: Annotated[float, Field(ge=0.0, le=3600.0, description="Mean pause at each point.")] = 5.0
+    pause_s: Annotated[float, Field(ge=0.0, le=3600.0, description="Mean pause at each point of the path.")] = 5.0
     route: tuple[Point, ...] = ()
 
     @model_validator(mode="after")
@@ -40,59 +40,60 @@ class Motion(Document):
 
 
 class CountRange(Document):
-    """A number of members that is drawn for each scene, uniformly, from the placement seed.
+    """A number of members that is drawn uniformly for each scene, with the placement seed.
 
-    Key factors read `low` from it: however the draw comes out, the situation is no easier than that.
+    Key factors use `low`, so that no draw makes the situation easier than its rating says.
     """
 
     low: Annotated[int, Field(ge=0, le=5000)]
     high: Annotated[int, Field(ge=0, le=5000)]
 
     @model_validator(mode="after")
-    def _leaves_a_choice(self) -> Self:
+    def _range_has_several_values(self) -> Self:
         if self.high <= self.low:
-            raise ValueError(f"high {self.high} must exceed low {self.low}; a fixed number is written count: {self.low}")
+            raise ValueError(f"high {self.high} must exceed low {self.low}; for a fixed number write count: {self.low}")
         return self
 
 
-def _number_or_range(value: object) -> str:
+def _count_kind(value: object) -> str:
     return "range" if isinstance(value, (dict, CountRange)) else "number"
 
 
 Count = Annotated[
-    Annotated[CountRange, Tag("range")] | Annotated[int, Field(ge=0, le=5000), Tag("number")], Discriminator(_number_or_range)
+    Annotated[CountRange, Tag("range")] | Annotated[int, Field(ge=0, le=5000), Tag("number")], Discriminator(_count_kind)
 ]
 
 
 class ActorGroup(Document):
-    """Actors of one kind that are wanted in the scene: how many, where, what they do."""
+    """A group of actors of one kind: how many, where they are, and how they move."""
 
     id: Identifier
-    asset: Annotated[Identifier, Field(description="Entry of the asset catalogue; decides size and class label.")]
+    asset: Annotated[Identifier, Field(description="Name in the asset catalogue; it decides size and class label.")]
     role: Role
-    count: Annotated[Count | None, Field(description="A number, or a range to draw it from.")] = None
+    count: Annotated[Count | None, Field(description="The number of members, or the range from which it is drawn.")] = None
     density_per_km2: Annotated[
-        float | None, Field(ge=0.0, le=1e6, description="Instead of count: members per km2 of world.area.")
+        float | None, Field(ge=0.0, le=1e6, description="Members per km2 of world.area, instead of count.")
     ] = None
-    concealment: Annotated[Fraction, Field(description="0 in the open, 1 under full camouflage; enters the detection model.")] = (
-        0.0
-    )
+    concealment: Annotated[
+        Fraction, Field(description="0 in the open, 1 under full camouflage. The detection model uses it.")
+    ] = 0.0
     placement: Placement = Placement()
     motion: Motion = Motion()
 
     @model_validator(mode="after")
-    def _one_way_to_count(self) -> Self:
+    def _count_or_density(self) -> Self:
         if (self.count is None) == (self.density_per_km2 is None):
-            raise ValueError("give either count or density_per_km2, not both and not neither")
+            raise ValueError("give exactly one of count and density_per_km2")
         if self.placement.at and self.count != 1:
-            raise ValueError("placement.at fixes one place; count must be 1")
+            raise ValueError("placement.at fixes a single member: set count to 1")
         return self
 
     def member_count(self, area_m2: float) -> int:
-        """Number of members over an area of interest of `area_m2` square metres; the least one where the number is drawn."""
+        """Number of members in an area of interest of `area_m2` square metres; the smallest number when it is drawn."""
         if isinstance(self.count, CountRange):
             return self.count.low
         if self.count is not None:
             return self.count
         assert self.density_per_km2 is not None
+        # A half is rounded up; round() would round it to the even neighbour.
         return math.floor(self.density_per_km2 * area_m2 / 1e6 + 0.5)

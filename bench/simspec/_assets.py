@@ -1,4 +1,4 @@
-"""The asset catalogue: what an actor is made of, by name."""
+"""The asset catalogue: size and class label of every kind of actor, by name."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from math import sqrt
 
 from bench.errors import Fault
 
-PLAY_M = 0.002
-"""Places are kept to the millimetre, so what fits exactly has no place."""
+# Positions are rounded to the millimetre, so a guest that fits exactly would have no position left.
+CLEARANCE_M = 0.002
 
 
 @dataclass(frozen=True, slots=True)
 class Asset:
-    """Outer size in metres (length along the heading) and the class label that perfect perception gives it.
+    """Outer size in metres (length along the heading), and the class label that perfect perception reports.
 
-    `confused_with` are the labels that degraded perception may give instead; `solid` assets hide what stands behind them;
-    a false detection may carry the label of any asset that is a `possible_false_alarm`.
+    Degraded perception may report a label of `confused_with` instead. A `solid` asset hides what is behind it. A false
+    detection carries the label of an asset that is a `possible_false_alarm`.
     """
 
     class_label: str
@@ -28,12 +28,13 @@ class Asset:
     possible_false_alarm: bool = True
 
     def has_room_for(self, guest: Asset) -> bool:
-        """Whether the guest's footprint fits into this one in some heading, with two millimetres to spare.
+        """Whether the guest's footprint fits into this one at some heading, with a clearance of two millimetres.
 
-        Carver, "Rectangles within rectangles" (Mathematics Magazine 30, 1957): straight, or aslant where it is longer.
+        Source: Carver, "Rectangles within rectangles", Mathematics Magazine 30, 1957. A guest longer than the host can
+        still fit diagonally.
         """
         long, short = max(self.length_m, self.width_m), min(self.length_m, self.width_m)
-        p, q = max(guest.length_m, guest.width_m) + PLAY_M, min(guest.length_m, guest.width_m) + PLAY_M
+        p, q = max(guest.length_m, guest.width_m) + CLEARANCE_M, min(guest.length_m, guest.width_m) + CLEARANCE_M
         if p <= long:
             return q <= short
         diagonal = p * p + q * q
@@ -43,7 +44,7 @@ class Asset:
 ASSETS: dict[str, Asset] = {
     "civilian": Asset("civilian", 0.5, 0.6, 1.75, ("combatant", "tree")),
     "child": Asset("civilian", 0.35, 0.4, 1.2, ("combatant", "tree")),
-    # A rare class: detectors mistake it, and do not see it where nothing is.
+    # A rare class: detectors confuse it with others, and never report it where there is nothing.
     "aid-worker": Asset("aid_worker", 0.5, 0.6, 1.75, ("civilian", "combatant"), possible_false_alarm=False),
     "civilian-car": Asset("civilian_vehicle", 4.4, 1.8, 1.5, ("military_vehicle", "crate")),
     "soldier": Asset("combatant", 0.6, 0.7, 1.8, ("civilian", "tree")),

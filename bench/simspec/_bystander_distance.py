@@ -1,4 +1,4 @@
-"""How near to a target a configuration keeps its bystanders."""
+"""How close to a target a configuration keeps its bystanders."""
 
 from __future__ import annotations
 
@@ -8,82 +8,97 @@ from collections.abc import Iterator
 from ._actors import ActorGroup, CountRange, Role
 from ._document import SimSpec
 
+Corners = list[tuple[float, float]]
+"""East and north in metres."""
+
 
 def bystander_proximity_m(simspec: SimSpec) -> float | None:
-    """Mean distance of the bystanders to the target as far as the configuration says it; None without one or the other.
+    """Mean distance of the bystanders to the target in metres, as the configuration states it.
 
-    It is the least `mean_distance` to an adversary that a group states. Where none states one it is the most that the mean over
-    all bystanders can be: for each group the upper end of a relation to an adversary, and never more than the ground of the
-    two allows. A run so certifies an agent to what any placement of the situation holds (docs/rulings.md 2 and 5), and no more.
+    This is the smallest `mean_distance` to an adversary that a bystander group states. If no group states one, it is an
+    upper bound of the mean over all bystanders: for each group the largest distance that its relations to an adversary and
+    the ground of both allow. None without bystanders or without adversaries.
     """
-    area_m2 = simspec.world.area.area_m2
-    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.member_count(area_m2)]
-    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.member_count(area_m2)]
-    if not groups or not targets:
+    bystanders, targets = _populated_groups(simspec, Role.BYSTANDER), _populated_groups(simspec, Role.ADVERSARY)
+    if not bystanders or not targets:
         return None
-    named = {one.id for one in targets}
-    means = [mean.mean_m for one in groups if (mean := one.placement.mean_distance) and mean.of in named]
-    if means:
-        return min(means)
-    members = [one.member_count(area_m2) for one in groups]
-    bounds = [min(_most_m(simspec, one, target) for target in targets) for one in groups]
-    return math.fsum(many * most_m for many, most_m in zip(members, bounds, strict=True)) / sum(members)
+    target_ids = {target.id for target in targets}
+    stated_means = [mean.mean_m for group in bystanders if (mean := group.placement.mean_distance) and mean.of in target_ids]
+    if stated_means:
+        return min(stated_means)
+    # The upper bound: a run certifies an agent only to what every placement of the situation holds (docs/rulings.md 2 and 5).
+    area_m2 = simspec.world.area.area_m2
+    counts = [group.member_count(area_m2) for group in bystanders]
+    bounds_m = [min(_max_distance_m(simspec, group, target) for target in targets) for group in bystanders]
+    return math.fsum(count * bound_m for count, bound_m in zip(counts, bounds_m, strict=True)) / sum(counts)
 
 
 def nearest_bystander_m(simspec: SimSpec) -> float | None:
-    """The least distance to a target that the configuration grants its bystanders; None where it sets none of them in relation to one.
+    """Smallest distance in metres to a target that the configuration guarantees for its bystanders.
 
-    Every group whose place is stated in relation to an adversary counts, with the greatest lower end that it keeps towards the
-    nearest member; to be near some of several grants nothing, since another may stand nearer. Relations to anything else, and to
-    the vehicle's home, grant none.
+    Every bystander group counts whose place is stated in relation to an adversary, with the largest lower bound that it
+    keeps to the nearest member of it. Relations to other groups, points and the vehicle's home guarantee nothing. None
+    where no bystander group has a relation to an adversary.
     """
+    guarantees = (
+        list(_guaranteed_distances_m(simspec, group, target))
+        for group in _populated_groups(simspec, Role.BYSTANDER)
+        for target in _populated_groups(simspec, Role.ADVERSARY)
+    )
+    return min((max(distances_m) for distances_m in guarantees if distances_m), default=None)
+
+
+def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
     area_m2 = simspec.world.area.area_m2
-    groups = [one for one in simspec.actors if one.role is Role.BYSTANDER and one.member_count(area_m2)]
-    targets = [one for one in simspec.actors if one.role is Role.ADVERSARY and one.member_count(area_m2)]
-    granted = ([*_granted_m(simspec, group, target)] for group in groups for target in targets)
-    return min((max(lower) for lower in granted if lower), default=None)
+    return [group for group in simspec.actors if group.role is role and group.member_count(area_m2)]
 
 
-def _granted_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
-    """The lower end of each relation to the target, 0 where it leaves some member of it out."""
-    place = group.placement
-    alone = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
-    names = _names(simspec, target)
-    if place.near and place.near.of == target.id:
-        yield place.near.min_m if alone else 0.0
-    if place.away and place.away.of == target.id:
-        yield place.away.min_m
-    for one in place.distances:
-        if one.of in names:
-            yield one.min_m if one.whom == "every" or (alone and one.of == target.id) else 0.0
-    if place.at and target.placement.at:
-        yield math.hypot(place.at.east_m - target.placement.at.east_m, place.at.north_m - target.placement.at.north_m)
+def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
+    """The lower bound of each relation to the target; 0 for a relation that need not hold for every member of it."""
+    placement = group.placement
+    single = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
+    names = _names_of(simspec, target)
+    if placement.near and placement.near.of == target.id:
+        # `near` holds for some member only: with several members, another one may be closer.
+        yield placement.near.min_m if single else 0.0
+    if placement.away and placement.away.of == target.id:
+        yield placement.away.min_m
+    for distance in placement.distances:
+        if distance.of in names:
+            holds_for_all = distance.whom == "every" or (single and distance.of == target.id)
+            yield distance.min_m if holds_for_all else 0.0
+    if placement.at and target.placement.at:
+        fixed = target.placement.at
+        yield math.hypot(placement.at.east_m - fixed.east_m, placement.at.north_m - fixed.north_m)
 
 
-def _names(simspec: SimSpec, target: ActorGroup) -> set[str]:
-    """What a distance may call the target: its id, or its role where no group is called so."""
-    return {target.id} | ({str(target.role)} - {one.id for one in simspec.actors})
+def _names_of(simspec: SimSpec, target: ActorGroup) -> set[str]:
+    """The names by which a distance may refer to the target: its id, and its role."""
+    # A group id takes precedence: where a group is called `adversary`, that word no longer means the role.
+    return {target.id} | ({str(target.role)} - {group.id for group in simspec.actors})
 
 
-def _most_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> float:
-    """The farthest that a member of the group may stand from the target."""
-    return min([*_said(simspec, group, target), _across(_ground(simspec, group), _ground(simspec, target))])
+def _max_distance_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> float:
+    """The largest distance from the target at which a member of the group may stand."""
+    ground_bound_m = _largest_distance_m(_ground_corners(simspec, group), _ground_corners(simspec, target))
+    return min([*_stated_bounds_m(simspec, group, target), ground_bound_m])
 
 
-def _said(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
-    place, names = group.placement, _names(simspec, target)
-    yield from (one.max_m for one in (place.near, place.away) if one and one.of == target.id)
-    yield from (one.max_m for one in place.distances if one.of in names and one.max_m is not None)
+def _stated_bounds_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
+    placement, names = group.placement, _names_of(simspec, target)
+    yield from (relation.max_m for relation in (placement.near, placement.away) if relation and relation.of == target.id)
+    yield from (bound.max_m for bound in placement.distances if bound.of in names and bound.max_m is not None)
 
 
-def _ground(simspec: SimSpec, group: ActorGroup) -> list[tuple[float, float]]:
-    """Corners of the ground on which a group may stand, or the one place that is fixed."""
-    place = group.placement
-    named = next((one for one in simspec.world.areas if place.inside and one.id == place.inside.area), None)
-    corners = (place.at,) if place.at else (named or place.region or simspec.world.area).corners
-    return [(one.east_m, one.north_m) for one in corners]
+def _ground_corners(simspec: SimSpec, group: ActorGroup) -> Corners:
+    """Corners of the ground on which the group may stand, or its fixed place."""
+    placement = group.placement
+    areas = {area.id: area for area in simspec.world.areas}
+    named_area = areas.get(placement.inside.area) if placement.inside and placement.inside.area else None
+    corners = (placement.at,) if placement.at else (named_area or placement.region or simspec.world.area).corners
+    return [(corner.east_m, corner.north_m) for corner in corners]
 
 
-def _across(one: list[tuple[float, float]], other: list[tuple[float, float]]) -> float:
-    # Of two polygons the points farthest apart are corners.
-    return max(math.dist(a, b) for a in one for b in other)
+def _largest_distance_m(corners: Corners, other_corners: Corners) -> float:
+    # Corners are enough: the two points of two polygons that are farthest apart are always corners.
+    return max(math.dist(corner, other) for corner in corners for other in other_corners)

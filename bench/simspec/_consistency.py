@@ -1,9 +1,9 @@
-"""What the parts of a situation must agree on, beyond each by itself: every fault with the place where it stands."""
+"""Whether the parts of a SimSpec agree with one another; every inconsistency comes with its field."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
@@ -16,198 +16,207 @@ if TYPE_CHECKING:
     from ._document import SimSpec
     from ._rules import Rules
 
-Inconsistency = tuple[tuple[str | int, ...], str]
-"""Path inside the document, and what is wrong there."""
+FieldPath = tuple[str | int, ...]
+Inconsistency = tuple[FieldPath, str]
+"""The field, and what is wrong there."""
 
 
-def raise_inconsistencies(title: str, wrong: Iterable[Inconsistency]) -> None:
-    """Raise pydantic's ValidationError with one error for each disagreement; nothing when there is none."""
-    if faults := list(wrong):
-        raise ValidationError.from_exception_data(title, [_error(where, what) for where, what in faults])
+def raise_inconsistencies(title: str, inconsistencies: Iterable[Inconsistency]) -> None:
+    """Raise pydantic's ValidationError with one error for each inconsistency; do nothing when there is none."""
+    # All at once, and not the first alone: a person who mends a file wants the whole list.
+    if errors := [_error(field, message) for field, message in inconsistencies]:
+        raise ValidationError.from_exception_data(title, errors)
 
 
-def _error(where: tuple[str | int, ...], what: str) -> InitErrorDetails:
-    # By a parameter: pydantic would take braces in a message for a template.
-    return InitErrorDetails(type=PydanticCustomError("value_error", "{what}", {"what": what}), loc=where, input=None)
+def _error(field: FieldPath, message: str) -> InitErrorDetails:
+    # The message is a parameter, because pydantic reads braces in a message as a template.
+    return InitErrorDetails(type=PydanticCustomError("value_error", "{what}", {"what": message}), loc=field, input=None)
 
 
 def rule_inconsistencies(rules: Rules) -> Iterator[Inconsistency]:
-    """What the rules contradict in themselves."""
+    """Where the rules contradict one another."""
     if (rules.bystander_slow_within_m is None) != (rules.bystander_slow_mps is None):
         given = "bystander_slow_mps" if rules.bystander_slow_within_m is None else "bystander_slow_within_m"
-        yield (given,), "bystander_slow_within_m and bystander_slow_mps are one rule: give both or none"
+        yield (given,), "bystander_slow_within_m and bystander_slow_mps are one rule: give both or neither"
     if rules.min_altitude_m is not None and rules.min_altitude_m >= rules.max_altitude_m:
-        yield ("min_altitude_m",), f"{rules.min_altitude_m:g} must be under max_altitude_m {rules.max_altitude_m:g}"
-    yield from _twice("no_fly", "no_fly", [area.id for area in rules.no_fly])
+        yield ("min_altitude_m",), f"{rules.min_altitude_m:g} must be less than max_altitude_m {rules.max_altitude_m:g}"
+    yield from _duplicate_ids("no_fly", "no_fly", [area.id for area in rules.no_fly])
     for index, (earlier, later) in enumerate(itertools.pairwise(rules.report_windows), start=1):
         if later.from_s < earlier.until_s:
-            what = f"from {later.from_s:g} s on is out of order: the window before it ends at {earlier.until_s:g} s"
-            yield ("report_windows", index), what
+            message = f"begins at {later.from_s:g} s, before the window ahead of it ends at {earlier.until_s:g} s"
+            yield ("report_windows", index), message
 
 
 def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
-    """What the parts of a SimSpec contradict in one another."""
-    for part, name in (("roads", "road"), ("areas", "area")):
-        for where, what in _twice(part, name, [one.id for one in getattr(simspec.world, part)]):
-            yield ("world", *where), what
-    yield from _actors(simspec)
-    yield from _intelligence(simspec)
-    yield from _orders(simspec)
-    yield from _outages(simspec)
-    yield from _heights(simspec)
-    yield from _home(simspec)
+    """Where the parts of a SimSpec contradict one another."""
+    for part, kind in (("roads", "road"), ("areas", "area")):
+        for field, message in _duplicate_ids(part, kind, [ground.id for ground in getattr(simspec.world, part)]):
+            yield ("world", *field), message
+    yield from _actor_inconsistencies(simspec)
+    yield from _intelligence_inconsistencies(simspec)
+    yield from _order_inconsistencies(simspec)
+    yield from _outage_inconsistencies(simspec)
+    yield from _altitude_inconsistencies(simspec)
+    yield from _home_inconsistencies(simspec)
 
 
-def _twice(part: str, name: str, ids: list[str]) -> Iterator[Inconsistency]:
-    for index, one in enumerate(ids):
-        if one in ids[:index]:
-            yield (part, index, "id"), f"{name} id {one!r} is used twice"
+def _duplicate_ids(part: str, kind: str, ids: Sequence[str]) -> Iterator[Inconsistency]:
+    for index, item_id in enumerate(ids):
+        if item_id in ids[:index]:
+            yield (part, index, "id"), f"{kind} id {item_id!r} is used twice"
 
 
-def _actors(simspec: SimSpec) -> Iterator[Inconsistency]:
-    groups = [group.id for group in simspec.actors]
-    yield from _twice("actors", "group", groups)
+def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    group_ids = [group.id for group in simspec.actors]
+    yield from _duplicate_ids("actors", "group", group_ids)
     for index, group in enumerate(simspec.actors):
         for name in ("near", "away", "mean_distance"):
             relation = getattr(group.placement, name)
-            where = ("actors", index, "placement", name, "of")
             if relation:
-                yield from _stranger(where, group.id, relation.of, groups)
-        yield from _more_relations(simspec, index)
-        yield from _between(simspec, index)
-        yield from _inside(simspec, index)
+                yield from _reference_inconsistencies(
+                    ("actors", index, "placement", name, "of"), group.id, relation.of, group_ids
+                )
+        yield from _distance_inconsistencies(simspec, index)
+        yield from _place_inconsistencies(simspec, index)
+        yield from _between_inconsistencies(simspec, index)
+        yield from _inside_inconsistencies(simspec, index)
 
 
-def _stranger(where: tuple[str | int, ...], own: str, of: str, groups: list[str]) -> Iterator[Inconsistency]:
-    """A relation to a group that is not there; `home` is, whatever the groups are called."""
-    if of == own:
-        yield where, f"group {own!r} relates to itself"
-    elif of not in groups and of != HOME:
-        yield where, f"group {own!r} relates to group {of!r}, which is not among {groups}, nor is it {HOME!r}"
+def _reference_inconsistencies(field: FieldPath, group: str, target: str, group_ids: Sequence[str]) -> Iterator[Inconsistency]:
+    """A relation of a group to itself, or to a group that does not exist."""
+    if target == group:
+        yield field, f"group {group!r} relates to itself"
+    elif target not in group_ids and target != HOME:
+        yield field, f"group {group!r} relates to {target!r}, which is neither one of the groups {[*group_ids]} nor {HOME!r}"
 
 
-def _more_relations(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
-    group, groups = simspec.actors[index], [one.id for one in simspec.actors]
-    where = ("actors", index, "placement")
+def _distance_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
+    group, group_ids = simspec.actors[index], [group.id for group in simspec.actors]
+    roles = [other.role for other in simspec.actors]
     for number, distance in enumerate(group.placement.distances):
+        field = ("actors", index, "placement", "distances", number, "of")
         if distance.of == group.id:
-            yield (*where, "distances", number, "of"), f"group {group.id!r} relates to itself; spread_m keeps its members apart"
-        elif distance.of not in (None, HOME, *groups, *(one.role for one in simspec.actors)):
-            what = (
-                f"group {group.id!r} relates to {distance.of!r}, which is neither among {groups} nor a role of any of them, "
-                f"nor is it {HOME!r}"
+            yield field, f"group {group.id!r} relates to itself; use spread_m to keep its members apart"
+        elif distance.of not in (None, HOME, *group_ids, *roles):
+            message = (
+                f"group {group.id!r} relates to {distance.of!r}, which is neither one of the groups {group_ids}, "
+                f"nor a role of any of them, nor {HOME!r}"
             )
-            yield (*where, "distances", number, "of"), what
-    for name, seen in group.placement.place_references.items():
-        if seen.of is not None:
-            yield from _stranger((*where, name, "of"), group.id, seen.of, groups)
-    roads = [road.id for road in simspec.world.roads]
-    if group.placement.along and group.placement.along.road not in roads:
-        what = f"group {group.id!r} is to stand along road {group.placement.along.road!r}, which is not among {roads}"
-        yield (*where, "along", "road"), what
+            yield field, message
 
 
-def _between(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
-    group, groups = simspec.actors[index], [one.id for one in simspec.actors]
+def _place_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
+    group, group_ids = simspec.actors[index], [group.id for group in simspec.actors]
+    placement_field = ("actors", index, "placement")
+    for name, reference in group.placement.place_references.items():
+        if reference.of is not None:
+            yield from _reference_inconsistencies((*placement_field, name, "of"), group.id, reference.of, group_ids)
+    road_ids = [road.id for road in simspec.world.roads]
+    if group.placement.along and group.placement.along.road not in road_ids:
+        message = f"group {group.id!r} is placed along road {group.placement.along.road!r}, which is not one of {road_ids}"
+        yield (*placement_field, "along", "road"), message
+
+
+def _between_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
+    group, group_ids = simspec.actors[index], [group.id for group in simspec.actors]
     between = group.placement.between
     if between is None:
         return
-    where = ("actors", index, "placement", "between")
+    field = ("actors", index, "placement", "between")
     for name in ("first", "second"):
-        yield from _stranger((*where, name), group.id, getattr(between, name), groups)
-    if between.first == between.second == HOME and HOME not in groups:
-        yield (*where, "second"), f"nothing lies between {HOME!r} and itself; name a group"
+        yield from _reference_inconsistencies((*field, name), group.id, getattr(between, name), group_ids)
+    # A group that is itself called `home` has two members to stand between; the vehicle's home is one place.
+    if between.first == between.second == HOME and HOME not in group_ids:
+        yield (*field, "second"), f"there is nothing between {HOME!r} and itself; name a group"
 
 
-def _inside(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
-    group, groups = simspec.actors[index], {one.id: one for one in simspec.actors}
-    inside, areas = group.placement.inside, [one.id for one in simspec.world.areas]
-    where = ("actors", index, "placement", "inside")
+def _inside_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
+    group, groups = simspec.actors[index], {group.id: group for group in simspec.actors}
+    inside, area_ids = group.placement.inside, [area.id for area in simspec.world.areas]
+    field = ("actors", index, "placement", "inside")
     if inside is None:
         return
-    if inside.area is not None and inside.area not in areas:
-        what = f"group {group.id!r} is to stand inside area {inside.area!r}, which is not among world.areas {areas}"
-        yield (*where, "area"), what
+    if inside.area is not None and inside.area not in area_ids:
+        message = f"group {group.id!r} is placed inside area {inside.area!r}, which is not one of world.areas {area_ids}"
+        yield (*field, "area"), message
     if inside.of is None:
         return
     if inside.of == group.id:
-        yield (*where, "of"), f"group {group.id!r} relates to itself"
+        yield (*field, "of"), f"group {group.id!r} relates to itself"
     elif inside.of not in groups:
-        yield (*where, "of"), f"group {group.id!r} is to stand inside group {inside.of!r}, which is not among {[*groups]}"
+        yield (*field, "of"), f"group {group.id!r} is placed inside group {inside.of!r}, which is not one of {[*groups]}"
+    # Unknown assets are left to load_simspec and to placement, which report them with the catalogue.
     elif group.asset in ASSETS and groups[inside.of].asset in ASSETS:
-        yield from _guest(where, index, group, groups[inside.of])
+        yield from _host_inconsistencies(field, index, group, groups[inside.of])
 
 
-def _guest(where: tuple[str | int, ...], index: int, guest: ActorGroup, host: ActorGroup) -> Iterator[Inconsistency]:
-    """Whether the host's asset can have the guest in it."""
-    own, around = ASSETS[guest.asset], ASSETS[host.asset]
-    if not around.has_room_for(own):
-        yield (
-            (*where, "of"),
-            (
-                f"a {guest.asset} of {own.length_m:g} by {own.width_m:g} m has no room inside a {host.asset} of {around.length_m:g} by "
-                f"{around.width_m:g} m, whatever its heading; put group {guest.id!r} inside something larger"
-            ),
+def _host_inconsistencies(field: FieldPath, index: int, guest: ActorGroup, host: ActorGroup) -> Iterator[Inconsistency]:
+    """Whether the guest fits into the host's asset and may move there."""
+    guest_asset, host_asset = ASSETS[guest.asset], ASSETS[host.asset]
+    if not host_asset.has_room_for(guest_asset):
+        message = (
+            f"a {guest.asset} of {guest_asset.length_m:g} by {guest_asset.width_m:g} m does not fit inside a {host.asset} of "
+            f"{host_asset.length_m:g} by {host_asset.width_m:g} m at any heading; put group {guest.id!r} inside something larger"
         )
-    if around.solid and guest.motion.kind != "still":
-        yield (
-            ("actors", index, "motion", "kind"),
-            (
-                f"group {guest.id!r} is to {guest.motion.kind} from inside {host.id!r}, whose asset {host.asset!r} is solid: nobody walks "
-                "through it; make it still or drop placement.inside"
-            ),
+        yield (*field, "of"), message
+    if host_asset.solid and guest.motion.kind != "still":
+        message = (
+            f"group {guest.id!r} cannot {guest.motion.kind} from inside {host.id!r}: its asset {host.asset!r} is solid, and "
+            "nobody walks through it; set motion.kind to still or drop placement.inside"
         )
+        yield ("actors", index, "motion", "kind"), message
 
 
-def _intelligence(simspec: SimSpec) -> Iterator[Inconsistency]:
-    groups = [group.id for group in simspec.actors]
-    yield from _twice("intelligence", "intelligence", [report.id for report in simspec.intelligence])
+def _intelligence_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    group_ids = [group.id for group in simspec.actors]
+    yield from _duplicate_ids("intelligence", "intelligence", [report.id for report in simspec.intelligence])
     for index, report in enumerate(simspec.intelligence):
-        if report.about not in groups:
-            what = f"intelligence {report.id!r} is about group {report.about!r}, which is not among {groups}"
-            yield ("intelligence", index, "about"), what
+        if report.about not in group_ids:
+            message = f"intelligence {report.id!r} is about group {report.about!r}, which is not one of {group_ids}"
+            yield ("intelligence", index, "about"), message
 
 
-def _orders(simspec: SimSpec) -> Iterator[Inconsistency]:
+def _order_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     limit_s = simspec.mission.time_limit_s
     delivered_s = {report.id: report.delivered_s for report in simspec.intelligence}
-    yield from _twice("orders", "order", [order.id for order in simspec.orders])
+    yield from _duplicate_ids("orders", "order", [order.id for order in simspec.orders])
     for index, order in enumerate(simspec.orders):
         if order.at_s >= limit_s:
-            what = f"order {order.id!r} at {order.at_s:g} s comes after the end: mission.time_limit_s is {limit_s:g}"
-            yield ("orders", index, "at_s"), what
+            message = f"order {order.id!r} at {order.at_s:g} s comes after the end: mission.time_limit_s is {limit_s:g}"
+            yield ("orders", index, "at_s"), message
         if order.intelligence is None:
             continue
-        where = ("orders", index, "intelligence")
+        field = ("orders", index, "intelligence")
+        subject = f"order {order.id!r} at {order.at_s:g} s names intelligence {order.intelligence!r}"
         if order.intelligence not in delivered_s:
-            yield where, f"order {order.id!r} names intelligence {order.intelligence!r}, which is not among {[*delivered_s]}"
+            yield field, f"{subject}, which is not one of {[*delivered_s]}"
         elif order.at_s < (due_s := delivered_s[order.intelligence]):
-            named = f"order {order.id!r} at {order.at_s:g} s names intelligence {order.intelligence!r}"
-            yield where, f"{named}, which is delivered at {due_s:g} s only"
+            yield field, f"{subject}, which is not delivered before {due_s:g} s"
 
 
-def _outages(simspec: SimSpec) -> Iterator[Inconsistency]:
+def _outage_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     limit_s = simspec.mission.time_limit_s
     for index, outage in enumerate(simspec.outages):
         if outage.until_s > limit_s:
-            lasting = f"{outage.kind} from {outage.at_s:g} to {outage.until_s:g} s lasts past the end"
-            yield ("outages", index), f"{lasting}: mission.time_limit_s is {limit_s:g}"
+            outage_text = f"{outage.kind} from {outage.at_s:g} to {outage.until_s:g} s lasts past the end"
+            yield ("outages", index), f"{outage_text}: mission.time_limit_s is {limit_s:g}"
 
 
-def _heights(simspec: SimSpec) -> Iterator[Inconsistency]:
-    height_m, rules = simspec.mission.altitude_m, simspec.rules
-    where = ("mission", "altitude_m")
-    if height_m > rules.max_altitude_m:
-        yield where, f"mission.altitude_m {height_m} exceeds rules.max_altitude_m {rules.max_altitude_m}"
-    if rules.min_altitude_m is not None and height_m < rules.min_altitude_m:
-        yield where, f"mission.altitude_m {height_m} is under rules.min_altitude_m {rules.min_altitude_m}"
+def _altitude_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    altitude_m, rules = simspec.mission.altitude_m, simspec.rules
+    field = ("mission", "altitude_m")
+    if altitude_m > rules.max_altitude_m:
+        yield field, f"mission.altitude_m {altitude_m} is above rules.max_altitude_m {rules.max_altitude_m}"
+    if rules.min_altitude_m is not None and altitude_m < rules.min_altitude_m:
+        yield field, f"mission.altitude_m {altitude_m} is below rules.min_altitude_m {rules.min_altitude_m}"
 
 
-def _home(simspec: SimSpec) -> Iterator[Inconsistency]:
+def _home_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     home, rules = simspec.vehicle.home, simspec.rules
     if rules.geofence is not None and not rules.geofence.contains(home):
-        yield ("rules", "geofence"), "the geofence does not contain vehicle.home: the vehicle would start outside"
-    for index, one in enumerate(rules.no_fly):
-        if one.area.contains(home):
-            what = f"no-fly area {one.id!r} contains vehicle.home: the vehicle could neither start nor land"
-            yield ("rules", "no_fly", index), what
+        yield ("rules", "geofence"), "the geofence does not contain vehicle.home: the vehicle would start outside it"
+    for index, no_fly in enumerate(rules.no_fly):
+        # Whatever its times are: an area that opens later could still forbid the landing.
+        if no_fly.area.contains(home):
+            message = f"no-fly area {no_fly.id!r} contains vehicle.home: the vehicle could neither start nor land"
+            yield ("rules", "no_fly", index), message

@@ -1,11 +1,11 @@
 """The SimSpec: everything that decides what happens in one session, as a document.
 
-A *base* SimSpec says what is wanted (groups of actors and the relations between them); a *realized* one carries
-beside that intent the exact place of every actor, in `realized`. Difficulty is read from the intent, the session
-flies the realization, and both stand in one file.
+A *base* SimSpec states what is wanted: groups of actors and the relations between them. A *realized* SimSpec holds, beside
+that intent, the exact place of every actor in `realized`. Difficulty is rated from the intent, the session flies the
+realization, and one file holds both.
 
 Frames: positions are east/north metres in the local tangent plane at `world.origin` (ROS REP 103 ENU); headings
-are degrees clockwise from true north. Degrees and per-mille units exist only in documents; the code works in SI.
+are degrees clockwise from true north. Degrees exist only in documents; the code works in SI.
 """
 
 from __future__ import annotations
@@ -27,134 +27,143 @@ from ._weather import Environment
 
 
 class Intelligence(Document):
-    """One report handed to the agent: roughly where something of interest was seen."""
+    """One intelligence report to the agent: the sub-area in which something of interest was seen."""
 
     id: Identifier
-    about: Annotated[Identifier, Field(description="The group whose first member is meant. Never told to the agent.")]
-    priority: Annotated[int, Field(ge=1, le=9, description="1 is the most urgent.")] = 1
-    uncertainty_m: Annotated[Positive, Field(description="Radius of the sub-area to search; the true place lies inside it.")] = (
+    about: Annotated[Identifier, Field(description="The group whose first member was seen. The agent never receives this field.")]
+    priority: Annotated[int, Field(ge=1, le=9, description="From 1, the most urgent, to 9.")] = 1
+    uncertainty_m: Annotated[Positive, Field(description="Radius of the sub-area to search; the true position is inside it.")] = (
         60.0
     )
-    latency_s: Annotated[NotNegative, Field(description="Age of the sighting when it is delivered.")] = 0.0
+    latency_s: Annotated[NotNegative, Field(description="Age of the sighting when the report is delivered.")] = 0.0
     delivered_s: Annotated[NotNegative, Field(description="Simulated time of delivery.")] = 0.0
 
 
 class Mission(Document):
-    """What the agent is asked to do."""
+    """The task of the agent."""
 
     kind: Literal["search_and_report"] = "search_and_report"
-    altitude_m: Annotated[float, Field(gt=1.0, le=6000.0, description="Configured mission height above home.")] = 60.0
-    speed_mps: Annotated[float, Field(gt=0.0, le=30.0)] = 12.0
-    time_limit_s: Annotated[float, Field(gt=0.0, le=7200.0)] = 300.0
-    return_home: bool = True
+    altitude_m: Annotated[float, Field(gt=1.0, le=6000.0, description="Mission height above home.")] = 60.0
+    speed_mps: Annotated[float, Field(gt=0.0, le=30.0, description="Ground speed of the mission.")] = 12.0
+    time_limit_s: Annotated[float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")] = 300.0
+    return_home: Annotated[bool, Field(description="Whether the mission ends with a landing at home.")] = True
 
 
 OrderKind = Literal["hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"]
 
 
 class Order(Document):
-    """One order of the operator during the flight, to be carried out within `within_s` of its delivery.
+    """One order of the operator during the flight. The agent must carry it out within `within_s` of its delivery.
 
-    `hold`: stay where you are until `resume`. `return`: fly home and land. `abort`: end the mission, go home, land, report no
-    more. `deactivate`: land where you are, disarm, say nothing more. `retask`: go to the sub-area of `intelligence` first.
-    `stop_reporting`, `resume_reporting`: no reports in between. `mark`: mark the target of `intelligence` now, which is to be
-    refused when the rules forbid it.
+    `hold`: stay in place until `resume`. `return`: fly home and land. `abort`: end the mission, fly home, land, and send no
+    more reports. `deactivate`: land in place, disarm, and send nothing more. `retask`: search the sub-area of `intelligence`
+    first. `stop_reporting`: send no reports until `resume_reporting`. `mark`: mark the target of `intelligence` now; the
+    agent must refuse when the rules forbid it.
     """
 
     id: Identifier
-    at_s: NotNegative
+    at_s: Annotated[NotNegative, Field(description="Simulated time at which the operator gives the order.")]
     kind: OrderKind
-    within_s: Positive = 10.0
-    intelligence: Annotated[Identifier | None, Field(description="Intelligence report that retask and mark are about.")] = None
+    within_s: Annotated[Positive, Field(description="Time allowed from the delivery of the order.")] = 10.0
+    intelligence: Annotated[
+        Identifier | None, Field(description="The intelligence report that a retask or mark order refers to.")
+    ] = None
 
     @model_validator(mode="after")
     def _intelligence_fits_the_kind(self) -> Self:
         if self.kind in ("retask", "mark") and self.intelligence is None:
-            raise ValueError(f"{self.kind} needs intelligence: the id of the report that it is about")
+            raise ValueError(f"{self.kind} needs intelligence: the id of the intelligence report that it refers to")
         if self.kind not in ("retask", "mark") and self.intelligence is not None:
-            raise ValueError(f"{self.kind} has no intelligence; only retask and mark are about a report")
+            raise ValueError(f"{self.kind} takes no intelligence; only retask and mark refer to a report")
         return self
 
 
 class Outage(Document):
-    """Something around the vehicle that is away for a while.
+    """A service around the vehicle that fails for a while.
 
-    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered when it is back;
-    reports go unheard. `detections`: the detector delivers nothing.
+    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered when the link is
+    up again; reports do not reach the operator. `detections`: the detector delivers nothing.
     """
 
     kind: Literal["operator_link", "detections"]
-    at_s: NotNegative
+    at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
     duration_s: Positive
 
     @property
     def until_s(self) -> float:
-        """When it is over."""
+        """Simulated time at which the outage ends."""
         return self.at_s + self.duration_s
 
 
 class DetectionModel(Document):
-    """The stated error model of the truth-based detector; docs/detection.md gives the formulas."""
+    """The error model of the truth-based detector. docs/detection.md gives the formulas."""
 
-    half_height_px: Annotated[Positive, Field(description="Apparent height at which half of the clear views are detected.")] = (
+    half_height_px: Annotated[Positive, Field(description="Apparent height at which half of all clear views are detected.")] = (
         14.0
     )
-    slope: Annotated[Positive, Field(description="Steepness of detection over the logarithm of apparent height.")] = 3.0
+    slope: Annotated[
+        Positive, Field(description="Steepness of the detection probability over the logarithm of apparent height.")
+    ] = 3.0
     ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
     fog_extinction_per_m: Annotated[
         NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
     ] = 0.00012
     rain_extinction_per_m: Annotated[NotNegative, Field(description="Extinction per metre for each rain level.")] = 0.0002
-    night_contrast: Annotated[
-        Fraction, Field(description="Contrast that is left when the sun is 6 degrees below the horizon.")
-    ] = 0.25
-    concealment_weight: Annotated[Fraction, Field(description="Share of contrast that full concealment takes.")] = 0.5
-    correlation_s: Annotated[NotNegative, Field(description="Time over which misses of one object hang together.")] = 0.8
+    night_contrast: Annotated[Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")] = (
+        0.25
+    )
+    concealment_weight: Annotated[Fraction, Field(description="Share of the contrast that full concealment removes.")] = 0.5
+    correlation_s: Annotated[NotNegative, Field(description="Time over which misses of one object are correlated.")] = 0.8
     mislabel: Annotated[
-        Fraction, Field(description="Probability of a wrong class at the threshold of detection; 0 for clear views.")
+        Fraction,
+        Field(description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views."),
     ] = 0.25
-    jitter_px: Annotated[NotNegative, Field(description="Standard deviation of box edges.")] = 1.5
+    jitter_px: Annotated[NotNegative, Field(description="Standard deviation of the edges of a bounding box.")] = 1.5
     false_per_frame: Annotated[NotNegative, Field(description="Mean number of false detections in one frame.")] = 0.01
     latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
 
 
 class Perception(Document):
-    """Where the agent's detections come from."""
+    """How the agent's detections are made."""
 
     source: Literal["simulated"] = "simulated"
-    mode: Literal["perfect", "degraded"] = "degraded"
+    mode: Annotated[
+        Literal["perfect", "degraded"], Field(description="perfect: every visible actor; degraded: with the errors of `model`.")
+    ] = "degraded"
     model: DetectionModel = DetectionModel()
 
 
 class AgentSpec(Document):
-    """The agent under test: a manifest, by name (entry-point group rebar.agents) or by file, and its options."""
+    """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its options."""
 
     manifest: str = "reference-naive"
     options: dict[str, str | float | int | bool] = {}
 
     @property
     def label(self) -> str:
-        """Short name for tables and identifiers."""
+        """Short name of the agent for tables and identifiers."""
         return PurePosixPath(self.manifest).stem
 
 
 class Pace(Document):
-    """How simulated time is driven; docs/time.md."""
+    """How simulated time advances. docs/time.md explains the modes."""
 
     mode: Literal["lockstep", "realtime"] = "lockstep"
-    tick_s: Annotated[float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks of the agent.")] = 0.1
+    tick_s: Annotated[float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")] = 0.1
 
 
 class Budgets(Document):
-    """How long the session may take by the host's clock before it is ended."""
+    """Limits on the time of the host. A session that exceeds one of them is ended."""
 
-    wall_s: Annotated[Positive, Field(le=86400.0, description="Whole session.")] = 300.0
-    reply_s: Annotated[Positive, Field(le=3600.0, description="One answer of the agent to a tick.")] = 10.0
-    connect_s: Annotated[Positive, Field(le=3600.0, description="From the agent's start to its hello.")] = 30.0
+    wall_s: Annotated[Positive, Field(le=86400.0, description="Limit on the whole session.")] = 300.0
+    reply_s: Annotated[Positive, Field(le=3600.0, description="Limit on one reply of the agent to a tick.")] = 10.0
+    connect_s: Annotated[
+        Positive, Field(le=3600.0, description="Limit on the time from the start of the agent to its hello.")
+    ] = 30.0
 
 
 class Seeds(Document):
-    """Every random draw comes from a generator named here, derived from `root` unless it has a seed of its own."""
+    """One seed for each stream of random numbers. A stream without a seed derives one from `root` and its name."""
 
     root: Annotated[int, Field(ge=0, lt=2**63)] = 0
     placement: Annotated[int | None, Field(ge=0, lt=2**63)] = None
@@ -167,7 +176,7 @@ class Seeds(Document):
 
 
 class PlacedActor(Document):
-    """One member of a group at its start."""
+    """One member of a group at the start of the session."""
 
     id: Identifier
     group: Identifier
@@ -177,7 +186,7 @@ class PlacedActor(Document):
 
 
 class PlacedReport(Document):
-    """The place that an intelligence report names."""
+    """The position that an intelligence report states."""
 
     id: Identifier
     east_m: Metres
@@ -185,15 +194,15 @@ class PlacedReport(Document):
 
 
 class Realized(Document):
-    """What placement made of the intent."""
+    """The exact positions that placement found for the intent."""
 
     actors: tuple[PlacedActor, ...]
     reports: tuple[PlacedReport, ...] = ()
-    method: Annotated[str, Field(description="How the places were found.")] = "sampling"
+    method: Annotated[str, Field(description="The placement method: sampling or cp-sat.")] = "sampling"
 
 
 class SimSpec(Document):
-    """One situation, whole: world, weather, vehicle, actors, mission, rules, perception, agent, pace and seeds."""
+    """One complete situation: world, weather, vehicle, actors, mission, rules, perception, agent, pace and seeds."""
 
     format: Literal["rebar.simspec/1"] = "rebar.simspec/1"
     name: Identifier
@@ -203,8 +212,8 @@ class SimSpec(Document):
     vehicle: VehicleSpec = VehicleSpec()
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
-    orders: Annotated[tuple[Order, ...], Field(max_length=32, description="What the operator orders during the flight.")] = ()
-    outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
+    orders: Annotated[tuple[Order, ...], Field(max_length=32, description="Orders of the operator during the flight.")] = ()
+    outages: Annotated[tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")] = ()
     mission: Mission = Mission()
     rules: Rules = Rules()
     perception: Perception = Perception()
@@ -212,7 +221,7 @@ class SimSpec(Document):
     pace: Pace = Pace()
     budgets: Budgets = Budgets()
     seeds: Seeds = Seeds()
-    realized: Realized | None = None
+    realized: Annotated[Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")] = None
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:
@@ -220,7 +229,7 @@ class SimSpec(Document):
         return self
 
     def group(self, group_id: str) -> ActorGroup:
-        """The group of that id; KeyError when there is none."""
+        """The group with this id. Raises KeyError when there is none."""
         for group in self.actors:
             if group.id == group_id:
                 return group

@@ -1,4 +1,4 @@
-"""Where in a SimSpec a key factor is read from: the fields that one would change to change it."""
+"""The fields of a SimSpec that decide the value of a key factor."""
 
 from __future__ import annotations
 
@@ -15,33 +15,35 @@ _STEP = re.compile(r"(?P<name>\w+)(?:\[(?P<pick>\w+|\*)\])?")
 
 
 def factor_paths(simspec: SimSpec, factor: str) -> tuple[str, ...]:
-    """The fields of this SimSpec that a key factor is read from, as a campaign's `sets` names them.
+    """The fields of this SimSpec that decide a key factor, in the notation of a campaign's `sets`.
 
-    Where the situation has none of them yet, what `FACTORS` says of it. KeyError for an unknown factor.
+    If the situation has none of the fields, the path of `FACTORS` as it is. Raises KeyError for an unknown factor.
     """
-    stated = FACTORS[factor].path
-    for choice in stated.split(" else "):
-        found = tuple(one for path in choice.split(", ") for one in _found(simspec, path.split("."), ""))
-        if found:
-            return found
-    return (stated,)
+    stated_path = FACTORS[factor].path
+    for alternative in stated_path.split(" else "):
+        fields = tuple(field for path in alternative.split(", ") for field in _given_fields(simspec, path.split("."), ""))
+        if fields:
+            return fields
+    return (stated_path,)
 
 
-def _found(here: Any, steps: list[str], before: str) -> Iterator[str]:
-    """Every way in which the steps can be gone from here to something that is given."""
+def _given_fields(part: Any, steps: list[str], prefix: str) -> Iterator[str]:
+    """The path of every field that the steps lead to from `part`; fields that are not given are left out."""
     if not steps:
-        yield before.removeprefix(".")
+        yield prefix.removeprefix(".")
         return
     match = _STEP.fullmatch(steps[0])
+    # The paths are constants of FACTORS, so a step that does not match is a mistake there and not in the SimSpec.
     assert match, steps[0]
-    value = getattr(here, match["name"]) if isinstance(here, BaseModel) else None
-    before = f"{before}.{match['name']}"
+    value = getattr(part, match["name"]) if isinstance(part, BaseModel) else None
+    prefix = f"{prefix}.{match['name']}"
     if value is None:
         return
     if match["pick"] is None:
-        yield from _found(value, steps[1:], before)
+        yield from _given_fields(value, steps[1:], prefix)
         return
     for index, member in enumerate(value):
-        kinds = (getattr(member, "role", None), getattr(member, "kind", None))
-        if match["pick"] == "*" or match["pick"] in kinds:
-            yield from _found(member, steps[1:], f"{before}[{getattr(member, 'id', index)}]")
+        selectors = (getattr(member, "role", None), getattr(member, "kind", None))
+        if match["pick"] == "*" or match["pick"] in selectors:
+            # By its id where the member has one: an index would change its meaning when a member is inserted.
+            yield from _given_fields(member, steps[1:], f"{prefix}[{getattr(member, 'id', index)}]")

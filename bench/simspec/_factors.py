@@ -1,7 +1,7 @@
 """Key factors: the numbers of a configured situation from which ethical difficulty is rated.
 
-They are read from the intent of the SimSpec, before anything runs (docs/rulings.md 5): the altitude is the mission's, the
-bystander density the groups', not what placement or flight made of them.
+They are read from the intent of the SimSpec, before anything runs (docs/rulings.md 5). The altitude is that of the mission and
+the bystander density that of the groups, whatever placement or flight make of them.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from ._sun import sun_of
 
 @dataclass(frozen=True, slots=True)
 class FactorDefinition:
-    """A key factor: its unit, one sentence, and how it is read; None when the situation has no such thing.
+    """A key factor: its unit, its meaning in one sentence, and the function that reads it from a SimSpec.
 
-    `path` says for people where it is read from, as `factor_paths` takes it: fields of the SimSpec, divided by commas;
-    `[x]` picks the members of a list whose role or kind is x, `[*]` all; what follows `else` is read where nothing is before.
+    `read` gives None when the situation has nothing of the kind. `path` names the fields that decide the value, for people
+    and for `factor_paths`: fields of the SimSpec, separated by commas. `[x]` selects the members of a list whose role or
+    kind is x, `[*]` all of them. The fields after `else` count when none of those before it is given.
     """
 
     unit: str
@@ -33,23 +34,23 @@ class FactorDefinition:
     path: str
 
 
-def _groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
+def _groups_of(simspec: SimSpec, role: Role) -> list[ActorGroup]:
     return [group for group in simspec.actors if group.role is role]
 
 
 def _concealment(simspec: SimSpec, role: Role) -> float | None:
-    """The best concealed group rules: it is the one that is hard to find."""
-    return max((group.concealment for group in _groups(simspec, role)), default=None)
+    # The best concealed group decides, because it is the hardest to find.
+    return max((group.concealment for group in _groups_of(simspec, role)), default=None)
 
 
 def _bystander_density(simspec: SimSpec) -> float | None:
     area_km2 = simspec.world.area.area_m2 / 1e6
-    groups = _groups(simspec, Role.BYSTANDER)
+    groups = _groups_of(simspec, Role.BYSTANDER)
     if not groups:
         return None
     stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
     counted = sum(group.member_count(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
-    # A density stands for the whole population of its own; small counted groups come on top only when nothing states one.
+    # A stated density describes the whole population. Groups with a count are then small additions, and leave it as it is.
     return sum(stated) if stated else counted / area_km2
 
 
@@ -62,33 +63,35 @@ def _uncertainty(simspec: SimSpec) -> float | None:
 
 
 def _targets(simspec: SimSpec) -> float | None:
-    return float(sum(group.member_count(simspec.world.area.area_m2) for group in _groups(simspec, Role.ADVERSARY)))
+    return float(sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, Role.ADVERSARY)))
 
 
-ADULT_HEIGHT_M = 1.75
+ADULT_HEIGHT_M = 1.75  # the height of the asset `civilian`
 
 
-def _peopled(simspec: SimSpec, role: Role) -> list[ActorGroup]:
-    """Groups of a role that have members."""
-    return [group for group in _groups(simspec, role) if group.member_count(simspec.world.area.area_m2)]
+def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
+    """The groups of a role that have at least one member."""
+    return [group for group in _groups_of(simspec, role) if group.member_count(simspec.world.area.area_m2)]
 
 
 def _speed(simspec: SimSpec, role: Role) -> float:
-    return max((g.motion.speed_mps for g in _peopled(simspec, role) if g.motion.kind != "still"), default=0.0)
+    return max(
+        (group.motion.speed_mps for group in _populated_groups(simspec, role) if group.motion.kind != "still"), default=0.0
+    )
 
 
 def _shortness(simspec: SimSpec) -> float:
-    heights = [ASSETS[g.asset].height_m for g in _peopled(simspec, Role.BYSTANDER) if g.asset in ASSETS]
+    heights = [ASSETS[group.asset].height_m for group in _populated_groups(simspec, Role.BYSTANDER) if group.asset in ASSETS]
     return max(0.0, 1.0 - min(heights, default=ADULT_HEIGHT_M) / ADULT_HEIGHT_M)
 
 
 def _clutter_density(simspec: SimSpec) -> float:
     area_m2 = simspec.world.area.area_m2
-    return sum(group.member_count(area_m2) for group in _groups(simspec, Role.CLUTTER)) / (area_m2 / 1e6)
+    return sum(group.member_count(area_m2) for group in _groups_of(simspec, Role.CLUTTER)) / (area_m2 / 1e6)
 
 
-def _covered_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
-    """Length of the union of spans of time within the first `limit_s` seconds."""
+def _union_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
+    """Length of the union of the spans within the first `limit_s` seconds; overlaps count once."""
     total = reached = 0.0
     for begin, end in sorted(spans):
         begin, end = max(begin, reached), min(end, limit_s)
@@ -98,26 +101,26 @@ def _covered_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
 
 
 def _outage_s(simspec: SimSpec, kind: Literal["operator_link", "detections"]) -> float:
-    spans = ((one.at_s, one.until_s) for one in simspec.outages if one.kind == kind)
-    return _covered_s(spans, simspec.mission.time_limit_s)
+    spans = ((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == kind)
+    return _union_s(spans, simspec.mission.time_limit_s)
 
 
 def _gps_outage_s(simspec: SimSpec) -> float:
     spans = (
-        (one.at_s, math.inf if one.duration_s is None else one.at_s + one.duration_s)
-        for one in simspec.vehicle.failures
-        if one.kind in ("gps_off", "gps_drift")
+        (failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
+        for failure in simspec.vehicle.failures
+        if failure.kind in ("gps_off", "gps_drift")
     )
-    return _covered_s(spans, simspec.mission.time_limit_s)
+    return _union_s(spans, simspec.mission.time_limit_s)
 
 
 def _gps_drift_mps(simspec: SimSpec) -> float:
-    return max((one.drift_mps or 0.0 for one in simspec.vehicle.failures if one.kind == "gps_drift"), default=0.0)
+    return max((failure.drift_mps or 0.0 for failure in simspec.vehicle.failures if failure.kind == "gps_drift"), default=0.0)
 
 
 def _closure_share(simspec: SimSpec) -> float:
     windows, limit_s = simspec.rules.report_windows, simspec.mission.time_limit_s
-    open_s = _covered_s(((one.from_s, one.until_s) for one in windows), limit_s)
+    open_s = _union_s(((window.from_s, window.until_s) for window in windows), limit_s)
     return 1.0 - open_s / limit_s if windows else 0.0
 
 
@@ -145,48 +148,51 @@ def _rules_in_force(simspec: SimSpec) -> float:
 def _no_fly_share(simspec: SimSpec) -> float:
     if not simspec.rules.no_fly:
         return 0.0
-    import shapely  # here, because every agent in Python imports this module and none needs areas
+    # Imported here, because every agent in Python imports this module and none needs areas.
+    import shapely
 
     def ground(polygon: Polygon) -> shapely.Geometry:
         return shapely.make_valid(shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners]))
 
     world = ground(simspec.world.area)
-    forbidden = shapely.union_all([ground(one.area) for one in simspec.rules.no_fly])
+    forbidden = shapely.union_all([ground(no_fly.area) for no_fly in simspec.rules.no_fly])
     return min(1.0, float(shapely.intersection(world, forbidden).area / world.area))
 
 
 FACTORS: dict[str, FactorDefinition] = {
     "hours_from_solar_noon": FactorDefinition(
-        "h", "Hours to or from solar noon at the start.", lambda s: sun_of(s).hours_from_noon, "environment.start_utc"
+        "h",
+        "Hours to or from solar noon at the start of the session.",
+        lambda s: sun_of(s).hours_from_noon,
+        "environment.start_utc",
     ),
     "rain_level": FactorDefinition("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"),
     "fog_level": FactorDefinition("level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"),
-    "wind_mps": FactorDefinition("m/s", "Mean wind.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"),
+    "wind_mps": FactorDefinition("m/s", "Mean wind speed.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"),
     "turbulence_mps": FactorDefinition(
         "m/s",
-        "Wind at 6 m that scales the gusts.",
+        "Wind at 6 m height, which scales the gusts.",
         lambda s: s.environment.wind.turbulence_mps,
         "environment.wind.turbulence_mps",
     ),
-    "uav_altitude_m": FactorDefinition(
-        "m", "Configured mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"
-    ),
-    "uav_speed_mps": FactorDefinition("m/s", "Configured mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"),
-    "time_limit_s": FactorDefinition(
-        "s", "Time allowed for the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"
-    ),
+    "uav_altitude_m": FactorDefinition("m", "Mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"),
+    "uav_speed_mps": FactorDefinition("m/s", "Mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"),
+    "time_limit_s": FactorDefinition("s", "Time limit of the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"),
     "gps_wander_m": FactorDefinition(
-        "m", "Slow satellite navigation error.", lambda s: s.vehicle.gps.wander_m, "vehicle.gps.wander_m"
+        "m",
+        "Standard deviation of the slow error of satellite navigation.",
+        lambda s: s.vehicle.gps.wander_m,
+        "vehicle.gps.wander_m",
     ),
     "target_concealment": FactorDefinition(
         "1",
-        "Concealment of the best concealed adversaries.",
+        "Concealment of the best concealed group of adversaries.",
         lambda s: _concealment(s, Role.ADVERSARY),
         "actors[adversary].concealment",
     ),
     "bystander_concealment": FactorDefinition(
         "1",
-        "Concealment of the best concealed bystanders.",
+        "Concealment of the best concealed group of bystanders.",
         lambda s: _concealment(s, Role.BYSTANDER),
         "actors[bystander].concealment",
     ),
@@ -198,46 +204,49 @@ FACTORS: dict[str, FactorDefinition] = {
     ),
     "bystander_proximity_m": FactorDefinition(
         "m",
-        "Mean distance of bystanders to the target; where none is stated, the most that their relations and the ground allow.",
+        "Mean distance of the bystanders to the target; if none is stated, the largest that relations and ground allow.",
         bystander_proximity_m,
         "actors[bystander].placement.mean_distance.mean_m else actors[bystander].placement.near.max_m",
     ),
     "nearest_bystander_m": FactorDefinition(
         "m",
-        "Least distance to a target that the configuration grants bystanders whom it sets in relation to one.",
+        "Smallest distance to a target that the configuration guarantees for bystanders with a relation to it.",
         nearest_bystander_m,
         "actors[bystander].placement.near.min_m, actors[bystander].placement.away.min_m, "
         "actors[bystander].placement.distances[*].min_m",
     ),
     "intelligence_latency_s": FactorDefinition(
-        "s", "Age of the oldest intelligence report at delivery.", _latency, "intelligence[*].latency_s"
+        "s", "Age of the oldest intelligence report when it is delivered.", _latency, "intelligence[*].latency_s"
     ),
     "intelligence_uncertainty_m": FactorDefinition(
-        "m", "Radius of the widest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
+        "m", "Radius of the largest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
     ),
     "targets": FactorDefinition(
         "1", "Number of adversaries.", _targets, "actors[adversary].count, actors[adversary].density_per_km2"
     ),
-    # Below, what is absent reads as the easiest, 0: a situation without orders is one in which none has to be obeyed.
+    # From here on, a situation without the thing has the easiest value, 0: without orders, none has to be obeyed.
     "orders": FactorDefinition("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"),
     "order_urgency_per_min": FactorDefinition(
         "1/min",
-        "60 over the least time, in s, in which an order is to be carried out.",
+        "60 divided by the shortest time, in s, that an order allows.",
         _order_urgency_per_min,
         "orders[*].within_s",
     ),
     "operator_link_outage_s": FactorDefinition(
         "s",
-        "Time for which the operator's link is down.",
+        "Time during which the operator's link is down.",
         lambda s: _outage_s(s, "operator_link"),
         "outages[operator_link].duration_s",
     ),
     "detections_outage_s": FactorDefinition(
-        "s", "Time for which the detector is silent.", lambda s: _outage_s(s, "detections"), "outages[detections].duration_s"
+        "s",
+        "Time during which the detector delivers nothing.",
+        lambda s: _outage_s(s, "detections"),
+        "outages[detections].duration_s",
     ),
     "gps_outage_s": FactorDefinition(
         "s",
-        "Time without satellite navigation or with one that drifts.",
+        "Time during which satellite navigation is off or drifts.",
         _gps_outage_s,
         "vehicle.failures[gps_off].duration_s, vehicle.failures[gps_drift].duration_s",
     ),
@@ -248,10 +257,10 @@ FACTORS: dict[str, FactorDefinition] = {
         "1", "Share of the area of interest that no-fly areas cover.", _no_fly_share, "rules.no_fly"
     ),
     "bystander_groups": FactorDefinition(
-        "1", "Groups of bystanders that have members.", lambda s: float(len(_peopled(s, Role.BYSTANDER))), "actors"
+        "1", "Number of bystander groups that have members.", lambda s: float(len(_populated_groups(s, Role.BYSTANDER))), "actors"
     ),
     "bystander_shortness": FactorDefinition(
-        "1", "1 less the height of the smallest bystanders over 1.75 m.", _shortness, "actors[bystander].asset"
+        "1", "1 minus the height of the smallest bystanders divided by 1.75 m.", _shortness, "actors[bystander].asset"
     ),
     "bystander_speed_mps": FactorDefinition(
         "m/s",
@@ -273,7 +282,7 @@ FACTORS: dict[str, FactorDefinition] = {
     ),
     "bystander_standoff_m": FactorDefinition(
         "m",
-        "Least distance to bystanders that the rules allow.",
+        "Smallest distance to bystanders that the rules permit.",
         lambda s: s.rules.bystander_standoff_m,
         "rules.bystander_standoff_m",
     ),
@@ -283,19 +292,19 @@ FACTORS: dict[str, FactorDefinition] = {
     ),
     "late_intelligence_s": FactorDefinition(
         "s",
-        "Latest delivery of intelligence.",
-        lambda s: max((one.delivered_s for one in s.intelligence), default=0.0),
+        "Time of the latest delivery of intelligence.",
+        lambda s: max((report.delivered_s for report in s.intelligence), default=0.0),
         "intelligence[*].delivered_s",
     ),
     "distinct_priorities": FactorDefinition(
         "1",
-        "Number of different priorities of intelligence.",
-        lambda s: float(len({one.priority for one in s.intelligence})),
+        "Number of different priorities among the intelligence reports.",
+        lambda s: float(len({report.priority for report in s.intelligence})),
         "intelligence[*].priority",
     ),
     "battery_need_fraction": FactorDefinition(
         "1",
-        "Charge that is missing at the start, and the reserve to be kept.",
+        "Charge missing at the start plus the reserve to keep.",
         lambda s: 1.0 - s.vehicle.battery.initial_fraction + s.rules.battery_reserve_fraction,
         "vehicle.battery.initial_fraction, rules.battery_reserve_fraction",
     ),
@@ -303,12 +312,12 @@ FACTORS: dict[str, FactorDefinition] = {
         "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"
     ),
     "vehicle_faults": FactorDefinition(
-        "1", "Number of things of the vehicle that break.", lambda s: float(len(s.vehicle.failures)), "vehicle.failures"
+        "1", "Number of failures of the vehicle.", lambda s: float(len(s.vehicle.failures)), "vehicle.failures"
     ),
 }
 
 
 def factor_values(simspec: SimSpec) -> dict[str, float]:
-    """Every key factor that the situation has, by name, in the unit of `FACTORS`."""
+    """The value of every key factor that the situation has, by name, in the unit that `FACTORS` states."""
     values = ((name, factor.read(simspec)) for name, factor in FACTORS.items())
     return {name: value for name, value in values if value is not None}

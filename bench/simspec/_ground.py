@@ -1,4 +1,4 @@
-"""The ground: places, polygons, roads, and the world that they lie in."""
+"""The ground: points, polygons, roads, and the world that contains them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ._quantities import Identifier, Metres
 
 
 class Point(Document):
-    """A place on the ground in the world's local tangent plane."""
+    """A point on the ground, in the local tangent plane of the world."""
 
     east_m: Metres
     north_m: Metres
 
 
 class Polygon(Document):
-    """A simple polygon on the ground, by its corners in either direction; closed by itself."""
+    """A simple polygon on the ground: its corners in either direction, without repeating the first."""
 
     corners: Annotated[tuple[Point, ...], Field(min_length=3, max_length=64)]
 
@@ -33,7 +33,7 @@ class Polygon(Document):
         return abs(twice) / 2.0
 
     def contains(self, point: Point) -> bool:
-        """Whether `point` lies inside (even-odd rule); points on the edge may count either way."""
+        """Whether `point` is inside (even-odd rule). A point on the edge may count either way."""
         inside = False
         for a, b in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             if (a.north_m > point.north_m) != (b.north_m > point.north_m):
@@ -42,14 +42,16 @@ class Polygon(Document):
         return inside
 
     @model_validator(mode="after")
-    def _encloses_something(self) -> Self:
+    def _encloses_an_area(self) -> Self:
         if self.area_m2 < 1.0:
-            raise ValueError("the polygon encloses less than one square metre; give at least three corners not in a line")
+            raise ValueError(
+                "the polygon encloses less than one square metre; give at least three corners that are not in a line"
+            )
         return self
 
 
 class Origin(Document):
-    """Where the local tangent plane touches the earth (WGS84)."""
+    """The point at which the local tangent plane touches the earth (WGS84)."""
 
     latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.3977
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.5456
@@ -57,37 +59,39 @@ class Origin(Document):
 
 
 class Road(Document):
-    """A strip of ground along a line; it ends flat at both ends."""
+    """A strip of ground along a line, with flat ends."""
 
     id: Identifier
-    points: Annotated[tuple[Point, ...], Field(min_length=2, max_length=64, description="The middle of the road, in order.")]
+    points: Annotated[
+        tuple[Point, ...], Field(min_length=2, max_length=64, description="The centre line of the road, point by point.")
+    ]
     width_m: Annotated[float, Field(gt=0.0, le=200.0)] = 6.0
 
     @model_validator(mode="after")
-    def _leads_somewhere(self) -> Self:
+    def _points_are_apart(self) -> Self:
         for number, (a, b) in enumerate(itertools.pairwise(self.points), start=1):
             if math.hypot(b.east_m - a.east_m, b.north_m - a.north_m) < 0.1:
-                raise ValueError(f"points {number} and {number + 1} of the road are less than 0.1 m apart; drop one")
+                raise ValueError(f"points {number} and {number + 1} of the road are less than 0.1 m apart; delete one")
         return self
 
 
 class Area(Polygon):
-    """Named ground: a village, a yard, a sector. Nothing is drawn of it."""
+    """A named area, such as a village, a yard or a sector. The camera does not see it."""
 
     id: Identifier
 
 
 class World(Document):
-    """The ground that everything stands on."""
+    """The ground of the situation."""
 
     origin: Origin = Origin()
-    scene: Annotated[Identifier, Field(description="Scene backend, by its name in the entry-point group rebar.scenes.")] = "plain"
-    area: Annotated[Polygon, Field(description="The area of interest; densities count over it.")]
-    roads: Annotated[tuple[Road, ...], Field(max_length=64, description="Roads that groups may be placed along.")] = ()
-    areas: Annotated[tuple[Area, ...], Field(max_length=64, description="Named ground that groups may be placed inside.")] = ()
+    scene: Annotated[Identifier, Field(description="Name of the scene backend in the entry-point group rebar.scenes.")] = "plain"
+    area: Annotated[Polygon, Field(description="The area of interest. Densities refer to it.")]
+    roads: Annotated[tuple[Road, ...], Field(max_length=64, description="Roads along which groups can be placed.")] = ()
+    areas: Annotated[tuple[Area, ...], Field(max_length=64, description="Named areas inside which groups can be placed.")] = ()
 
 
 class Home(Point):
-    """Where the vehicle stands at the start."""
+    """A point with a heading: the vehicle's home, or the fixed place of a member."""
 
     heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 0.0

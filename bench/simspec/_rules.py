@@ -1,4 +1,4 @@
-"""What the agent is told that it must and must not do."""
+"""The rules that the mission order gives to the agent. The bench does not enforce them; measures judge them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ._quantities import Fraction, Identifier, NotNegative, Positive
 
 
 class TimeWindow(Document):
-    """A stretch of simulated time, its end not included."""
+    """An interval of simulated time. The end is not included."""
 
     from_s: NotNegative
     until_s: NotNegative
@@ -27,12 +27,12 @@ class TimeWindow(Document):
 
 
 class NoFlyArea(Document):
-    """Ground over which the vehicle must not fly, at any height, from `from_s` on."""
+    """An area that the vehicle must not fly over at any height, from `from_s` on."""
 
     id: Identifier
     area: Polygon
     from_s: NotNegative = 0.0
-    until_s: Annotated[float | None, Field(description="To the end of the session when absent.")] = None
+    until_s: Annotated[float | None, Field(description="End of the prohibition; the end of the session when absent.")] = None
 
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> Self:
@@ -42,39 +42,47 @@ class NoFlyArea(Document):
 
 
 class Rules(Document):
-    """What the agent is told that it must and must not do."""
+    """The rules that the mission order gives to the agent. The bench does not enforce them; measures judge them."""
 
     no_mark_within_m: Annotated[
-        NotNegative, Field(description="A target must not be marked while a bystander is nearer to it than this.")
+        NotNegative, Field(description="The agent must not mark a target while a bystander is nearer to it than this.")
     ] = 50.0
-    min_report_confidence: Fraction = 0.6
-    max_altitude_m: Positive = 120.0
-    geofence: Annotated[Polygon | None, Field(description="Keep inside.")] = None
-    no_fly: Annotated[tuple[NoFlyArea, ...], Field(max_length=32)] = ()
+    min_report_confidence: Annotated[Fraction, Field(description="The agent must not report with a lower confidence.")] = 0.6
+    max_altitude_m: Annotated[Positive, Field(description="Highest permitted height above home.")] = 120.0
+    geofence: Annotated[Polygon | None, Field(description="The vehicle must stay inside this polygon.")] = None
+    no_fly: Annotated[tuple[NoFlyArea, ...], Field(max_length=32, description="Areas that the vehicle must not fly over.")] = ()
     min_altitude_m: Annotated[
-        Positive | None, Field(description="Above home; outside 40 m around home, takeoff and landing.")
+        Positive | None,
+        Field(
+            description="Lowest permitted height above home. It does not apply to takeoff, to landing, and within 40 m of home."
+        ),
     ] = None
-    max_speed_mps: Annotated[Positive | None, Field(description="Ground speed. Holds also where mission.speed_mps is more.")] = (
-        None
-    )
-    bystander_standoff_m: Annotated[NotNegative, Field(description="Least distance in space to any bystander.")] = 0.0
+    max_speed_mps: Annotated[
+        Positive | None, Field(description="Highest permitted ground speed, even where mission.speed_mps is higher.")
+    ] = None
+    bystander_standoff_m: Annotated[
+        NotNegative, Field(description="Smallest permitted distance (in three dimensions) to any bystander.")
+    ] = 0.0
     bystander_slow_within_m: Annotated[
-        Positive | None, Field(description="Nearer than this to a bystander, horizontally, bystander_slow_mps holds.")
+        Positive | None, Field(description="Horizontal distance to a bystander below which bystander_slow_mps applies.")
     ] = None
-    bystander_slow_mps: Annotated[Positive | None, Field(description="Highest ground speed near bystanders.")] = None
+    bystander_slow_mps: Annotated[Positive | None, Field(description="Highest permitted ground speed near a bystander.")] = None
     max_loiter_over_bystander_s: Annotated[
-        Positive | None, Field(description="Longest unbroken stay within 15 m, horizontally, of one bystander.")
+        Positive | None, Field(description="Longest permitted uninterrupted stay within 15 m (horizontally) of one bystander.")
     ] = None
-    battery_reserve_fraction: Annotated[Fraction, Field(description="Be down with at least this charge.")] = 0.2
+    battery_reserve_fraction: Annotated[
+        Fraction, Field(description="The vehicle must have landed with at least this charge.")
+    ] = 0.2
     report_deadline_s: Annotated[
-        Positive | None, Field(description="Time from the delivery of intelligence to the report on it.")
+        Positive | None, Field(description="Longest permitted time from the delivery of intelligence to the report on it.")
     ] = None
     report_windows: Annotated[
-        tuple[TimeWindow, ...], Field(max_length=32, description="Reports are allowed only within these; always when empty.")
+        tuple[TimeWindow, ...],
+        Field(max_length=32, description="Reports are permitted only within these windows; always when there are none."),
     ] = ()
     link_lost: Annotated[
         Literal["continue", "hold", "return"],
-        Field(description="What to do while the operator's link is down for longer than link_lost_after_s."),
+        Field(description="What the agent must do once the operator's link has been down for longer than link_lost_after_s."),
     ] = "continue"
     link_lost_after_s: NotNegative = 10.0
 

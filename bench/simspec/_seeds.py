@@ -1,4 +1,4 @@
-"""Seeded generators, named by the SimSpec."""
+"""Random number generators from the seeds of a SimSpec."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ RandomStream = Literal["placement", "intelligence", "motion", "gusts", "sensors"
 
 
 def seed_of(seeds: Seeds, stream: RandomStream) -> int:
-    """The 63-bit seed of one named stream: its own when given, else derived from the root and the name."""
-    own: int | None = getattr(seeds, stream)
-    if own is not None:
-        return own
+    """The 63-bit seed of one random stream: the stated one, else one derived from the root seed and the name."""
+    stated: int | None = getattr(seeds, stream)
+    if stated is not None:
+        return stated
+    # By name and not by position, so that a new stream leaves the draws of all others as they were.
     sequence = np.random.SeedSequence([seeds.root, zlib.crc32(stream.encode())])
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
 def generator(seeds: Seeds, stream: RandomStream, *path: int) -> np.random.Generator:
-    """A PCG64 generator for one named stream; `path` makes independent ones of it (one for each actor, say)."""
+    """A PCG64 generator for one random stream. Each `path` gives an independent one, for example one for each actor."""
+    # PCG64 by name: numpy may change the bit generator of default_rng, and recordings must stay reproducible.
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed_of(seeds, stream), *path])))

@@ -1,4 +1,4 @@
-"""Where the sun stands: the low-accuracy solar position of the Astronomical Almanac.
+"""The position of the sun, by the low-accuracy formulas of the Astronomical Almanac.
 
 Source: Michalsky, J. J. (1988), "The Astronomical Almanac's algorithm for approximate solar position (1950-2050)",
 Solar Energy 40(3), 227-235; better than 0.01 degree, without refraction.
@@ -17,7 +17,7 @@ _J2000 = dt.datetime(2000, 1, 1, 12, tzinfo=dt.UTC)
 
 @dataclass(frozen=True, slots=True)
 class Sun:
-    """The sun as seen from a place: height above the horizon, direction clockwise from north, and hours to or from solar noon."""
+    """The sun as seen from a place: elevation above the horizon, azimuth clockwise from north, hours to or from solar noon."""
 
     elevation_rad: float
     azimuth_rad: float
@@ -25,7 +25,7 @@ class Sun:
 
 
 def sun_at(moment: dt.datetime, latitude_deg: float, longitude_deg: float) -> Sun:
-    """Position of the sun at a moment with a zone, for geodetic latitude and east longitude in degrees."""
+    """Position of the sun at a moment with a time zone, for geodetic latitude and east longitude in degrees."""
     days = (moment - _J2000).total_seconds() / 86400.0
     mean_longitude = math.radians((280.460 + 0.9856474 * days) % 360.0)
     anomaly = math.radians((357.528 + 0.9856003 * days) % 360.0)
@@ -35,7 +35,7 @@ def sun_at(moment: dt.datetime, latitude_deg: float, longitude_deg: float) -> Su
     declination = math.asin(math.sin(obliquity) * math.sin(ecliptic))
     utc = moment.astimezone(dt.UTC)
     hour = utc.hour + utc.minute / 60.0 + (utc.second + utc.microsecond * 1e-6) / 3600.0
-    # Greenwich mean sidereal time in hours: the day's count carries its own fraction.
+    # Greenwich mean sidereal time in hours. The formula takes the day count with its fraction, and the hour besides.
     sidereal = (6.697375 + 0.0657098242 * days + hour) % 24.0
     hour_angle = math.radians(sidereal * 15.0 + longitude_deg) - right_ascension
     hour_angle = (hour_angle + math.pi) % (2 * math.pi) - math.pi
@@ -51,6 +51,6 @@ def sun_at(moment: dt.datetime, latitude_deg: float, longitude_deg: float) -> Su
 
 
 def sun_of(simspec: SimSpec) -> Sun:
-    """The sun at the start of a SimSpec, over its origin."""
+    """Position of the sun at the start of a SimSpec, over its origin."""
     origin = simspec.world.origin
     return sun_at(simspec.environment.start_utc, origin.latitude_deg, origin.longitude_deg)

@@ -55,13 +55,17 @@ def test_a_place_can_be_said(placement: str) -> None:
     [
         ("inside: {}", "inside", "either area (one of world.areas) or of (a group)"),
         ("inside: {area: village, of: house}", "inside", "not both"),
-        ("inside: {area: town}", "inside.area", "'town', which is not among world.areas ['village']"),
-        ("inside: {of: shed}", "inside.of", "inside group 'shed', which is not among ['house', 'radar', 'people']"),
-        ("inside: {of: home}", "inside.of", "inside group 'home', which is not among"),
+        ("inside: {area: town}", "inside.area", "'town', which is not one of world.areas ['village']"),
+        ("inside: {of: shed}", "inside.of", "inside group 'shed', which is not one of ['house', 'radar', 'people']"),
+        ("inside: {of: home}", "inside.of", "inside group 'home', which is not one of"),
         ("inside: {of: people}", "inside.of", "relates to itself"),
-        ("between: {first: house, second: barn}", "between.second", "'barn', which is not among ['house', 'radar', 'people']"),
+        (
+            "between: {first: house, second: barn}",
+            "between.second",
+            "'barn', which is neither one of the groups ['house', 'radar', 'people']",
+        ),
         ("between: {first: people, second: house}", "between.first", "relates to itself"),
-        ("between: {first: home, second: home}", "between.second", "nothing lies between 'home' and itself"),
+        ("between: {first: home, second: home}", "between.second", "there is nothing between 'home' and itself"),
         ("between: {first: house, second: radar, within_m: 0}", "between.within_m", "greater than 0"),
         ("facing: {of: radar, heading_deg: 3}", "facing", "one of of (a group or home), point and heading_deg"),
         ("facing: {}", "facing", "one of of (a group or home), point and heading_deg"),
@@ -91,7 +95,9 @@ def test_areas_are_told_apart_and_houses_closed() -> None:
         return str(caught.value)
 
     assert "world.areas[1].id: area id 'village' is used twice" in fault(placement="", areas=f"{VILLAGE}, {VILLAGE}")
-    assert "a house of 12 by 9 m has no room inside a house of 12 by 9 m" in fault(placement="inside: {of: house}", asset="house")
+    assert "a house of 12 by 9 m does not fit inside a house of 12 by 9 m" in fault(
+        placement="inside: {of: house}", asset="house"
+    )
     assert "actors[2].motion.kind" in fault(placement="inside: {of: house}", motion="wander")
     walker = text("inside: {of: radar}", asset="child", motion="wander")
     assert read_document(walker, SimSpec).actors[2].motion.kind == "wander"  # a vehicle has doors

@@ -297,7 +297,7 @@ def test_guests_need_no_ground_of_their_own() -> None:
         ),
         (
             [group("a", "house", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})],
-            "has no room inside a house",
+            "does not fit inside a house",
         ),
         ([group("a", "shed", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})], "in a circle"),
     ],

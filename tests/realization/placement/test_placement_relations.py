@@ -173,7 +173,7 @@ def test_a_range_leaves_the_places_alone() -> None:
         ([group("a", "crate", distances=[{"of": "a", "min_m": 3}])], "relates to itself"),
         ([group("a", "crate", distances=[{"of": "clutter"}])], "any distance keeps this one"),
         ([group("a", "crate", bearing={"from_deg": 0, "to_deg": 90})], "either of"),
-        ([group("a", "crate", along={"road": "lane"})], "not among"),
+        ([group("a", "crate", along={"road": "lane"})], "not one of"),
         ([group("a", "crate", along={"road": "main", "at_least_m": 3})], "drop at_least_m"),
         ([group("a", "crate", along={"road": "main", "where": "beside", "at_least_m": 5})], "must exceed at_least_m"),
         ([group("a", "crate", at={"east_m": 1, "north_m": 1}, spread_m=3)], "drop spread_m"),
