@@ -83,7 +83,7 @@ class ActorGroup(Document):
     @model_validator(mode="after")
     def _count_or_density(self) -> Self:
         if (self.count is None) == (self.density_per_km2 is None):
-            raise ValueError("give exactly one of count and density_per_km2")
+            raise ValueError("give either count or density_per_km2, not both")
         if self.placement.at and self.count != 1:
             raise ValueError("placement.at fixes a single member: set count to 1")
         return self

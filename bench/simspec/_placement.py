@@ -58,7 +58,7 @@ class Distance(Document):
     @model_validator(mode="after")
     def _leaves_room(self) -> Self:
         if (self.of is None) == (self.point is None):
-            raise ValueError("give exactly one of of (a group, a role or home) and point")
+            raise ValueError("give either of (a group, a role or home) or point, not both")
         if self.max_m is not None and self.max_m <= self.min_m:
             raise ValueError(f"max_m {self.max_m} must exceed min_m {self.min_m}")
         if self.max_m is None and self.min_m == 0.0:
@@ -75,7 +75,7 @@ class PlaceReference(Document):
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
         if (self.of is None) == (self.point is None):
-            raise ValueError("give exactly one of of (a group or home) and point")
+            raise ValueError("give either of (a group or home) or point, not both")
         return self
 
 
@@ -104,7 +104,7 @@ class Facing(PlaceReference):
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
         if [self.of, self.point, self.heading_deg].count(None) != 2:
-            raise ValueError("give exactly one of of (a group or home), point and heading_deg")
+            raise ValueError("give one of the three: of (a group or home), point or heading_deg")
         return self
 
 
@@ -117,7 +117,7 @@ class Inside(Document):
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
         if (self.area is None) == (self.of is None):
-            raise ValueError("give exactly one of area (one of world.areas) and of (a group)")
+            raise ValueError("give either area (one of world.areas) or of (a group), not both")
         return self
 
 

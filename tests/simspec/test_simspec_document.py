@@ -56,7 +56,7 @@ actors:
     [
         (
             "actors: [{id: a, asset: civilian, role: bystander, count: 1, placement: {near: {of: b, max_m: 5}}}]\n",
-            "relates to group 'b'",
+            "relates to 'b'",
         ),
         (
             "actors: [{id: a, asset: civilian, role: bystander, count: 1}, {id: a, asset: tree, role: clutter, count: 1}]\n",
@@ -95,7 +95,7 @@ def box(west: float, south: float, east: float, north: float) -> str:
         ("orders: [{id: o, at_s: 100, kind: hold}]", "order 'o' at 100 s comes after the end: mission.time_limit_s is 100"),
         ("orders: [{id: o, at_s: 1, kind: hold}, {id: o, at_s: 2, kind: resume}]", "order id 'o' is used twice"),
         ("orders: [{id: o, at_s: 1, kind: retask}]", "retask needs intelligence"),
-        ("orders: [{id: o, at_s: 1, kind: hold, intelligence: first}]", "hold has no intelligence"),
+        ("orders: [{id: o, at_s: 1, kind: hold, intelligence: first}]", "hold takes no intelligence"),
         ("orders: [{id: o, at_s: 1, kind: mark, intelligence: second}]", "'second', which is not one of ['first', 'late']"),
         ("orders: [{id: o, at_s: 1, kind: mark, intelligence: late}]", "which is not delivered before 50 s"),
         ("orders: [{id: o, at_s: 1, kind: dance}]", "'hold'"),
@@ -226,7 +226,7 @@ def test_failures_have_the_fields_of_their_kind() -> None:
     assert [one.kind for one in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures] == ["gps_off", "motor_off"]
     for wrong, words in (
         ("{at_s: 1, kind: motor_off}", "motor_off needs instance"),
-        ("{at_s: 1, kind: gps_off, instance: 2}", "gps_off has no instance"),
+        ("{at_s: 1, kind: gps_off, instance: 2}", "gps_off takes no instance"),
         ("{at_s: 1, kind: battery_drop}", "battery_drop needs to_fraction"),
     ):
         assert words in faults(f"name: a\n{SQUARE}vehicle: {{failures: [{wrong}]}}\n")[0]
@@ -238,5 +238,5 @@ def test_a_moment_that_satellite_navigation_cannot_count_is_refused(tmp_path: Pa
     """Before 1981 and after 2099 no flight controller has a clock; said when read, not in the middle of a flight."""
     file = tmp_path / "old.yaml"
     file.write_text(f"name: old\n{SQUARE}environment: {{start_utc: '{moment}'}}\n")
-    with pytest.raises(SetupError, match="start_utc must lie from 1981 to 2099"):
+    with pytest.raises(SetupError, match="year of start_utc must be 1981 to 2099"):
         load_simspec(file)

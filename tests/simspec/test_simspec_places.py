@@ -67,13 +67,13 @@ def test_a_place_can_be_said(placement: str) -> None:
         ("between: {first: people, second: house}", "between.first", "relates to itself"),
         ("between: {first: home, second: home}", "between.second", "there is nothing between 'home' and itself"),
         ("between: {first: house, second: radar, within_m: 0}", "between.within_m", "greater than 0"),
-        ("facing: {of: radar, heading_deg: 3}", "facing", "one of of (a group or home), point and heading_deg"),
-        ("facing: {}", "facing", "one of of (a group or home), point and heading_deg"),
+        ("facing: {of: radar, heading_deg: 3}", "facing", "one of the three: of (a group or home), point or heading_deg"),
+        ("facing: {}", "facing", "one of the three: of (a group or home), point or heading_deg"),
         ("facing: {heading_deg: 360}", "facing.heading_deg", "less than 360"),
-        ("distances: [{of: radar, point: {east_m: 1, north_m: 1}, min_m: 3}]", "distances[0]", "not both and not neither"),
+        ("distances: [{of: radar, point: {east_m: 1, north_m: 1}, min_m: 3}]", "distances[0]", "not both"),
         ("distances: [{min_m: 3}]", "distances[0]", "either of (a group, a role or home) or point"),
-        ("near: {of: hom, max_m: 3}", "near.of", "nor is it 'home'"),
-        ("at: {east_m: 1, north_m: 1}, inside: {area: village}", "", "drop inside"),
+        ("near: {of: hom, max_m: 3}", "near.of", "nor 'home'"),
+        ("at: {east_m: 1, north_m: 1}, inside: {area: village}", "", "delete either at or inside"),
     ],
 )
 def test_what_cannot_be_meant_is_named(placement: str, where: str, said: str) -> None:
