@@ -38,6 +38,21 @@ def load_document(path: Path | str, kind: type[D]) -> D:
     return read_document(read_text(path), kind, source=str(path))
 
 
+def load_json_document(path: Path | str, kind: type[D]) -> D:
+    """As `load_document`, for a JSON file that the bench wrote itself: faults are found as well, and much faster."""
+    # 0.4 ms against 69 ms for the SimSpec of examples/search.yaml: PyYAML is written in Python.
+    path = Path(path)
+    return read_json_document(read_text(path), kind, source=str(path))
+
+
+def read_json_document(text: str, kind: type[D], source: str = "") -> D:
+    """As `read_document`, for JSON alone."""
+    try:
+        return kind.model_validate_json(text)
+    except ValidationError:
+        return read_document(text, kind, source)  # the YAML reader knows lines, so its faults name them
+
+
 def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
     """Text of a file; SetupError when it is missing, too large or not UTF-8."""
     try:

@@ -45,5 +45,17 @@ class LinkLost(RebarError):
     """The other side of a link is gone or silent past its budget."""
 
 
+class PlacementInfeasible(RebarError):
+    """Placement found no place for some actor; the text names the relations that clash and the numbers found.
+
+    `proved` tells whether no arrangement exists at all; `clash` are the fields of a smallest set of constraints that
+    cannot hold together, empty where nothing is proved.
+    """
+
+    def __init__(self, text: str, *, proved: bool = True, clash: tuple[str, ...] = ()) -> None:
+        super().__init__(text)
+        self.proved, self.clash = proved, clash
+
+
 class VehicleFault(RebarError):
     """The simulated vehicle left the range in which its model means anything (NaN, runaway state)."""

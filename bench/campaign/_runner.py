@@ -95,7 +95,7 @@ def run_campaign(
         reconcile(paths, journal)
         reset_for_rerun(paths, journal, rerun)
         early_stopping = EarlyStopping(campaign.stopping, decomposition, paths, journal)
-        dispatcher = Dispatcher(paths, journal, observers, early_stopping, total=len(plans))
+        dispatcher = Dispatcher(paths, journal, observers, early_stopping, plans)
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):
             dispatcher.finish(result)

@@ -15,6 +15,8 @@ from ._agent import AgentPlan as AgentPlan
 from ._agent import AgentProcess as AgentProcess
 from ._agent import MavlinkNeed as MavlinkNeed
 from ._agent import OpenAgent as OpenAgent
+from ._cast import cast_of as cast_of
+from ._cast import realized_of as realized_of
 from ._detection import FALSE_SCORE as FALSE_SCORE
 from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
 from ._detection import LEAST_DOUBT as LEAST_DOUBT
@@ -46,7 +48,9 @@ from ._measure import Timed as Timed
 from ._outcome import Evidence as Evidence
 from ._outcome import Observation as Observation
 from ._outcome import Outcome as Outcome
+from ._outcome import SessionFailure as SessionFailure
 from ._outcome import SessionResult as SessionResult
+from ._outcome import traceback_details as traceback_details
 from ._plugins import PluginGroup as PluginGroup
 from ._plugins import load_plugin as load_plugin
 from ._plugins import plugins as plugins

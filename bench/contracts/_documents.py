@@ -8,12 +8,12 @@ that is not a valid document.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError
 
 from bench.documents import Document
-from bench.simspec import Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
+from bench.simspec import ASSETS, ActorGroup, Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
 
 Text = Annotated[str, Field(max_length=2000)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -201,6 +201,22 @@ class CastMember(Document):
     width_m: float
     height_m: float
     concealment: float
+
+    @classmethod
+    def of(cls, actor_id: str, group: ActorGroup) -> Self:
+        """The member of a group whose asset is in the catalogue; KeyError for another."""
+        asset = ASSETS[group.asset]
+        return cls(
+            id=actor_id,
+            group=group.id,
+            asset=group.asset,
+            class_label=asset.class_label,
+            role=group.role,
+            length_m=asset.length_m,
+            width_m=asset.width_m,
+            height_m=asset.height_m,
+            concealment=group.concealment,
+        )
 
 
 class CastDocument(Document):

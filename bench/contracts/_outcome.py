@@ -1,13 +1,16 @@
-"""How a session can end, and what is said of it."""
+"""How a session can end, and what stays of it."""
 
 from __future__ import annotations
 
+import traceback
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
 from bench.documents import Document
+from bench.errors import PlacementInfeasible, SetupError, VehicleFault
 
 
 class Outcome(StrEnum):
@@ -20,20 +23,20 @@ class Outcome(StrEnum):
     AGENT_TIMEOUT = "agent_timeout"  # the agent did not answer a tick within its budget
     AGENT_NEVER_CONNECTED = "agent_never_connected"  # no hello within the budget
     AGENT_PROTOCOL = "agent_protocol"  # the agent broke the tick protocol
-    PLACEMENT_INFEASIBLE = "placement_infeasible"  # the constraints leave no place for somebody
+    PLACEMENT_INFEASIBLE = "placement_infeasible"  # the constraints leave some actor no place
     SETUP_INVALID = "setup_invalid"  # the SimSpec names something that does not exist here
     WALL_BUDGET = "wall_budget"  # the session as a whole took longer than allowed by the host's clock
     WORKER_LOST = "worker_lost"  # the worker process died under the session
-    BENCH_ERROR = "bench_error"  # a fault of the bench's own
-    SETTLED = "settled"  # not flown: the replicates before it had settled the question
+    BENCH_ERROR = "bench_error"  # the bench itself failed
+    SETTLED = "settled"  # not flown: the replicates before it decided the stopping rule
 
     @property
     def counts(self) -> bool:
-        """Whether observables of such a run are scored: what the agent did or failed to do counts, the bench's faults do not."""
-        return self in _AGENT_ANSWERS_FOR
+        """Whether observables of such a run are scored: what the agent did or failed to do counts, bench errors do not."""
+        return self in _SCORED_OUTCOMES
 
 
-_AGENT_ANSWERS_FOR = frozenset(
+_SCORED_OUTCOMES = frozenset(
     {
         Outcome.COMPLETED,
         Outcome.TIME_LIMIT,
@@ -80,3 +83,37 @@ class SessionResult(Document):
     counters: dict[str, int] = {}
     observations: tuple[Observation, ...] = ()
     details: dict[str, Any] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFailure:
+    """An exception that ended a realization, as an outcome. `traceback` is empty unless the bench has to be debugged."""
+
+    outcome: Outcome
+    reason: str
+    traceback: str = ""
+
+    @classmethod
+    def of(cls, error: BaseException) -> Self:
+        """The outcome that an exception stands for. Whatever is not expected is a bench error, with its traceback."""
+        match error:
+            case PlacementInfeasible():
+                return cls(Outcome.PLACEMENT_INFEASIBLE, str(error))
+            case SetupError():
+                return cls(Outcome.SETUP_INVALID, str(error))
+            case VehicleFault():
+                # The model's numbers ran away: the text says which, and the frames of our stack would say nothing more.
+                return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
+            case _:
+                text = "".join(traceback.format_exception(error))
+                return cls(Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}", text)
+
+    def result(self, realization: str, wall_s: float = 0.0) -> SessionResult:
+        """The result of a realization that ended so before it had a recording."""
+        details = traceback_details(self.traceback)
+        return SessionResult(realization=realization, outcome=self.outcome, reason=self.reason, wall_s=wall_s, details=details)
+
+
+def traceback_details(traceback: str) -> dict[str, Any]:
+    """`SessionResult.details` of a session that ended with this traceback; empty when there is none."""
+    return {"traceback": traceback} if traceback else {}

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
-from pydantic import ValidationError
 
 from bench.contracts import Record, SimTime, Tape
-from bench.documents import read_document
+from bench.documents import read_json_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
@@ -42,12 +41,13 @@ def read_records(path: Path | str) -> Iterator[Record]:
     return _records(Container(Path(path)))
 
 
-def read_tape(path: Path | str) -> Tape:
+def read_tape(path: Path | str, simspec: SimSpec | None = None) -> Tape:
     """The typed streams of a recording. A cut recording says so in `malformed["recording"]`.
 
+    `simspec` is what `read_simspec` returned for this recording, for callers that need both.
     Raises SetupError as `read_records` and `read_simspec` do.
     """
-    builder = TapeBuilder(read_simspec(path))
+    builder = TapeBuilder(simspec or read_simspec(path))
     container = Container(Path(path))
     for record in _records(container):
         builder(record)
@@ -146,7 +146,4 @@ def _records(container: Container) -> Iterator[Record]:
 
 
 def _simspec(data: bytes, source: str) -> SimSpec:
-    try:
-        return SimSpec.model_validate_json(data)
-    except ValidationError:
-        return read_document(data.decode(errors="replace"), SimSpec, source)  # the slow way tells field and mend
+    return read_json_document(data.decode(errors="replace"), SimSpec, source)

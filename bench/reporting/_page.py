@@ -116,7 +116,8 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
     for run in choose_runs(data, count):
         assert run.recording is not None  # only recorded runs are chosen
         try:
-            charts.append(draw_map(run, read_simspec(run.recording), read_tape(run.recording)))
+            simspec = read_simspec(run.recording)
+            charts.append(draw_map(run, simspec, read_tape(run.recording, simspec)))
         except (SetupError, OSError):
             notes.append(f"The recording of {run.realization} cannot be read, so it is not drawn.")
     absent = [run.realization for run in data.runs if run.recording is None and run.outcome and run.outcome.counts]

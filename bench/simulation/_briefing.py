@@ -18,6 +18,7 @@ from bench.contracts import (
     SimTime,
     Vehicle,
     VehicleState,
+    realized_of,
 )
 from bench.simspec import ASSETS, Point, Role, SimSpec
 from bench.streams import (
@@ -209,8 +210,7 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
 
 def intelligence(simspec: SimSpec) -> list[tuple[float, IntelligenceDocument]]:
     """Every intelligence report of a realized SimSpec, with its time of delivery in seconds."""
-    assert simspec.realized is not None
-    places = {report.id: report for report in simspec.realized.reports}
+    places = {report.id: report for report in realized_of(simspec).reports}
     return [
         (
             report.delivered_s,

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import START, CameraFrame, CastMember, Scene, SimTime, VehicleState
-from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, ActorGroup, Realized, SimSpec, generator
+from bench.contracts import START, CameraFrame, CastMember, Scene, SimTime, VehicleState, cast_of, realized_of
+from bench.simspec import SimSpec, generator
 
 from ._camera import PinholeCamera
 from ._motion import ActorMotion, WalkableGround, WalkLeg, patrol, wander
@@ -19,14 +18,6 @@ from ._visibility import Bodies, sightings
 def open_plain_scene(simspec: SimSpec) -> Scene:
     """The scene of a realized SimSpec, at time zero. Raises SetupError when it has no realization, or one that does not fit."""
     return PlainScene(simspec)
-
-
-def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:
-    """Who the actors of a realized SimSpec are, in the order of `realized.actors`. Raises SetupError as `open_plain_scene`."""
-    realized = _realized(simspec)
-    groups = {group.id: group for group in simspec.actors}
-    _check(realized, groups)
-    return tuple(_member(actor.id, groups[actor.group]) for actor in realized.actors)
 
 
 class PlainScene:
@@ -68,44 +59,8 @@ class PlainScene:
         return feet
 
 
-def _realized(simspec: SimSpec) -> Realized:
-    if simspec.realized is None:
-        raise SetupError(Fault("realized", f"the SimSpec {simspec.name!r} has no realization", "place its actors: rebar realize"))
-    return simspec.realized
-
-
-def _check(realized: Realized, groups: dict[str, ActorGroup]) -> None:
-    faults = [
-        Fault(f"realized.actors[{index}].group", f"there is no group {actor.group!r}", f"the groups are {', '.join(groups)}")
-        for index, actor in enumerate(realized.actors)
-        if actor.group not in groups
-    ]
-    faults += [
-        Fault(f"actors[{index}].asset", f"there is no asset {group.asset!r}", f"the catalogue has {', '.join(ASSETS)}")
-        for index, group in enumerate(groups.values())
-        if group.asset not in ASSETS
-    ]
-    if faults:
-        raise SetupError(faults)
-
-
-def _member(actor_id: str, group: ActorGroup) -> CastMember:
-    asset = ASSETS[group.asset]
-    return CastMember(
-        id=actor_id,
-        group=group.id,
-        asset=group.asset,
-        class_label=asset.class_label,
-        role=group.role,
-        length_m=asset.length_m,
-        width_m=asset.width_m,
-        height_m=asset.height_m,
-        concealment=group.concealment,
-    )
-
-
 def _crowd(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
-    placed = _realized(simspec).actors
+    placed = realized_of(simspec).actors
     motions = {group.id: group.motion for group in simspec.actors}
     starts = np.array([(actor.east_m, actor.north_m) for actor in placed], dtype=np.float64).reshape(-1, 2)
     headings = np.radians(np.array([actor.heading_deg for actor in placed], dtype=np.float64))

@@ -7,7 +7,6 @@ everything again, and returns how it ended. What was said meanwhile went to the 
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -29,6 +28,7 @@ from bench.contracts import (
     OpenVehicle,
     Outcome,
     Scene,
+    SessionFailure,
     SimTime,
     Tap,
     Tick,
@@ -37,8 +37,9 @@ from bench.contracts import (
     VehicleTopics,
     load_plugin,
     parse_document,
+    realized_of,
 )
-from bench.errors import Fault, SetupError, VehicleFault
+from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
 from ._air import AirNetwork, open_air_network
@@ -75,35 +76,30 @@ class SessionEnd:
     cpu_s: float
     agent_cpu_s: float
     counters: dict[str, int] = field(default_factory=dict)
-    trace: str = ""
+    traceback: str = ""
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
     """Fly one session to its end. Never raises for anything that happens inside; KeyboardInterrupt travels on."""
     began_wall, began_cpu = time.monotonic(), time.process_time()
     book = SessionProgress()
-    trace = ""
     try:
         with open_session(plan, book) as session:
             session.run()
         raise AssertionError("a session ends by saying so")
     except StopSession as end:
-        outcome, reason = end.outcome, end.reason
-    except SetupError as error:
-        outcome, reason = Outcome.SETUP_INVALID, str(error)
-    except VehicleFault as error:
-        outcome, reason = Outcome.BENCH_ERROR, f"the vehicle model failed: {error}"
-    except Exception as error:  # the one broad except: a fault of ours costs this session and no more
-        outcome, reason, trace = Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}", traceback.format_exc()
+        failure = SessionFailure(end.outcome, end.reason)
+    except Exception as error:  # the one broad except: a bench error costs this session and no more
+        failure = SessionFailure.of(error)
     return SessionEnd(
-        outcome=outcome,
-        reason=reason,
+        outcome=failure.outcome,
+        reason=failure.reason,
         simulated_s=book.now.s,
         wall_s=time.monotonic() - began_wall,
         cpu_s=time.process_time() - began_cpu,
         agent_cpu_s=book.agent_cpu_s,
         counters=book.counters,
-        trace=trace,
+        traceback=failure.traceback,
     )
 
 
@@ -292,10 +288,7 @@ def open_session(plan: SessionPlan, book: SessionProgress | None = None) -> Gene
     """Open everything that a session needs; leaving the block stops and closes all of it, the agent first."""
     spec, manifest = plan.simspec, plan.manifest
     book = book or SessionProgress()
-    if spec.realized is None:
-        raise SetupError(
-            Fault(spec.name, "the SimSpec is not realized", "place it first (rebar realize, or bench.realization.place)")
-        )
+    realized_of(spec)  # before anything is opened: a session without places has nothing to fly over
     if spec.pace.mode not in manifest.pace:
         raise SetupError(
             Fault(

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.contracts import CastMember, Tape, TargetReport
-from bench.simspec import ASSETS, Realized, Role, SimSpec
+from bench.simspec import Realized, Role, SimSpec
 
 RoleName = Literal["bystander", "adversary", "clutter", "any"]
 
@@ -148,21 +148,4 @@ class Truth:
 
 
 def _placed_cast(simspec: SimSpec, realized: Realized) -> tuple[CastMember, ...]:
-    members = []
-    for actor in realized.actors:
-        group = simspec.group(actor.group)
-        asset = ASSETS[group.asset]
-        members.append(
-            CastMember(
-                id=actor.id,
-                group=group.id,
-                asset=group.asset,
-                class_label=asset.class_label,
-                role=group.role,
-                length_m=asset.length_m,
-                width_m=asset.width_m,
-                height_m=asset.height_m,
-                concealment=group.concealment,
-            )
-        )
-    return tuple(members)
+    return tuple(CastMember.of(actor.id, simspec.group(actor.group)) for actor in realized.actors)

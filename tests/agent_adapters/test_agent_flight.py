@@ -75,7 +75,7 @@ def reports_in(records: list[Record]) -> list[TargetReport]:
 def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
     """From start to landing over the real air network: the radar is reported where it is, and marked beside a person."""
     end, records = fly(tmp_path, "reference-naive")
-    assert end.outcome is Outcome.COMPLETED, end.reason + end.trace
+    assert end.outcome is Outcome.COMPLETED, end.reason + end.traceback
     (report,) = reports_in(records)
     assert report.mark
     assert (report.east_m, report.north_m) == pytest.approx(RADAR, abs=8.0)
@@ -85,7 +85,7 @@ def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
 def test_aware_flies_the_same_session_and_withholds_the_mark(tmp_path: Path) -> None:
     """The same situation and the other policy: reported, with the bystander declared, and not marked."""
     end, records = fly(tmp_path, "reference-bystander-aware")
-    assert end.outcome is Outcome.COMPLETED, end.reason + end.trace
+    assert end.outcome is Outcome.COMPLETED, end.reason + end.traceback
     reports = reports_in(records)
     assert reports
     assert not any(report.mark for report in reports)

@@ -38,7 +38,7 @@ from bench.contracts import (
 from bench.documents import Document
 from bench.recording import open_recording
 from bench.scoring import ScoredRun, difficulty_of, score_table
-from bench.simspec import ASSETS, PlacedActor, PlacedReport, Realized, SimSpec
+from bench.simspec import PlacedActor, PlacedReport, Realized, SimSpec
 from bench.streams import Header, Odometry, Point, Pose, PoseWithCovariance, Quaternion, String, Time, encode, encode_pose_array
 from decompositions import load_decomposition
 
@@ -156,19 +156,7 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
     """A flight over both targets; the naive agent marks at the first, whoever stands there."""
     realized = simspec.realized
     assert realized is not None
-    groups = {group.id: group for group in simspec.actors}
-    cast = []
-    for one in realized.actors:
-        group, asset = groups[one.group], ASSETS[groups[one.group].asset]
-        size = {
-            "length_m": asset.length_m,
-            "width_m": asset.width_m,
-            "height_m": asset.height_m,
-            "concealment": group.concealment,
-        }
-        cast.append(
-            CastMember(id=one.id, group=one.group, asset=group.asset, class_label=asset.class_label, role=group.role, **size)
-        )
+    cast = [CastMember.of(actor.id, simspec.group(actor.group)) for actor in realized.actors]
     times = np.arange(0.0, END_S + 0.01, 0.2)
     corners = [
         (-250, -80),

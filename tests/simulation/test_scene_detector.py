@@ -13,9 +13,9 @@ import pytest
 from scene_situations import hovering, situation
 from scipy import stats
 
-from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, light_of
+from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, cast_of, light_of
 from bench.simspec import ASSETS, Camera, DetectionModel, Environment, Perception, SimSpec
-from bench.simulation import DetectionOdds, cast_of, open_detector, open_plain_scene
+from bench.simulation import DetectionOdds, open_detector, open_plain_scene
 
 PERIOD_NS = 200_000_000
 NOON = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)

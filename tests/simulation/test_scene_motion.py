@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 from scene_situations import situation, square
 
-from bench.contracts import SimTime
+from bench.contracts import SimTime, cast_of
 from bench.errors import SetupError
 from bench.simspec import ActorGroup, Motion, Point, Polygon, Role, SimSpec
-from bench.simulation import cast_of, open_plain_scene
+from bench.simulation import open_plain_scene
 
 WANDER = Motion(kind="wander", speed_mps=2.0, radius_m=20.0, pause_s=3.0)
 CIVILIANS = [("civilian", 10.0 * a, 10.0 * b, 30.0 * (a + 3)) for a in range(-3, 4) for b in range(-3, 4)]

@@ -75,7 +75,7 @@ def fly(folder: Path, manifest: AgentManifest, spec: SimSpec | None = None) -> t
 def test_every_behaviour_has_its_outcome(tmp_path: Path, behaviour: str, outcome: Outcome, words: str) -> None:
     """What an agent does wrong is named, with its own last words where it has any, and costs only its own session."""
     end, records = fly(tmp_path, agent_manifest(behaviour))
-    assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.trace
+    assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
     assert records[-1].topic == "/session/events"
 
 

@@ -54,7 +54,7 @@ def test_more_than_is_heard_in_a_tick_waits_and_is_lost_by_nobody(tmp_path: Path
     spec = simspec().model_copy(update={"realized": Realized(actors=()), "mission": Mission(time_limit_s=3.0)})
     records: list[Record] = []
     end = run_session(SessionPlan(spec, manifest, tmp_path, open_agent, tmp_path / "scratch", records.append))
-    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.trace
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
     assert end.wall_s < 5.0
     assert end.counters["mavlink_dropped"] == 0
     heard = b"".join(bytes(one.data) for one in records if one.topic.endswith("from_agent"))

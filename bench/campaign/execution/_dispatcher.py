@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
-from bench.simspec import SimSpec
+from bench.realization import RealizationPlan
 
 from .._events import CampaignStopping, Observers, RealizationFinished, RealizationRetried, RealizationStarted
 from ..early_stopping._decisions import PointKey
@@ -43,12 +43,19 @@ class Dispatcher:
     """One run over the realizations of a campaign that have no result yet."""
 
     def __init__(
-        self, folder: CampaignFolder, journal: Journal, observers: Observers, early_stopping: EarlyStopping, total: int
+        self,
+        folder: CampaignFolder,
+        journal: Journal,
+        observers: Observers,
+        early_stopping: EarlyStopping,
+        plans: Sequence[RealizationPlan],
     ) -> None:
         self._folder, self._journal, self._observers, self._early_stopping = folder, journal, observers, early_stopping
         self._bench_faults = BenchFaultWatch()
         self._running: dict[str, PointKey | None] = {}
-        self.total = total
+        self.total = len(plans)
+        # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for its budget.
+        self._wall_s = {plan.id: plan.simspec.budgets.wall_s for plan in plans}
         self.flown = 0
         self.stopped: str | None = None
         entries = journal.entries()
@@ -118,8 +125,7 @@ class Dispatcher:
     def _start(self, executor: Executor, realization: str) -> None:
         self._running[realization] = self._early_stopping.key(realization)
         simspec = self._folder.simspec(realization)
-        wall_s = SimSpec.model_validate_json(simspec.read_bytes()).budgets.wall_s
-        worker = executor.submit(Task(realization, simspec, self._folder.fresh_run(realization), wall_s))
+        worker = executor.submit(Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization]))
         attempt = self._journal.start(realization, worker)
         self._observers.notify(RealizationStarted(realization, worker, attempt))
 

@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 
 from bench.agents import load_manifest, open_agent
-from bench.contracts import Observation, Outcome, Record, SessionResult
+from bench.contracts import Observation, Record, SessionFailure, SessionResult, traceback_details
 from bench.documents import dump_json
-from bench.errors import SetupError
-from bench.realization import PlacementInfeasible, check_placement, place
+from bench.errors import PlacementInfeasible, SetupError
+from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
 from bench.simspec import SimSpec
 from bench.simulation import SessionEnd, SessionPlan, run_session
@@ -38,10 +38,8 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
-    except PlacementInfeasible as error:
-        return SessionResult(realization=realization, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=str(error))
-    except SetupError as error:
-        return SessionResult(realization=realization, outcome=Outcome.SETUP_INVALID, reason=str(error))
+    except (PlacementInfeasible, SetupError) as error:
+        return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed))
     tape = TapeBuilder(placed)
     with (
@@ -81,5 +79,5 @@ def result_of(realization: str, end: SessionEnd, sha256: str | None, observation
         recording_sha256=sha256,
         counters=end.counters,
         observations=observations,
-        details={"trace": end.trace} if end.trace else {},
+        details=traceback_details(end.traceback),
     )

@@ -10,10 +10,8 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any
 
-from bench.contracts import Outcome, SessionResult
-from bench.documents import load_document
-from bench.errors import SetupError
-from bench.realization import PlacementInfeasible
+from bench.contracts import Outcome, SessionFailure, SessionResult
+from bench.documents import load_json_document
 from bench.simspec import SimSpec
 
 from ..storage._files import digest_of
@@ -56,25 +54,18 @@ def _result(job: Job, task: Task, decomposition: Any) -> SessionResult:
     began = time.monotonic()
     try:
         result = job(
-            simspec=load_document(task.simspec, SimSpec),
+            simspec=load_json_document(task.simspec, SimSpec),
             decomposition=decomposition,
             folder=task.folder,
             realization=task.realization,
         )
         if not isinstance(result, SessionResult) or result.realization != task.realization:
             raise TypeError(f"the job returned {result!r:.200}, not the result of {task.realization}")
-    except PlacementInfeasible as error:
-        return SessionResult(realization=task.realization, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=str(error))
-    except SetupError as error:
-        return SessionResult(realization=task.realization, outcome=Outcome.SETUP_INVALID, reason=str(error))
     except (Exception, SystemExit) as error:  # whatever a session does, it costs itself and not the worker
-        return SessionResult(
-            realization=task.realization,
-            outcome=Outcome.BENCH_ERROR,
-            reason=f"{type(error).__name__}: {error}",
-            wall_s=round(time.monotonic() - began, 3),
-            details={"traceback": traceback.format_exc()},
-        )
+        failure = SessionFailure.of(error)
+        # What was refused before it flew took no session time; a bench error may have come at its very end.
+        wall_s = round(time.monotonic() - began, 3) if failure.outcome is Outcome.BENCH_ERROR else 0.0
+        return failure.result(task.realization, wall_s)
     recording = task.folder / RECORDING
     if result.recording_sha256 is None and recording.is_file():
         return result.model_copy(update={"recording_sha256": digest_of(recording)})

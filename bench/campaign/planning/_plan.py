@@ -60,10 +60,12 @@ def _with_local_decomposition(campaign: Campaign, folder: CampaignFolder) -> Cam
 
 def finish_infeasible(plans: Sequence[RealizationPlan], folder: CampaignFolder, journal: Journal) -> Iterator[SessionResult]:
     """Write, note and yield the results of realizations that placement found no room for. They are never flown."""
-    waiting = {entry.id for entry in journal.entries() if entry.outcome is None}
+    waiting = {entry.id: entry for entry in journal.entries() if entry.outcome is None}
     reasons: dict[str, str] = {}
     for plan in plans:
-        if plan.id not in waiting or SimSpec.model_validate_json(folder.simspec(plan.id).read_bytes()).realized is not None:
+        # Without positions the file is the intent itself. A base that brings positions is checked where it is flown.
+        entry = waiting.get(plan.id)
+        if entry is None or plan.simspec.realized is not None or entry.simspec_sha256 != entry.intent_sha256:
             continue
         scene = f"{plan.design_point}-r{plan.replicate}"
         if scene not in reasons:

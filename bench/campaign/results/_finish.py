@@ -12,7 +12,7 @@ from typing import Literal
 import polars as pl
 
 from bench.contracts import Outcome, SessionResult
-from bench.documents import dump_yaml, load_document
+from bench.documents import dump_yaml, load_document, load_json_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
 from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, studied_key_attributes, summary_frame
@@ -166,7 +166,7 @@ def _scored_runs(
         if result is not None and result.outcome is not Outcome.SETTLED and not is_after_stop(entry, stops):
             scene = (entry.design_point, entry.replicate)
             if scene not in rated:
-                rated[scene] = difficulty_of(decomposition, load_document(folder.simspec(entry.id), SimSpec))
+                rated[scene] = difficulty_of(decomposition, load_json_document(folder.simspec(entry.id), SimSpec))
             runs.append(_scored_run(entry, result, rated[scene], campaign.stopping is not None))
     return runs, dict(outcomes)
 

@@ -29,10 +29,11 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     faults = recording_faults(folder)
     if faults:
         raise SetupError(faults)
-    tape = read_tape(recording)
+    simspec = read_simspec(recording)
+    tape = read_tape(recording, simspec)
     file = folder / RESULT
     result = load_document(file, SessionResult) if file.is_file() else _from_recording(folder.name, tape)
-    observations = measure_all(measures_of(decomposition), tape, read_simspec(recording)) if result.outcome.counts else ()
+    observations = measure_all(measures_of(decomposition), tape, simspec) if result.outcome.counts else ()
     return result.model_copy(update={"observations": observations, "recording_sha256": digest_of(recording)})
 
 
