@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from bench.errors import PlacementInfeasible as PlacementInfeasible
+
 from ._check import check_placement as check_placement
-from ._infeasible import PlacementInfeasible as PlacementInfeasible
 from ._placement import PlacementUnsound as PlacementUnsound
 from ._placement import place as place

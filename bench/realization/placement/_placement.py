@@ -14,14 +14,13 @@ import numpy as np
 import shapely
 
 from bench.arrays import Floats
-from bench.errors import Fault, RebarError, SetupError
+from bench.errors import Fault, PlacementInfeasible, RebarError, SetupError
 from bench.simspec import ActorGroup, Intelligence, PlacedActor, PlacedReport, Polygon, Realized, SimSpec, asset_fault, generator
 
 from ._check import check_placement
 from ._footprint import Footprints
 from ._geometry import Geometry, polygon_ground
 from ._groups import member_count, prerequisite_groups
-from ._infeasible import PlacementInfeasible
 from .proofs._capacity import check_areas
 from .proofs._proof import narrowed_ground, prove_infeasible
 from .relations._patrol_routes import check_fixed_routes, route_faults

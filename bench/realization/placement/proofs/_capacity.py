@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import hypot, pi
 
+from bench.errors import PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, Near, Polygon, SimSpec
 
 from .._geometry import grown_at_least, polygon_ground
 from .._groups import hosts_of, is_home, member_count, region_of
-from .._infeasible import PlacementInfeasible, fewest_groups
+from .._infeasible import fewest_groups
 from ..relations._relation import field_path
 
 AREA_TOLERANCE_M2 = 1e-3

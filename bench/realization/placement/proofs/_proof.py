@@ -27,12 +27,12 @@ import numpy as np
 import shapely
 
 from bench.arrays import Floats
+from bench.errors import PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, MeanDistance, SimSpec
 
 from .._footprint import footprints
 from .._geometry import EVERYWHERE, Geometry, grown_at_least, polygon_ground, simplified, thickened
 from .._groups import hosts_of, inner_radius_m, is_home, member_count, outer_radius_m, region_of
-from .._infeasible import PlacementInfeasible
 from ..relations._distance_bands import band_ground
 from ..relations._headings import RequiredHeading, headings_conflict
 from ..relations._patrol_routes import is_obstacle, visible_ground

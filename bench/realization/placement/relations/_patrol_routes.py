@@ -15,13 +15,13 @@ import numpy as np
 import shapely
 
 from bench.arrays import Bools, Floats
-from bench.errors import Fault
+from bench.errors import Fault, PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, SimSpec
 
 from .._footprint import Footprints, empty_footprints, joined
 from .._geometry import EVERYWHERE, Geometry, polygon_ground
 from .._groups import member_count, region_of
-from .._infeasible import PlacementInfeasible, fewest_groups
+from .._infeasible import fewest_groups
 from ._relation import Relation, field_path
 
 BORDER_INSET_M = 0.5

@@ -12,12 +12,12 @@ import numpy as np
 import shapely
 
 from bench.arrays import Floats
+from bench.errors import PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 
 from .._footprint import Footprints, empty_footprints, footprints, joined, too_close
 from .._geometry import Geometry, areal_parts, polygon_ground, uniform_places
 from .._groups import member_count, region_of
-from .._infeasible import PlacementInfeasible
 from .._targets import target_footprints
 from ..relations._between import between_relations
 from ..relations._distance_bands import lone_member_ground
