@@ -225,7 +225,7 @@ def test_a_base_simspec_is_refused_with_a_sentence() -> None:
     """Without realization there is no scene, and the message says what to do."""
     simspec = situation(CIVILIANS).model_copy(update={"realized": None})
 
-    with pytest.raises(SetupError, match="no realization"):
+    with pytest.raises(SetupError, match="is not realized"):
         open_plain_scene(simspec)
 
 
