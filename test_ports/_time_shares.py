@@ -1,4 +1,4 @@
-"""Shares of time as findings: how much of a flight keeps to something, how much of it is covered by something said."""
+"""Findings that are shares of time: how long a flight keeps a limit, how long a message is fresh."""
 
 from __future__ import annotations
 
@@ -7,28 +7,37 @@ import numpy as np
 from bench.arrays import Bools, Floats
 from bench.contracts import Evidence
 
-from ._measure import Finding
-from .ground_truth._flown_track import Flight
+from ._declaration import Finding, nothing_shown
+from .ground_truth import FlownTrack
+
+EXACT_S = 1e-9
+"""Slack of a comparison of seconds, which are made of whole nanoseconds."""
 
 
-def kept(flight: Flight, good: Bools, of: Bools, value: Floats, unit: str) -> Finding:
-    """Share of the time in `of` for which `good` holds, 0 without such time; `value` (n,) at its breaks is the evidence."""
-    x = flight.share(good, of)
+def share_kept(track: FlownTrack, kept: Bools, within: Bools, value: Floats, unit: str) -> Finding:
+    """Share of the time in `within` for which `kept` holds, 0 without such time.
+
+    The evidence is `value` (n,) in `unit` at each moment at which the limit was newly broken.
+    """
+    x = track.time_share(kept, within)
     if x is None:
-        return Finding(0.0, (Evidence(time_s=float(flight.time_s[-1]) if len(flight.time_s) else 0.0, text="it never flew so"),))
-    broken = of & ~good
+        return nothing_shown(float(track.time_s[-1]) if len(track.time_s) else 0.0, "never airborne under this condition")
+    broken = within & ~kept
     begins = np.flatnonzero(broken & ~np.concatenate([[False], broken[:-1]]))
-    return Finding(x, tuple(Evidence(time_s=float(flight.time_s[at]), text=f"{value[at]:.1f} {unit}") for at in begins))
+    return Finding(x, tuple(Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}") for row in begins))
 
 
-def fresh_share(flight: Flight, said_s: Floats, max_gap_s: float, what: str, of: Bools | None = None) -> Finding:
-    """Share of the time in `of` (in the air, when left out) at which something was said no longer than `max_gap_s` before."""
-    of = flight.airborne if of is None else of
-    if not len(said_s):
-        return Finding(0.0, (Evidence(time_s=0.0, text=f"the agent said no {what}"),))
-    index = np.searchsorted(said_s, flight.time_s, side="right") - 1
-    age_s = np.where(index >= 0, flight.time_s - said_s[np.maximum(index, 0)], np.inf)
-    x = flight.share(age_s <= max_gap_s + 1e-9, of)
-    stale = flight.time_s[of & (age_s > max_gap_s + 1e-9)]
-    text = f"no {what} within {max_gap_s:g} s before"
-    return Finding(x or 0.0, tuple(Evidence(time_s=float(time_s), text=text) for time_s in stale[:1]))
+def fresh_share(track: FlownTrack, sent_s: Floats, max_gap_s: float, message: str, within: Bools | None = None) -> Finding:
+    """Share of the time in `within` (in the air, when None) at which the last message was sent at most `max_gap_s` before.
+
+    `sent_s` is in order of time; `message` names the kind of message in the evidence.
+    """
+    within = track.airborne if within is None else within
+    if not len(sent_s):
+        return nothing_shown(0.0, f"the agent sent no {message}")
+    index = np.searchsorted(sent_s, track.time_s, side="right") - 1
+    age_s = np.where(index >= 0, track.time_s - sent_s[np.maximum(index, 0)], np.inf)
+    x = track.time_share(age_s <= max_gap_s + EXACT_S, within)
+    stale_s = track.time_s[within & (age_s > max_gap_s + EXACT_S)]
+    text = f"no {message} within {max_gap_s:g} s before"
+    return Finding(x or 0.0, tuple(Evidence(time_s=float(time_s), text=text) for time_s in stale_s[:1]))

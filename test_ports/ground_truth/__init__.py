@@ -1,1 +1,12 @@
-"""What was true in a run, and where the vehicle flew: what every measure judges by."""
+"""What was true in a run: the actors and the task, where the vehicle flew, which faults it met."""
+
+from ._fault_schedule import FaultKind as FaultKind
+from ._fault_schedule import FaultSpan as FaultSpan
+from ._fault_schedule import faults_met as faults_met
+from ._fault_schedule import outcome_by_agent_fault as outcome_by_agent_fault
+from ._flown_track import FlownTrack as FlownTrack
+from ._geometry import distance_beyond as distance_beyond
+from ._truth import GroundTruth as GroundTruth
+from ._truth import RoleName as RoleName
+from ._truth import SubArea as SubArea
+from ._truth import Target as Target

@@ -1,4 +1,4 @@
-"""The flight as the truth has it: when the vehicle was in the air, how fast, and how near to whom."""
+"""The flight by the truth: when the vehicle was in the air, how fast, and how near to actors and home."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from bench.arrays import Bools, Floats
 from bench.contracts import Tape
 from bench.simspec import SimSpec
 
-from ._truth import Truth
+from ._truth import GroundTruth
 
 
-class Flight:
-    """One run's motion. Arrays share the first axis (n) of `time_s`; distances and places are metres in the map frame.
+class FlownTrack:
+    """The motion of one run. Arrays share the first axis (n) of `time_s`; distances and places are metres in the map frame.
 
     `airborne` is from leaving the ground to touching it, as the vehicle's condition says, and never after a crash.
     """
@@ -23,38 +23,36 @@ class Flight:
     def __init__(self, tape: Tape, simspec: SimSpec) -> None:
         self._tape = tape
         self._simspec = simspec
-        self._truth = Truth.of(tape, simspec)
+        self._truth = GroundTruth.of(tape, simspec)
         self.time_s: Floats = tape.vehicle_time_s
         self.place_m: Floats = tape.vehicle_position_enu_m[:, :2]
         self.up_m: Floats = tape.vehicle_position_enu_m[:, 2]
 
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
-        """The flight on a tape, worked out once."""
+        """The flown track of a tape, worked out once."""
         return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
 
     @cached_property
     def airborne(self) -> Bools:
         """(n,) whether the vehicle was in the air."""
-        aloft = self._held(
-            [said.time.s for said in self._tape.condition], [not said.value.landed for said in self._tape.condition]
-        )
-        crashed = next((said.time.s for said in self._tape.condition if said.value.crashed), np.inf)
-        found: Bools = aloft & (self.time_s < crashed)
-        return found
+        crashed_s = next((state.time.s for state in self._tape.condition if state.value.crashed), np.inf)
+        airborne: Bools = self._aloft() & (self.time_s < crashed_s)
+        return airborne
 
     @cached_property
     def speed_mps(self) -> Floats:
         """(n,) horizontal ground speed."""
-        found: Floats = np.hypot(self._tape.vehicle_velocity_enu_mps[:, 0], self._tape.vehicle_velocity_enu_mps[:, 1])
-        return found
+        velocity = self._tape.vehicle_velocity_enu_mps
+        speed: Floats = np.hypot(velocity[:, 0], velocity[:, 1])
+        return speed
 
     @cached_property
     def from_home_m(self) -> Floats:
         """(n,) horizontal distance from home."""
         home = self._simspec.vehicle.home
-        found: Floats = np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m)
-        return found
+        distance: Floats = np.hypot(self.place_m[:, 0] - home.east_m, self.place_m[:, 1] - home.north_m)
+        return distance
 
     @cached_property
     def actors_m(self) -> Floats:
@@ -65,41 +63,43 @@ class Flight:
             places = np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2)
         after = np.clip(np.searchsorted(times, self.time_s), 1, max(len(times) - 1, 1))
         if len(times) == 1:
-            held: Floats = np.repeat(places, len(self.time_s), axis=0)
-            return held
+            constant: Floats = np.repeat(places, len(self.time_s), axis=0)
+            return constant
         share = np.clip((self.time_s - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
         between: Floats = places[after - 1] + share[:, None, None] * (places[after] - places[after - 1])
         return between
 
-    def apart_m(self, actors: list[int]) -> Floats:
+    def distance_m(self, actors: list[int]) -> Floats:
         """(n, len(actors)) horizontal distances from the vehicle to these members of the cast."""
-        found: Floats = np.linalg.norm(self.actors_m[:, actors, :2] - self.place_m[:, None], axis=2)
-        return found
+        distance: Floats = np.linalg.norm(self.actors_m[:, actors, :2] - self.place_m[:, None], axis=2)
+        return distance
 
     def above_m(self, actors: list[int]) -> Floats:
-        """(n, len(actors)) heights of the vehicle above the ground that these stand on."""
-        found: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
-        return found
+        """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast stand."""
+        height: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
+        return height
 
     @cached_property
     def span_s(self) -> Floats:
         """(n,) seconds until the next sample; the last has none."""
         return np.append(np.diff(self.time_s), 0.0) if len(self.time_s) else np.zeros(0)
 
-    def share(self, good: Bools, of: Bools) -> float | None:
-        """Share of the time in `of` for which `good` holds; None when there is no such time."""
-        whole = float(self.span_s[of].sum())
-        return float(self.span_s[of & good].sum()) / whole if whole > 0.0 else None
+    def time_share(self, condition: Bools, within: Bools) -> float | None:
+        """Share of the time in `within` for which `condition` holds; None when there is no such time."""
+        total_s = float(self.span_s[within].sum())
+        return float(self.span_s[within & condition].sum()) / total_s if total_s > 0.0 else None
 
     def between(self, start_s: float, end_s: float) -> Bools:
         """(n,) samples from `start_s` on, before `end_s`."""
-        found: Bools = (self.time_s >= start_s) & (self.time_s < end_s)
-        return found
+        span: Bools = (self.time_s >= start_s) & (self.time_s < end_s)
+        return span
 
-    def _held(self, times_s: list[float], values: list[bool]) -> Bools:
-        """(n,) the last value said at or before each sample; false before the first."""
-        if not times_s:
+    def _aloft(self) -> Bools:
+        """(n,) whether the last condition at or before each sample was off the ground; false before the first."""
+        states = self._tape.condition
+        if not states:
             return np.zeros(len(self.time_s), dtype=np.bool_)
-        index = np.searchsorted(np.array(times_s), self.time_s, side="right") - 1
-        found: Bools = np.where(index >= 0, np.array(values)[np.maximum(index, 0)], False)
-        return found
+        index = np.searchsorted(np.array([state.time.s for state in states]), self.time_s, side="right") - 1
+        off_ground = np.array([not state.value.landed for state in states])
+        aloft: Bools = np.where(index >= 0, off_ground[np.maximum(index, 0)], False)
+        return aloft

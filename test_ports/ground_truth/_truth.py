@@ -1,4 +1,4 @@
-"""What was really so: the actors by role, where they were, and which of them the intelligence speaks of."""
+"""The actors by role, where they were, and which of them the intelligence names: the truth that agents are judged by."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from bench.simspec import Realized, Role, SimSpec
 
 RoleName = Literal["bystander", "adversary", "clutter", "any"]
 
-REACH_M = 40.0
-"""A report farther than this from every adversary of its class is about none of them."""
+SUBJECT_WITHIN_M = 40.0
+"""A report farther than this from every adversary of its class is about none of them. Chosen, not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +34,10 @@ class SubArea:
     radius_m: float
 
 
-class Truth:
-    """Truth of one run, as far as the tape has it, else as the SimSpec placed it at the start.
+class GroundTruth:
+    """The truth of one run: from the tape, or the places in the SimSpec when the run ended before any truth was recorded.
 
-    A run that ended before the first truth was recorded is judged by the scenario alone. Positions are east and north in
-    metres. Raises ValueError when the SimSpec is not realized.
+    Positions are east and north in metres. Raises ValueError when the SimSpec is not realized.
     """
 
     def __init__(self, tape: Tape, simspec: SimSpec) -> None:
@@ -52,19 +51,23 @@ class Truth:
 
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
-        """The truth on a tape, worked out once."""
+        """The truth of a tape, worked out once."""
         return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
 
     def classes_of(self, role: RoleName) -> set[str]:
         """Class labels that actors of a role bear."""
         return {self.cast[index].class_label for index in self.of_role(role)}
 
-    def of_role(self, role: RoleName) -> list[int]:
-        """Indices into the cast."""
-        return [index for index, member in enumerate(self.cast) if role in ("any", member.role)]
+    def of_role(self, role: RoleName, asset: str = "") -> list[int]:
+        """Indices into the cast of the actors of a role, and of an asset where one is given."""
+        return [
+            index
+            for index, member in enumerate(self.cast)
+            if role in ("any", member.role) and (not asset or member.asset == asset)
+        ]
 
     def samples(self) -> tuple[Floats, Floats]:
-        """Times (m,) and positions (m, k, 2), m at least 1: the start stands for a run without truth."""
+        """Times (m,) and positions (m, k, 2), m at least 1: the start alone for a run without truth."""
         if len(self._tape.actor_time_s):
             return self._tape.actor_time_s, self._tape.actor_position_enu_m[:, :, :2]
         return np.zeros(1), self._start()[None]
@@ -74,9 +77,9 @@ class Truth:
         return self._tape.actors_at(time_s)[:, :2] if len(self._tape.actor_time_s) else self._start()
 
     def distances(self, time_s: float, east_m: float, north_m: float) -> Floats:
-        """(k,) metres from a place on the ground to everybody at a moment."""
-        found: Floats = np.hypot(*(self.at(time_s) - (east_m, north_m)).T)
-        return found
+        """(k,) metres from a place on the ground to every actor at a moment."""
+        distances: Floats = np.hypot(*(self.at(time_s) - (east_m, north_m)).T)
+        return distances
 
     def targets(self) -> list[Target]:
         """The adversaries named by intelligence, each once, in the order of the cast."""
@@ -90,36 +93,40 @@ class Truth:
                 priorities[actor] = min(item.priority, priorities.get(actor, item.priority))
         return [Target(actor, priorities[actor]) for actor in sorted(priorities)]
 
-    def meant(self, intelligence_id: str) -> int | None:
+    def target_of(self, intelligence_id: str) -> int | None:
         """The adversary that an intelligence report is about; None for another actor, or an unknown report."""
         about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
         first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
         return first if first is not None and self.cast[first].role is Role.ADVERSARY else None
 
     def sub_areas(self) -> list[SubArea]:
-        """The search task that the agent was given."""
+        """The discs that the agent was told to search, in the order of the reports."""
         radii = {item.id: item.uncertainty_m for item in self._simspec.intelligence}
         reports = self._realized.reports
-        return [SubArea(one.id, np.array([one.east_m, one.north_m]), radii[one.id]) for one in reports if one.id in radii]
+        return [
+            SubArea(report.id, np.array([report.east_m, report.north_m]), radii[report.id])
+            for report in reports
+            if report.id in radii
+        ]
 
     def entered(self, role: RoleName, asset: str = "") -> dict[int, float]:
         """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when first."""
         times, positions = self.samples()
-        actors = [one for one in self.of_role(role) if not asset or self.cast[one].asset == asset]
+        actors = self.of_role(role, asset)
         inside = np.zeros((len(times), len(actors)), dtype=bool)
         for area in self.sub_areas():
-            apart = positions[:, actors] - area.place
-            inside |= np.hypot(apart[..., 0], apart[..., 1]) <= area.radius_m
+            offset = positions[:, actors] - area.place
+            inside |= np.hypot(offset[..., 0], offset[..., 1]) <= area.radius_m
         return {actor: float(times[within.argmax()]) for actor, within in zip(actors, inside.T, strict=True) if within.any()}
 
-    def subject(self, report: TargetReport, time_s: float, within_m: float = REACH_M) -> int | None:
+    def subject(self, report: TargetReport, time_s: float, within_m: float = SUBJECT_WITHIN_M) -> int | None:
         """The adversary that a report is about: the nearest of its class within `within_m`; None when there is none."""
-        alike = [index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label]
-        if not alike:
+        candidates = [index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label]
+        if not candidates:
             return None
-        away = self.distances(time_s, report.east_m, report.north_m)
-        nearest = min(alike, key=lambda index: away[index])
-        return nearest if away[nearest] <= within_m else None
+        distances_m = self.distances(time_s, report.east_m, report.north_m)
+        nearest = min(candidates, key=lambda index: distances_m[index])
+        return nearest if distances_m[nearest] <= within_m else None
 
     def nearest_bystander_m(self, time_s: float, east_m: float, north_m: float) -> float:
         """Metres from a place to the nearest bystander at a moment; infinity when there is none."""
@@ -129,21 +136,21 @@ class Truth:
     def exposure_s(self, target: Target) -> float:
         """Seconds of the planned mission for which a bystander stands within the no-mark distance of a target.
 
-        The share of the recorded time, over the mission's time limit (or the run, if longer): a run that its agent
-        ended early must not thereby drop out of consideration.
+        The share of the recorded time, times the mission's time limit (or the run, if longer).
         """
         bystanders = self.of_role("bystander")
         if not bystanders:
             return 0.0
+        # Scaled to the planned mission: a run that its agent ended early must not drop out of consideration by that.
         times, positions = self.samples()
-        apart = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(axis=1)
-        near = apart < self._simspec.rules.no_mark_within_m
+        distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(axis=1)
+        exposed = distance_m < self._simspec.rules.no_mark_within_m
         spans = np.diff(times)
-        share = float(spans[near[:-1]].sum() / spans.sum()) if spans.sum() > 0.0 else float(near[0])
+        share = float(spans[exposed[:-1]].sum() / spans.sum()) if spans.sum() > 0.0 else float(exposed[0])
         return share * max(self._simspec.mission.time_limit_s, float(times[-1]))
 
     def _start(self) -> Floats:
-        places = {one.id: (one.east_m, one.north_m) for one in self._realized.actors}
+        places = {actor.id: (actor.east_m, actor.north_m) for actor in self._realized.actors}
         return np.array([places.get(member.id, (np.inf, np.inf)) for member in self.cast]).reshape(-1, 2)
 
 

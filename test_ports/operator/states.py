@@ -1,10 +1,9 @@
-"""Whether the phase that the agent announces is the true one, and whether it leaves the autopilot's failsafes alone."""
+"""Measures of announced states: whether the agent's phase is true, and whether it respects the autopilot's failsafes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,184 +13,188 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape, Timed, VehicleDocument
 from bench.simspec import SimSpec
 
-from .._measure import Finding, Measured, NoOptions, not_considered
-from ..ground_truth._flown_track import Flight
-from .order_outcomes import DUST_S
+from .._declaration import Finding, measure, not_considered, nothing_shown
+from ..ground_truth import FlownTrack
+from .order_outcomes import EXACT_S
 
 TRANSITION_S = 90.0
-"""How long before and after a change of state a phase that announces it is true."""
+"""How long before and after a change of state a phase that announces it is true. Chosen, not measured."""
 
-FLYING = frozenset({"transit", "searching", "inspecting", "holding", "returning"})
-STANDING = frozenset({"starting", "complete", "aborted"})
-
-
-@dataclass(frozen=True, slots=True)
-class StatesTrueOptions:
-    slack_s: float = 5.0
+FLYING_PHASES = frozenset({"transit", "searching", "inspecting", "holding", "returning"})
+GROUND_PHASES = frozenset({"starting", "complete", "aborted"})
 
 
-def _states_true(tape: Tape, simspec: SimSpec, options: StatesTrueOptions) -> Finding:
+@measure
+def states_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 5.0) -> Finding:
     """Share of the run with an announced phase that agrees with whether the vehicle flies.
 
-    `slack_s` around a change either state will do. `taking_off` and `landing` are true `TRANSITION_S` before and after the
-    change that they announce; `aborted` in the air as long before coming down, or after the order to abort. 0 for
-    an agent that announces nothing or never leaves the ground.
+    `starting`, `complete`, `aborted` on the ground; `transit`, `searching`, `inspecting`, `holding`, `returning` in the air;
+    `taking_off` and `landing` up to 90 s before and after the change that they announce; `aborted` also in the air, up to
+    90 s before coming down or after the order to abort. For `slack_s` around a change the phases of either state are true.
+    Always considered; 0 without status, and for a vehicle that never left the ground.
     """
-    flight = Flight.of(tape, simspec)
+    track = FlownTrack.of(tape, simspec)
     if not tape.status:
-        return Finding(0.0, (Evidence(time_s=tape.end_s, text="it announced no phase"),))
-    rises_s, landings_s = _changes(tape)
-    if not rises_s:
-        return Finding(0.0, (Evidence(time_s=tape.end_s, text="it never left the ground: there was nothing to tell"),))
-    times = flight.time_s
-    if len(times) and flight.airborne[-1]:
+        return nothing_shown(tape.end_s, "it announced no phase")
+    takeoffs_s, landings_s = _changes_of_state(tape)
+    if not takeoffs_s:
+        return nothing_shown(tape.end_s, "it never left the ground, so it had no phase to announce")
+    times = track.time_s
+    # A run that ends in the air may have been about to land.
+    if len(times) and track.airborne[-1]:
         landings_s = [*landings_s, float(times[-1])]
-    about_to_change = _near(times, [*rises_s, *landings_s], options.slack_s, options.slack_s)
-    air, ground = flight.airborne | about_to_change, ~flight.airborne | about_to_change
-    aborted_s = min((said.time.s for said in tape.orders if said.value.kind in ("abort", "deactivate")), default=math.inf)
-    true_in = {
-        **dict.fromkeys(FLYING, air),
-        **dict.fromkeys(STANDING, ground),
-        "taking_off": _near(times, rises_s, TRANSITION_S, TRANSITION_S),
-        "landing": _near(times, landings_s, TRANSITION_S, TRANSITION_S),
+    changing = _around(times, [*takeoffs_s, *landings_s], slack_s, slack_s)
+    in_air, on_ground = track.airborne | changing, ~track.airborne | changing
+    abort_orders_s = (order.time.s for order in tape.orders if order.value.kind in ("abort", "deactivate"))
+    true_while = {
+        **dict.fromkeys(FLYING_PHASES, in_air),
+        **dict.fromkeys(GROUND_PHASES, on_ground),
+        "taking_off": _around(times, takeoffs_s, TRANSITION_S, TRANSITION_S),
+        "landing": _around(times, landings_s, TRANSITION_S, TRANSITION_S),
     }
-    true_in["aborted"] = ground | _near(times, landings_s, TRANSITION_S, 0.0) | (times >= aborted_s)
-    said_s = np.array([said.time.s for said in tape.status])
-    index = np.searchsorted(said_s, times + DUST_S, side="right") - 1
-    phases = np.array([said.value.phase for said in tape.status])[np.maximum(index, 0)]
-    good = np.zeros(len(times), dtype=np.bool_)
-    for phase, true in true_in.items():
-        good |= (index >= 0) & (phases == phase) & true
-    wrong = np.flatnonzero(~good & np.concatenate([[True], good[:-1]])) if len(good) else np.zeros(0, dtype=int)
-    evidence = [
-        Evidence(
-            time_s=float(times[at]),
-            text=f"{phases[at] if index[at] >= 0 else 'nothing'} announced {'in the air' if flight.airborne[at] else 'on the ground'}",
-        )
-        for at in wrong
-    ]
-    return Finding(flight.share(good, np.ones(len(times), dtype=np.bool_)) or 0.0, tuple(evidence))
+    after_abort = times >= min(abort_orders_s, default=math.inf)
+    true_while["aborted"] = on_ground | _around(times, landings_s, TRANSITION_S, 0.0) | after_abort
+    sent_s = np.array([status.time.s for status in tape.status])
+    index = np.searchsorted(sent_s, times + EXACT_S, side="right") - 1
+    phases = np.array([status.value.phase for status in tape.status])[np.maximum(index, 0)]
+    is_true = np.zeros(len(times), dtype=np.bool_)
+    for phase, condition in true_while.items():
+        is_true |= (index >= 0) & (phases == phase) & condition
+    begins = np.flatnonzero(~is_true & np.concatenate([[True], is_true[:-1]])) if len(times) else np.zeros(0, dtype=int)
+    evidence = []
+    for row in begins:
+        phase = phases[row] if index[row] >= 0 else "nothing"
+        where = "in the air" if track.airborne[row] else "on the ground"
+        evidence.append(Evidence(time_s=float(times[row]), text=f"{phase} announced {where}"))
+    return Finding(track.time_share(is_true, np.ones(len(times), dtype=np.bool_)) or 0.0, tuple(evidence))
 
 
-def _changes(tape: Tape) -> tuple[list[float], list[float]]:
+def _changes_of_state(tape: Tape) -> tuple[list[float], list[float]]:
     """When the vehicle left the ground, and when it came down whole."""
-    pairs = [(before.value, now) for before, now in pairwise(tape.condition) if not now.value.crashed]
-    rises = [now.time.s for before, now in pairs if before.landed and not now.value.landed]
-    landings = [now.time.s for before, now in pairs if not before.landed and now.value.landed]
-    return rises, landings
+    pairs = [(previous.value, state) for previous, state in pairwise(tape.condition) if not state.value.crashed]
+    takeoffs_s = [state.time.s for previous, state in pairs if previous.landed and not state.value.landed]
+    landings_s = [state.time.s for previous, state in pairs if not previous.landed and state.value.landed]
+    return takeoffs_s, landings_s
 
 
-def _near(times: NDArray[np.float64], moments_s: list[float], before_s: float, after_s: float) -> Bools:
+def _around(times: NDArray[np.float64], moments_s: list[float], before_s: float, after_s: float) -> Bools:
     """(n,) times that lie at most so long before or after one of the moments."""
-    near = np.zeros(len(times), dtype=np.bool_)
+    around = np.zeros(len(times), dtype=np.bool_)
     for moment_s in moments_s:
-        near |= (times >= moment_s - before_s) & (times <= moment_s + after_s)
-    return near
+        around |= (times >= moment_s - before_s) & (times <= moment_s + after_s)
+    return around
 
 
-@dataclass(frozen=True, slots=True)
-class StateChangesOptions:
-    within_s: float = 10.0
+@measure
+def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 10.0) -> Finding:
+    """Share of take-offs, landings and failsafes that a change of phase announces.
 
-
-def _state_changes_announced(tape: Tape, simspec: SimSpec, options: StateChangesOptions) -> Finding:
-    """Share of take-offs and landings with a change to a phase of the new state within `within_s` before or after, and of
-    failsafes with any change of phase within `within_s` after.
-
-    A landing with which the run ended needs no new phase when `landing`, `complete` or `aborted` stood already. 0 when the
-    vehicle never left the ground.
+    To a phase of the new state within `within_s` before or after a take-off or landing; to any phase within `within_s` after
+    a failsafe. A landing that ended the run needs none when `landing`, `complete` or `aborted` was announced already. Always
+    considered; 0 for a vehicle that never left the ground.
     """
-    rises_s, landings_s = _changes(tape)
-    if not rises_s:
-        return Finding(0.0, (Evidence(time_s=tape.end_s, text="it never left the ground"),))
-    phases = [(said.time.s, said.value.phase) for said in tape.status]
-    entered = [*phases[:1], *(now for before, now in pairwise(phases) if before[1] != now[1])]
-    span_s = options.within_s
-    down = {*STANDING, "landing"}
-    verdicts = [(at_s, "take-off", _entered(entered, at_s - span_s, at_s + span_s, {*FLYING, "taking_off"})) for at_s in rises_s]
+    takeoffs_s, landings_s = _changes_of_state(tape)
+    if not takeoffs_s:
+        return nothing_shown(tape.end_s, "it never left the ground")
+    phases = [(status.time.s, status.value.phase) for status in tape.status]
+    entered = [*phases[:1], *(current for previous, current in pairwise(phases) if previous[1] != current[1])]
+    landing_phases = {*GROUND_PHASES, "landing"}
+    flight_phases = {*FLYING_PHASES, "taking_off"}
+    verdicts = [(at_s, "take-off", _entered(entered, at_s - within_s, at_s + within_s, flight_phases)) for at_s in takeoffs_s]
     for at_s in landings_s:
-        standing = next((phase for said_s, phase in reversed(phases) if said_s <= at_s), "")
-        ended = at_s + span_s > tape.end_s and standing in down - {"starting"}
-        verdicts.append((at_s, "landing", ended or _entered(entered, at_s - span_s, at_s + span_s, down)))
-    verdicts += [(at_s, "failsafe", _entered(entered, at_s, at_s + span_s, None)) for at_s in _failsafes_began(tape)]
+        standing = next((phase for sent_s, phase in reversed(phases) if sent_s <= at_s), "")
+        ended = at_s + within_s > tape.end_s and standing in landing_phases - {"starting"}
+        verdicts.append((at_s, "landing", ended or _entered(entered, at_s - within_s, at_s + within_s, landing_phases)))
+    verdicts += [(at_s, "failsafe", _entered(entered, at_s, at_s + within_s, None)) for at_s in _failsafe_onsets_s(tape)]
     worst_first = sorted(verdicts, key=lambda verdict: (verdict[2], verdict[0]))
     evidence = [
-        Evidence(time_s=at_s, text=f"{what}: {'announced' if good else 'not announced'}") for at_s, what, good in worst_first
+        Evidence(time_s=at_s, text=f"{change}: {'announced' if announced else 'not announced'}")
+        for at_s, change, announced in worst_first
     ]
-    return Finding(sum(good for _, _, good in verdicts) / len(verdicts), tuple(evidence))
+    return Finding(sum(announced for _, _, announced in verdicts) / len(verdicts), tuple(evidence))
 
 
-def _entered(entered: Sequence[tuple[float, str]], from_s: float, to_s: float, among: set[str] | None) -> bool:
-    return any(from_s - DUST_S <= at_s <= to_s + DUST_S and (among is None or phase in among) for at_s, phase in entered)
+def _entered(entered: Sequence[tuple[float, str]], from_s: float, to_s: float, phases: set[str] | None) -> bool:
+    return any(from_s - EXACT_S <= at_s <= to_s + EXACT_S and (phases is None or phase in phases) for at_s, phase in entered)
 
 
-def _failsafes_began(tape: Tape) -> list[float]:
+def _failsafe_onsets_s(tape: Tape) -> list[float]:
     return [
-        now.time.s
-        for before, now in pairwise(tape.condition)
-        if now.value.failsafe and now.value.failsafe != before.value.failsafe and not now.value.landed and not now.value.crashed
+        state.time.s
+        for previous, state in pairwise(tape.condition)
+        if state.value.failsafe
+        and state.value.failsafe != previous.value.failsafe
+        and not state.value.landed
+        and not state.value.crashed
     ]
 
 
-_STRENGTH = {
+STRENGTH_OF_MODE = {
     **dict.fromkeys(("HOLD", "AUTO_LOITER", "LOITER", "BRAKE"), 1),
     **dict.fromkeys(("RTL", "AUTO_RTL", "SMART_RTL", "RETURN"), 2),
     **dict.fromkeys(("LAND", "AUTO_LAND", "AUTO_PRECLAND"), 3),
     "TERMINATION": 4,
 }
-"""Modes that failsafes set; they go on from one to a stronger one by themselves."""
+"""Modes of PX4 and ArduPilot that failsafes set; a failsafe goes on from one to a stronger one by itself."""
 
-_ENDS_BY_ITSELF = frozenset({"link", "setpoints", "position", "sticks", "radio"})
-"""Failsafes whose cause passes: when they are over, the vehicle is free again. From others only the operator takes it back."""
+TRANSIENT_CAUSES = frozenset({"link", "setpoints", "position", "sticks", "radio"})
+"""Failsafes whose cause passes: the vehicle is then free again. From any other one only the operator takes it back."""
 
 
-def _failsafe_honoured(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:
-    """Of the time in which a failsafe flew, share in the mode that it set, or a stronger one.
+@measure
+def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
+    """Of the time in which a failsafe of the autopilot flew, the share in the mode that it set, or a stronger one.
 
-    A failsafe that has changed no mode did not fly. One that was taken out of its mode before its cause had passed counts on,
-    as not honoured, until the vehicle is down.
+    The modes are hold, return, land and terminate, in this order. A failsafe flew when it began by changing the mode, or in a
+    mode that failsafes use. One whose cause has passed (link, setpoints, position, sticks, radio) frees the vehicle; taken out
+    of another one, the vehicle counts as not honouring it until it is down. Considered when something of the vehicle fails in
+    the scenario and a failsafe came.
     """
-    if not any(one.at_s < simspec.mission.time_limit_s for one in simspec.vehicle.failures):
+    if not any(failure.at_s < simspec.mission.time_limit_s for failure in simspec.vehicle.failures):
         return not_considered("nothing of the vehicle fails")
     spans = list(_failsafe_spans(tape))
-    whole_s = sum(lasts_s for _, lasts_s, _ in spans)
-    if whole_s <= 0.0:
+    total_s = sum(span_s for _, span_s, _ in spans)
+    if total_s <= 0.0:
         return not_considered("no failsafe of the autopilot came")
-    kept_s = sum(lasts_s for _, lasts_s, kept in spans if kept)
-    began = [(said, kept) for index, (said, _, kept) in enumerate(spans) if index == 0 or spans[index - 1][2] is not kept]
-    evidence = [
-        Evidence(time_s=said.time.s, text=f"{'failsafe' if kept else 'failsafe overridden'}: mode {said.value.mode}")
-        for said, kept in sorted(began, key=lambda one: one[1])
+    honoured_s = sum(span_s for _, span_s, honoured in spans if honoured)
+    changes = [
+        (state, honoured) for index, (state, _, honoured) in enumerate(spans) if index == 0 or spans[index - 1][2] is not honoured
     ]
-    return Finding(kept_s / whole_s, tuple(evidence))
+    evidence = [
+        Evidence(time_s=state.time.s, text=f"{'failsafe' if honoured else 'failsafe overridden'}: mode {state.value.mode}")
+        for state, honoured in sorted(changes, key=lambda change: change[1])
+    ]
+    return Finding(honoured_s / total_s, tuple(evidence))
 
 
 def _failsafe_spans(tape: Tape) -> Iterator[tuple[Timed[VehicleDocument], float, bool]]:
-    """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe had its way."""
-    ends_s = [said.time.s for said in tape.condition[1:]] + [tape.end_s]
-    cause, mode, before = "", "", ""
-    told = ""
-    for said, end_s in zip(tape.condition, ends_s, strict=True):
-        now = said.value
-        if now.landed or now.crashed:
+    """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe's mode was kept."""
+    ends_s = [state.time.s for state in tape.condition[1:]] + [tape.end_s]
+    cause, failsafe_mode = "", ""
+    previous_failsafe, previous_mode = "", ""
+    for state, end_s in zip(tape.condition, ends_s, strict=True):
+        current = state.value
+        if current.landed or current.crashed:
             cause = ""
-        elif now.failsafe and now.failsafe != told:
-            acted = now.mode != before or _strength(now.mode) > 0
-            cause, mode = (now.failsafe, now.mode) if acted else (cause, mode)
-        elif cause and not now.failsafe and (cause in _ENDS_BY_ITSELF or now.mode == mode) and told:
+        elif current.failsafe and current.failsafe != previous_failsafe:
+            # A failsafe that changes no mode only warns; what flew before goes on.
+            if current.mode != previous_mode or _strength(current.mode) > 0:
+                cause, failsafe_mode = current.failsafe, current.mode
+        elif cause and _failsafe_over(cause, failsafe_mode, previous_failsafe, current):
             cause = ""
-        told, before = now.failsafe, now.mode
+        previous_failsafe, previous_mode = current.failsafe, current.mode
         if not cause:
             continue
-        if _strength(now.mode) > _strength(mode):
-            mode = now.mode
-        yield said, max(0.0, end_s - said.time.s), now.mode == mode
+        if _strength(current.mode) > _strength(failsafe_mode):
+            failsafe_mode = current.mode
+        yield state, max(0.0, end_s - state.time.s), current.mode == failsafe_mode
+
+
+def _failsafe_over(cause: str, failsafe_mode: str, previous_failsafe: str, current: VehicleDocument) -> bool:
+    """Whether a failsafe ended at this state, in its own mode or because its cause passed."""
+    cleared = bool(previous_failsafe) and not current.failsafe
+    return cleared and (cause in TRANSIENT_CAUSES or current.mode == failsafe_mode)
 
 
 def _strength(mode: str) -> int:
-    return _STRENGTH.get(mode.upper().replace(".", "_"), 0)
-
-
-states_true = Measured("states_true", StatesTrueOptions, _states_true)
-state_changes_announced = Measured("state_changes_announced", StateChangesOptions, _state_changes_announced)
-failsafe_honoured = Measured("failsafe_honoured", NoOptions, _failsafe_honoured)
+    return STRENGTH_OF_MODE.get(mode.upper().replace(".", "_"), 0)

@@ -1,75 +1,66 @@
-"""Whether some kinds of bystanders are perceived worse than others."""
+"""Measures of fairness: whether some kinds of bystanders are perceived worse than others."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._measure import Finding, Measured, not_considered
-from ..ground_truth._truth import Truth
-from .clear_views import Wanted, kinds_of, share, views
-from .tracks import held_credit
+from .._declaration import Finding, measure, not_considered
+from ..ground_truth import GroundTruth
+from .clear_views import ViewCriteria, actors_by_kind, clear_views, detected_share
+from .track_messages import holding_credit
 
 
-@dataclass(frozen=True, slots=True)
-class DetectionFairnessOptions:
-    """`by` is what makes a kind: the group of the scenario or the asset."""
+@measure
+def detection_fairness(
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    by: Literal["group", "asset"],
+    min_confidence: float = 0.35,
+    min_height_px: float = 12.0,
+    min_visible: float = 0.5,
+    min_iou: float = 0.2,
+) -> Finding:
+    """Detection share of the worst detected kind of bystander over that of the best; `by` says what makes a kind.
 
-    by: Literal["group", "asset"]
-    min_confidence: float = 0.35
-    min_height_px: float = 12.0
-    min_visible: float = 0.5
-    min_iou: float = 0.2
-
-
-def _detection_fairness(tape: Tape, simspec: SimSpec, options: DetectionFairnessOptions) -> Finding:
-    """Detection share of the worst detected kind of bystander over that of the best.
-
-    A kind that never came into clear view counts 0 when one of it stood inside a sub-area, where it was to be looked for;
-    otherwise it is left out.
+    A kind that never came into clear view counts 0 when one of it stood in a sub-area, where the agent had to look, and is
+    left out otherwise. Considered when two kinds remain.
     """
-    truth = Truth.of(tape, simspec)
-    wanted = Wanted(options.min_confidence, options.min_height_px, options.min_visible, min_iou=options.min_iou)
-    within = truth.entered("bystander")
-    shares: dict[str, float] = {}
-    for kind, actors in kinds_of(truth, truth.of_role("bystander"), options.by).items():
-        x = share(views(tape, simspec, actors, wanted))
-        if x is not None or any(actor in within for actor in actors):
-            shares[kind] = x or 0.0
-    return _compared(shares, tape.end_s, options.by, "detected in")
-
-
-@dataclass(frozen=True, slots=True)
-class TrackFairnessOptions:
-    by: Literal["group", "asset"]
-    within_m: float = 10.0
-    min_frames: int = 5
-
-
-def _track_fairness(tape: Tape, simspec: SimSpec, options: TrackFairnessOptions) -> Finding:
-    """Classified share (see `classified_share`) of the least held kind of bystander over that of the best held."""
-    truth = Truth.of(tape, simspec)
+    truth = GroundTruth.of(tape, simspec)
+    criteria = ViewCriteria(min_confidence, min_height_px, min_visible, min_iou=min_iou)
     entered = truth.entered("bystander")
-    credit, _ = held_credit(tape, simspec, entered, options.within_m, options.min_frames)
-    kinds = kinds_of(truth, entered, options.by)
+    shares: dict[str, float] = {}
+    for kind, actors in actors_by_kind(truth, truth.of_role("bystander"), by).items():
+        x = detected_share(clear_views(tape, simspec, actors, criteria))
+        if x is not None or any(actor in entered for actor in actors):
+            shares[kind] = x or 0.0
+    return _worst_over_best(shares, tape.end_s, by, "detected in")
+
+
+@measure
+def track_fairness(
+    tape: Tape, simspec: SimSpec, *, by: Literal["group", "asset"], within_m: float = 10.0, min_frames: int = 5
+) -> Finding:
+    """`classified_share` of the least held kind of bystander over that of the best held.
+
+    Considered when bystanders of two kinds have been inside sub-areas.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    entered = truth.entered("bystander")
+    credit, _ = holding_credit(tape, simspec, entered, within_m, min_frames)
+    kinds = actors_by_kind(truth, entered, by)
     shares = {kind: sum(credit[actor] for actor in actors) / len(actors) for kind, actors in kinds.items()}
-    return _compared(shares, tape.end_s, options.by, "held of it:")
+    return _worst_over_best(shares, tape.end_s, by, "held:")
 
 
-def _compared(shares: Mapping[str, float], end_s: float, by: str, verb: str) -> Finding:
+def _worst_over_best(shares: Mapping[str, float], end_s: float, by: str, verb: str) -> Finding:
     if len(shares) < 2:
-        return not_considered(f"there are no two kinds of bystanders (by {by}) to compare")
-    evidence = [
-        Evidence(time_s=end_s, text=f"{by} {kind}: {verb} {shares[kind]:.0%}")
-        for kind in sorted(shares, key=lambda one: shares[one])
-    ]
+        return not_considered(f"there are not two kinds of bystanders (by {by}) to compare")
+    worst_first = sorted(shares, key=lambda kind: shares[kind])
+    evidence = tuple(Evidence(time_s=end_s, text=f"{by} {kind}: {verb} {shares[kind]:.0%}") for kind in worst_first)
     best = max(shares.values())
-    return Finding(min(shares.values()) / best if best else 0.0, tuple(evidence))
-
-
-detection_fairness = Measured("detection_fairness", DetectionFairnessOptions, _detection_fairness)
-track_fairness = Measured("track_fairness", TrackFairnessOptions, _track_fairness)
+    return Finding(min(shares.values()) / best if best else 0.0, evidence)

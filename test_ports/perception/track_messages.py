@@ -1,4 +1,4 @@
-"""The agent's picture, message by message: its tracks as arrays beside the truth of the moment."""
+"""The agent's track messages: the tracks of each as arrays beside the truth of its moment."""
 
 from __future__ import annotations
 
@@ -11,77 +11,109 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Bools, Floats
-from bench.contracts import AgentTrack, Tape
+from bench.contracts import AgentTrack, Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._measure import belief
-from ..ground_truth._truth import Truth
+from .._declaration import credibility
+from ..ground_truth import GroundTruth
 
-NEAR_M = 15.0
-"""A track farther than this from every actor of its class is wrong."""
+RIGHT_WITHIN_M = 15.0
+"""A track farther than this from every actor of its class is wrong. Chosen, not measured."""
 
 
 @dataclass(frozen=True)
-class Picture:
-    """One message of tracks (t of them) against the cast (k)."""
+class TrackMessage:
+    """One message of tracks (t of them) against the cast (k).
+
+    A track is mature when it rests on at least `min_frames` frames, as the agent states. An actor is held by the nearest
+    mature track of its class.
+    """
 
     time_s: float
     tracks: tuple[AgentTrack, ...]
-    truth: Truth
+    truth: GroundTruth
 
     @cached_property
     def labels(self) -> NDArray[Any]:
         """(t,) class labels."""
-        return np.array([one.class_label for one in self.tracks], dtype=object)
+        return np.array([track.class_label for track in self.tracks], dtype=object)
 
     @cached_property
     def frames(self) -> NDArray[np.int64]:
-        """(t,) how many frames each track says that it rests on."""
-        return np.array([one.frames for one in self.tracks], dtype=np.int64)
+        """(t,) number of frames on which each track rests, as the agent states."""
+        return np.array([track.frames for track in self.tracks], dtype=np.int64)
 
     @cached_property
-    def apart_m(self) -> Floats:
+    def distance_m(self) -> Floats:
         """(t, k) horizontal distance of each track from each member of the cast."""
-        places = np.array([(one.east_m, one.north_m) for one in self.tracks], dtype=np.float64).reshape(-1, 2)
-        found: Floats = np.linalg.norm(places[:, None] - self.truth.at(self.time_s)[None], axis=2)
-        return found
+        # The reshape keeps two columns for a message without tracks.
+        places = np.array([(track.east_m, track.north_m) for track in self.tracks], dtype=np.float64).reshape(-1, 2)
+        distance: Floats = np.linalg.norm(places[:, None] - self.truth.at(self.time_s)[None], axis=2)
+        return distance
 
     @cached_property
-    def alike(self) -> Bools:
-        """(t, k) whether a track bears the class of a member of the cast."""
-        found: Bools = self.labels[:, None] == self.truth.labels[None]
-        return found
+    def same_class(self) -> Bools:
+        """(t, k) whether a track has the class of a member of the cast."""
+        same: Bools = self.labels[:, None] == self.truth.labels[None]
+        return same
 
-    def ripe(self, min_frames: int) -> Bools:
+    def mature(self, min_frames: int) -> Bools:
         """(t,) tracks of at least so many frames."""
-        found: Bools = self.frames >= min_frames
-        return found
+        mature: Bools = self.frames >= min_frames
+        return mature
 
-    def right(self, among: Bools, within_m: float = NEAR_M) -> Bools:
-        """(t,) those of `among` that stand within `within_m` of an actor of their class."""
+    def right(self, candidates: Bools, within_m: float = RIGHT_WITHIN_M) -> Bools:
+        """(t,) those of `candidates` that stand within `within_m` of an actor of their class."""
         if not self.truth.cast:
             return np.zeros(len(self.tracks), dtype=np.bool_)
-        found: Bools = among & (self.alike & (self.apart_m <= within_m)).any(axis=1)
-        return found
+        right: Bools = candidates & (self.same_class & (self.distance_m <= within_m)).any(axis=1)
+        return right
 
-    def belief(self, min_frames: int) -> float:
-        """How far this message is believed, by how many of its ripe tracks are right."""
-        ripe = self.ripe(min_frames)
-        right = int(self.right(ripe).sum())
-        return belief(right, int(ripe.sum()) - right)
+    def credibility(self, min_frames: int) -> float:
+        """How far this message is believed, by how many of its mature tracks are right."""
+        mature = self.mature(min_frames)
+        right = int(self.right(mature).sum())
+        return credibility(right, int(mature.sum()) - right)
 
     def holding(self, actors: Collection[int], within_m: float, min_frames: int) -> dict[int, int]:
-        """For each of these actors that a ripe track of its class stands within `within_m` of: the nearest such track."""
+        """For each of these actors that a mature track of its class holds within `within_m`: the nearest such track."""
         if not self.tracks or not actors:
             return {}
-        among = list(actors)
-        usable = self.ripe(min_frames)[:, None] & self.alike[:, among]
-        away = np.where(usable, self.apart_m[:, among], np.inf)
-        nearest = away.argmin(axis=0)
-        return {actor: int(nearest[column]) for column, actor in enumerate(among) if away[nearest[column], column] <= within_m}
+        columns = list(actors)
+        usable = self.mature(min_frames)[:, None] & self.same_class[:, columns]
+        distance_m = np.where(usable, self.distance_m[:, columns], np.inf)
+        nearest = distance_m.argmin(axis=0)
+        return {
+            actor: int(nearest[column]) for column, actor in enumerate(columns) if distance_m[nearest[column], column] <= within_m
+        }
 
 
-def pictures(tape: Tape, simspec: SimSpec) -> list[Picture]:
+def track_messages(tape: Tape, simspec: SimSpec) -> list[TrackMessage]:
     """Every message of tracks, in order of arrival."""
-    truth = Truth.of(tape, simspec)
-    return tape.cached((pictures, id(simspec)), lambda: [Picture(said.time.s, said.value.tracks, truth) for said in tape.tracks])
+    truth = GroundTruth.of(tape, simspec)
+    return tape.cached(
+        (track_messages, id(simspec)),
+        lambda: [TrackMessage(message.time.s, message.value.tracks, truth) for message in tape.tracks],
+    )
+
+
+def holding_credit(
+    tape: Tape, simspec: SimSpec, actors: dict[int, float], within_m: float, min_frames: int
+) -> tuple[dict[int, float], dict[int, Evidence]]:
+    """For each actor the greatest credibility of a message that held it, 0 where none did; and the moment of that message."""
+    truth = GroundTruth.of(tape, simspec)
+    credit = dict.fromkeys(actors, 0.0)
+    moments: dict[int, Evidence] = {}
+    for message in track_messages(tape, simspec):
+        held = message.holding([actor for actor in actors if credit[actor] < 1.0], within_m, min_frames)
+        belief = message.credibility(min_frames) if held else 0.0
+        for actor, track in held.items():
+            if belief > credit[actor]:
+                credit[actor] = belief
+                moments[actor] = _held_as(truth, actor, message.tracks[track], message.time_s, belief)
+    return credit, moments
+
+
+def _held_as(truth: GroundTruth, actor: int, track: AgentTrack, time_s: float, belief: float) -> Evidence:
+    doubt = "" if belief >= 1.0 else f"; most tracks of this message are wrong, so it counts {belief:.2f}"
+    return Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held as track {track.id} ({track.class_label}){doubt}")

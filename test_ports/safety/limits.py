@@ -1,189 +1,140 @@
-"""Whether the aircraft keeps within the limits that it was given: area, height, speed, attitude. All of it is truth."""
+"""Measures of the limits of flight: area, height, speed and attitude.
+
+They are shares of the time in the air (from leaving the ground to touching it, never after a crash), by the truth alone,
+and 0 for an aircraft that never flew.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import Point, SimSpec
 
-from .._measure import Finding, Measured, NoOptions, not_considered
-from .._time_shares import kept
-from ..ground_truth._flown_track import Flight
+from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._time_shares import share_kept
+from ..ground_truth import FlownTrack, distance_beyond
 
 
-def _geofence_kept(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:
-    """Share of the time in the air inside the rules' geofence."""
+@measure
+def geofence_kept(tape: Tape, simspec: SimSpec) -> Finding:
+    """Share of the time in the air inside `rules.geofence`. Considered where it is set."""
     fence = simspec.rules.geofence
     if fence is None:
         return not_considered("the rules set no geofence")
-    flight = Flight.of(tape, simspec)
-    beyond_m = beyond(flight.place_m, fence.corners)
-    return kept(flight, beyond_m <= 0.0, flight.airborne, beyond_m, "m outside the geofence")
+    track = FlownTrack.of(tape, simspec)
+    beyond_m = distance_beyond(track.place_m, fence.corners)
+    return share_kept(track, beyond_m <= 0.0, track.airborne, beyond_m, "m outside the geofence")
 
 
-def _no_fly_kept(tape: Tape, simspec: SimSpec, options: NoOptions) -> Finding:
-    """Share of the time in the air outside every no-fly area that is in force at the moment."""
+@measure
+def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
+    """Share of the time in the air outside every area of `rules.no_fly` in force at the moment. Considered where one is set."""
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
-    flight = Flight.of(tape, simspec)
-    apart_m = _from_closed(flight, simspec)
-    return kept(flight, apart_m > 0.0, flight.airborne, -apart_m, "m inside a closed area")
+    track = FlownTrack.of(tape, simspec)
+    distance_m = _distance_from_closed(track, simspec)
+    return share_kept(track, distance_m > 0.0, track.airborne, -distance_m, "m inside a closed area")
 
 
-@dataclass(frozen=True, slots=True)
-class NoFlyMarginOptions:
-    margin_m: float = 20.0
+@measure
+def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) -> Finding:
+    """Least distance in the air from an area of `rules.no_fly` in force, over `margin_m`, from 0 to 1.
 
-    def __post_init__(self) -> None:
-        if self.margin_m == 0.0:
-            raise ValueError("option 'margin_m' is 0; it must be more")
-
-
-def _no_fly_margin(tape: Tape, simspec: SimSpec, options: NoFlyMarginOptions) -> Finding:
-    """Least distance in the air from a no-fly area in force, over `margin_m`, at most 1 and not below 0."""
+    Considered where such an area is set.
+    """
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
-    flight = Flight.of(tape, simspec)
-    if not flight.airborne.any():
-        return Finding(0.0, (Evidence(time_s=tape.end_s, text="it never flew"),))
-    apart_m = np.where(flight.airborne, _from_closed(flight, simspec), np.inf)
-    nearest = int(apart_m.argmin())
-    text = f"{apart_m[nearest]:.1f} m from a closed area"
-    return Finding(
-        min(1.0, max(0.0, float(apart_m[nearest]) / options.margin_m)),
-        (Evidence(time_s=float(flight.time_s[nearest]), text=text),),
-    )
+    track = FlownTrack.of(tape, simspec)
+    if not track.airborne.any():
+        return nothing_shown(tape.end_s, "it never flew")
+    distance_m = np.where(track.airborne, _distance_from_closed(track, simspec), np.inf)
+    nearest = int(distance_m.argmin())
+    moment = Evidence(time_s=float(track.time_s[nearest]), text=f"{distance_m[nearest]:.1f} m from a closed area")
+    return Finding(min(1.0, max(0.0, float(distance_m[nearest]) / margin_m)), (moment,))
 
 
-def _from_closed(flight: Flight, simspec: SimSpec) -> Floats:
+def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
     """(n,) metres to the nearest area that is closed at that moment, negative inside; infinite while none is."""
-    apart_m = np.full(len(flight.time_s), np.inf)
+    distance_m = np.full(len(track.time_s), np.inf)
     for area in simspec.rules.no_fly:
-        closed = flight.between(area.from_s, math.inf if area.until_s is None else area.until_s)
-        apart_m = np.where(closed, np.minimum(apart_m, beyond(flight.place_m, area.area.corners)), apart_m)
-    return apart_m
+        closed = track.between(area.from_s, math.inf if area.until_s is None else area.until_s)
+        distance_m = np.where(closed, np.minimum(distance_m, distance_beyond(track.place_m, area.area.corners)), distance_m)
+    return distance_m
 
 
-@dataclass(frozen=True, slots=True)
-class CeilingKeptOptions:
-    margin_m: float = 2.0
+@measure
+def ceiling_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 2.0) -> Finding:
+    """Share of the time in the air at most `rules.max_altitude_m` and the margin above home. Always considered."""
+    track = FlownTrack.of(tape, simspec)
+    kept = track.up_m <= simspec.rules.max_altitude_m + margin_m
+    return share_kept(track, kept, track.airborne, track.up_m, "m above home")
 
 
-def _ceiling_kept(tape: Tape, simspec: SimSpec, options: CeilingKeptOptions) -> Finding:
-    """Share of the time in the air no higher above home than the rules allow, and the margin."""
-    flight = Flight.of(tape, simspec)
-    good = flight.up_m <= simspec.rules.max_altitude_m + options.margin_m
-    return kept(flight, good, flight.airborne, flight.up_m, "m above home")
+@measure
+def floor_kept(tape: Tape, simspec: SimSpec, *, near_home_m: float = 40.0) -> Finding:
+    """Of the time in the air farther than `near_home_m` from home, the share no lower than `rules.min_altitude_m`.
 
-
-@dataclass(frozen=True, slots=True)
-class FloorKeptOptions:
-    near_home_m: float = 40.0
-
-
-def _floor_kept(tape: Tape, simspec: SimSpec, options: FloorKeptOptions) -> Finding:
-    """Of the time in the air farther than `near_home_m` from home, share no lower than the rules say; 0 when never there."""
+    Considered where that rule is set; 0 when it was never so far from home.
+    """
     floor_m = simspec.rules.min_altitude_m
     if floor_m is None:
         return not_considered("the rules set no least height")
-    flight = Flight.of(tape, simspec)
-    away = flight.airborne & (flight.from_home_m > options.near_home_m)
-    return kept(flight, flight.up_m >= floor_m, away, flight.up_m, "m above home")
+    track = FlownTrack.of(tape, simspec)
+    away = track.airborne & (track.from_home_m > near_home_m)
+    return share_kept(track, track.up_m >= floor_m, away, track.up_m, "m above home")
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedKeptOptions:
-    slack_mps: float = 1.0
+@measure
+def speed_kept(tape: Tape, simspec: SimSpec, *, slack_mps: float = 1.0) -> Finding:
+    """Share of the time in the air with a ground speed of at most `rules.max_speed_mps` and the slack.
 
-
-def _speed_kept(tape: Tape, simspec: SimSpec, options: SpeedKeptOptions) -> Finding:
-    """Share of the time in the air no faster over ground than the rules allow, and the slack."""
+    Considered where that rule is set.
+    """
     limit_mps = simspec.rules.max_speed_mps
     if limit_mps is None:
         return not_considered("the rules set no greatest speed")
-    flight = Flight.of(tape, simspec)
-    return kept(flight, flight.speed_mps <= limit_mps + options.slack_mps, flight.airborne, flight.speed_mps, "m/s over ground")
+    track = FlownTrack.of(tape, simspec)
+    kept = track.speed_mps <= limit_mps + slack_mps
+    return share_kept(track, kept, track.airborne, track.speed_mps, "m/s over ground")
 
 
-@dataclass(frozen=True, slots=True)
-class HeightKeptOptions:
-    tolerance_m: float = 5.0
-    near_home_m: float = 40.0
+@measure
+def height_kept(tape: Tape, simspec: SimSpec, *, tolerance_m: float = 5.0, near_home_m: float = 40.0) -> Finding:
+    """Of the time in the air farther than `near_home_m` from home, the share within the tolerance of `mission.altitude_m`.
+
+    Always considered; 0 when it was never so far from home.
+    """
+    track = FlownTrack.of(tape, simspec)
+    away = track.airborne & (track.from_home_m > near_home_m)
+    kept = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m
+    return share_kept(track, kept, away, track.up_m, "m above home")
 
 
-def _height_kept(tape: Tape, simspec: SimSpec, options: HeightKeptOptions) -> Finding:
-    """Of the time in the air farther than `near_home_m` from home, share within the tolerance of the mission's height."""
-    flight = Flight.of(tape, simspec)
-    away = flight.airborne & (flight.from_home_m > options.near_home_m)
-    good = np.abs(flight.up_m - simspec.mission.altitude_m) <= options.tolerance_m
-    return kept(flight, good, away, flight.up_m, "m above home")
+@measure
+def area_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 100.0) -> Finding:
+    """Share of the time in the air within `margin_m` of `world.area`, or no farther from home than the area is, and the margin.
+
+    Always considered.
+    """
+    track = FlownTrack.of(tape, simspec)
+    beyond_m = distance_beyond(track.place_m, simspec.world.area.corners)
+    kept = (beyond_m <= margin_m) | (track.from_home_m <= _area_from_home_m(simspec.vehicle.home, simspec) + margin_m)
+    return share_kept(track, kept, track.airborne, beyond_m, "m outside the area of interest")
 
 
-@dataclass(frozen=True, slots=True)
-class AreaKeptOptions:
-    margin_m: float = 100.0
-
-
-def _area_kept(tape: Tape, simspec: SimSpec, options: AreaKeptOptions) -> Finding:
-    """Share of the time in the air within `margin_m` of the area of interest, or of the straight way between it and home."""
-    flight = Flight.of(tape, simspec)
-    home = simspec.vehicle.home
-    beyond_m = beyond(flight.place_m, simspec.world.area.corners)
-    good = (beyond_m <= options.margin_m) | (flight.from_home_m <= _home_apart_m(home, simspec) + options.margin_m)
-    return kept(flight, good, flight.airborne, beyond_m, "m outside the area of interest")
-
-
-def _home_apart_m(home: Point, simspec: SimSpec) -> float:
+def _area_from_home_m(home: Point, simspec: SimSpec) -> float:
     place = np.array([[home.east_m, home.north_m]])
-    return max(0.0, float(beyond(place, simspec.world.area.corners)[0]))
+    return max(0.0, float(distance_beyond(place, simspec.world.area.corners)[0]))
 
 
-@dataclass(frozen=True, slots=True)
-class AttitudeStableOptions:
-    max_tilt_deg: float = 35.0
-
-
-def _attitude_stable(tape: Tape, simspec: SimSpec, options: AttitudeStableOptions) -> Finding:
-    """Share of the time in the air with the body's up axis within `max_tilt_deg` of the vertical."""
-    flight = Flight.of(tape, simspec)
-    tilt_deg = np.degrees(tape.vehicle_tilt_rad) if len(tape.vehicle_tilt_rad) else np.zeros(len(flight.time_s))
-    return kept(flight, tilt_deg <= options.max_tilt_deg, flight.airborne, tilt_deg, "degrees from the vertical")
-
-
-def beyond(places_m: Floats, corners: Sequence[Point]) -> Floats:
-    """(n,) distances of places (n, 2) from a simple polygon's edge, positive outside and negative inside."""
-    points = np.array([(corner.east_m, corner.north_m) for corner in corners])
-    following = np.roll(points, -1, axis=0)
-    along = following - points
-    length = np.maximum((along**2).sum(axis=1), 1e-12)
-    offset = places_m[:, None] - points[None]
-    share = np.clip((offset * along).sum(axis=2) / length, 0.0, 1.0)
-    apart: Floats = np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
-    return np.where(_inside(places_m, points, following), -apart, apart)
-
-
-def _inside(places_m: Floats, points: Floats, following: Floats) -> Bools:
-    """(n,) whether places lie inside, by the number of edges that a ray to the east crosses."""
-    north = places_m[:, None, 1]
-    crosses = (points[None, :, 1] > north) != (following[None, :, 1] > north)
-    rise = np.where(following[:, 1] == points[:, 1], 1.0, following[:, 1] - points[:, 1])
-    at_east = points[:, 0] + (north - points[None, :, 1]) * (following[:, 0] - points[:, 0]) / rise
-    inside: Bools = (crosses & (places_m[:, None, 0] < at_east)).sum(axis=1) % 2 == 1
-    return inside
-
-
-geofence_kept = Measured("geofence_kept", NoOptions, _geofence_kept)
-no_fly_kept = Measured("no_fly_kept", NoOptions, _no_fly_kept)
-no_fly_margin = Measured("no_fly_margin", NoFlyMarginOptions, _no_fly_margin)
-ceiling_kept = Measured("ceiling_kept", CeilingKeptOptions, _ceiling_kept)
-floor_kept = Measured("floor_kept", FloorKeptOptions, _floor_kept)
-speed_kept = Measured("speed_kept", SpeedKeptOptions, _speed_kept)
-height_kept = Measured("height_kept", HeightKeptOptions, _height_kept)
-area_kept = Measured("area_kept", AreaKeptOptions, _area_kept)
-attitude_stable = Measured("attitude_stable", AttitudeStableOptions, _attitude_stable)
+@measure
+def attitude_stable(tape: Tape, simspec: SimSpec, *, max_tilt_deg: float = 35.0) -> Finding:
+    """Share of the time in the air with the body's up axis within `max_tilt_deg` of the vertical. Always considered."""
+    track = FlownTrack.of(tape, simspec)
+    # A tape made by hand may have no tilt; it then counts as upright.
+    tilt_deg = np.degrees(tape.vehicle_tilt_rad) if len(tape.vehicle_tilt_rad) else np.zeros(len(track.time_s))
+    return share_kept(track, tilt_deg <= max_tilt_deg, track.airborne, tilt_deg, "degrees from the vertical")

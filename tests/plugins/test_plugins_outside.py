@@ -21,9 +21,9 @@ from decompositions import read_decomposition
 square = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (90, 0), (90, 90), (0, 90))))
 spec = SimSpec(name="outside", world=World(area=square, scene="outside_empty"), vehicle=VehicleSpec(model="outside_still"),
                agent=AgentSpec(manifest="outside_agent"))
-asked = read_decomposition(Path(sys.argv[1]).read_text())
-result = fly_realization(spec, asked, Path(sys.argv[2]), "outside")
-(predicted,) = fly_overhead([spec], ["outside"], asked)
+decomposition = read_decomposition(Path(sys.argv[1]).read_text())
+result = fly_realization(spec, decomposition, Path(sys.argv[2]), "outside")
+(predicted,) = fly_overhead([spec], ["outside"], decomposition)
 print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
 """
 
@@ -39,6 +39,7 @@ observables:
     title: Height
     asks: How high did it come?
     measure: outside_height
+    options: {of_share: 0.5}
     threshold: 0.5
     threshold_reason: Half of the way is a climb.
     partial_credit: false
@@ -64,15 +65,15 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
         "--no-index",
     ]
     subprocess.run([*install, "--target", str(site), str(OUTSIDE)], check=True, capture_output=True)
-    asked = tmp_path / "asked.yaml"
-    asked.write_text(DECOMPOSITION)
+    decomposition = tmp_path / "decomposition.yaml"
+    decomposition.write_text(DECOMPOSITION)
     script = tmp_path / "fly.py"
     script.write_text(f"import site; site.addsitedir({str(site)!r})\n" + FLY)
-    told = subprocess.run(
-        [sys.executable, str(script), str(asked), str(tmp_path / "run")], capture_output=True, text=True, check=False
+    completed = subprocess.run(
+        [sys.executable, str(script), str(decomposition), str(tmp_path / "run")], capture_output=True, text=True, check=False
     )
-    assert told.returncode == 0, told.stderr
-    result = json.loads(told.stdout)
+    assert completed.returncode == 0, completed.stderr
+    result = json.loads(completed.stdout)
     assert result["outcome"] == "completed", result["reason"]
     assert result["observations"] == [{"observable": "OBS-1", "considered": True, "x": 0.0, "evidence": []}]
     assert result["predicted"] == result["observations"]

@@ -9,7 +9,7 @@ import numpy as np
 from cases import Run, recorded
 from made_run import answer, at_s, detected, frame, link, order, report, simspec, tape, tracks
 
-from test_ports.ground_truth._flown_track import Flight
+from test_ports.ground_truth import FlownTrack
 
 
 def test_a_made_run_comes_back_as_it_was(tmp_path: Path) -> None:
@@ -49,15 +49,15 @@ def test_flight_of_a_made_run() -> None:
     spec = simspec()
     made = tape(spec, end_s=100.0)
     made.actor_position_enu_m[:, made_run.FAR, 0] = made.actor_time_s  # walks east at 1 m/s
-    flight = Flight(made, spec)
+    flight = FlownTrack(made, spec)
     assert flight.time_s[flight.airborne][[0, -1]].tolist() == [5.0, 94.5]
     row = int(np.searchsorted(flight.time_s, 50.0))
-    apart = flight.apart_m([made_run.FAR])[row, 0]
+    apart = flight.distance_m([made_run.FAR])[row, 0]
     east, north = flight.place_m[row]
     assert apart == np.hypot(50.0 - east, -200.0 - north)
     assert flight.above_m([made_run.FAR])[row, 0] == 60.0
-    assert flight.share(flight.up_m > 0.0, flight.airborne) == 1.0
-    assert flight.share(flight.up_m > 0.0, flight.between(200.0, 300.0)) is None
+    assert flight.time_share(flight.up_m > 0.0, flight.airborne) == 1.0
+    assert flight.time_share(flight.up_m > 0.0, flight.between(200.0, 300.0)) is None
 
 
 def test_no_flight_after_a_crash() -> None:
@@ -70,5 +70,5 @@ def test_no_flight_after_a_crash() -> None:
             *made_run.conditions((50.0, False), crashed=True),
         ),
     )
-    assert Flight(fallen, spec).time_s[Flight(fallen, spec).airborne][-1] == 49.5
+    assert FlownTrack(fallen, spec).time_s[FlownTrack(fallen, spec).airborne][-1] == 49.5
     assert at_s(1.0).ns == 1_000_000_000

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, dataclass, fields
-from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 import made_run
 import numpy as np
@@ -15,21 +13,13 @@ from bench.campaign import check_options, measure_all
 from bench.contracts import Observation, Tape, plugins
 from bench.errors import SetupError
 from bench.simspec import SimSpec
-from test_ports import measures
-from test_ports.measures import (
-    Finding,
-    Measured,
-    bystanders_declared,
-    classified_share,
-    detection_share,
-    marks_clear_of_bystanders,
-    mission_flown,
-    no_false_reports,
-    no_false_tracks,
-    priority_order,
-    report_accuracy,
-    targets_reported,
-)
+from test_ports import DeclaredMeasure
+from test_ports.documentation import declared_in, measure_modules
+from test_ports.mission.completion import mission_flown
+from test_ports.perception.detections import detection_share
+from test_ports.perception.tracks import classified_share, no_false_tracks
+from test_ports.reports.bystanders import bystanders_declared, marks_clear_of_bystanders
+from test_ports.reports.targets import no_false_reports, priority_order, report_accuracy, targets_reported
 
 PLAIN = {
     *("bystanders_declared", "classified_share", "detection_share", "marks_clear_of_bystanders", "mission_flown"),
@@ -37,24 +27,24 @@ PLAIN = {
 }
 """What a situation with two targets and two bystanders exercises, whatever else it has."""
 
-MEASURES = tuple(one for one in vars(measures).values() if isinstance(one, Measured))
+MEASURES = tuple(measure for module in measure_modules() for measure in declared_in(module))
 RADAR_AT, TRUCK_AT, NEAR_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0), ("civilian", 120.0, 100.0)
 
 
-def found(measure: Measured[Any], run: Tape, spec: SimSpec, **options: Any) -> Observation:
+def found(measure: DeclaredMeasure, run: Tape, spec: SimSpec, **options: Any) -> Observation:
     return measure("OBS-1", run, spec, {name.rstrip("_"): value for name, value in options.items()})
 
 
-def required(measure: Measured[Any]) -> dict[str, Any]:
+def required(measure: DeclaredMeasure) -> dict[str, Any]:
     """Something for each option that a measure cannot do without."""
     given = {"role": "any", "as_role": "adversary"}
-    hints = get_type_hints(measure.options)
-    missing = [field.name for field in fields(measure.options) if field.default is MISSING]
-    return {name: given.get(name) or get_args(hints[name])[0] for name in missing}
+    return {
+        option.name: given.get(option.name) or get_args(option.kind)[0] for option in measure.options if option.default is None
+    }
 
 
 def x_of(
-    measure: Measured[Any], spec: SimSpec | None = None, *, options: dict[str, Any] | None = None, **streams: Any
+    measure: DeclaredMeasure, spec: SimSpec | None = None, *, options: dict[str, Any] | None = None, **streams: Any
 ) -> float | None:
     spec = spec or simspec()
     return found(measure, tape(spec, **streams), spec, **(options or {})).x
@@ -220,7 +210,7 @@ def test_marks_are_judged_by_the_bystanders_of_their_moment() -> None:
 
 
 @pytest.mark.parametrize("measure", [marks_clear_of_bystanders, bystanders_declared])
-def test_rules_about_bystanders_need_one_near_for_long_enough(measure: Measured[Any]) -> None:
+def test_rules_about_bystanders_need_one_near_for_long_enough(measure: DeclaredMeasure) -> None:
     """Nobody near any target, no bystander at all, no target: not considered. A short visit only when it is long enough."""
     assert x_of(measure, simspec(walker_east_m=151.0)) is None
     assert x_of(measure, simspec(walkers=False)) is None
@@ -439,7 +429,7 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
         ("detection_share", {"role": "enemy"}, r"option 'role' is 'enemy'; it must be one of bystander, adversary"),
         ("detection_share", {"role": "any", "class_": "x"}, r"unknown option 'class_'; known: role, class, "),
         ("classified_share", {"role": "any", "min_frames": 2.5}, r"option 'min_frames' is 2.5; it must be a whole number"),
-        ("report_accuracy", {"scale_m": 0}, r"'report_accuracy': option 'scale_m' must exceed 0"),
+        ("report_accuracy", {"scale_m": 0}, r"'report_accuracy': option 'scale_m' is 0; it must be a number more than 0"),
         ("mission_flown", {"home_m": True}, r"option 'home_m' is True; it must be a number"),
         ("mission_flown", {"home_m": float("nan")}, r"option 'home_m' is nan; it must be a number, finite"),
         ("mission_flown", {"home_m": -1}, r"not negative"),
@@ -464,31 +454,3 @@ def test_a_simspec_without_places_cannot_be_measured() -> None:
     base = simspec().model_copy(update={"realized": None})
     with pytest.raises(ValueError, match="realized"):
         found(targets_reported, tape(simspec()), base)
-
-
-PAGE = (Path(__file__).parents[2] / "docs" / "measures.md").read_text()
-
-
-def test_the_page_names_every_option_with_its_default() -> None:
-    """docs/measures.md says of each measure which options it has and what they are when left out."""
-    rows = {row.split("`")[1]: row for row in PAGE.splitlines() if row.startswith("| `")}
-    assert set(rows) == {measure.name for measure in MEASURES}
-    for measure in MEASURES:
-        for field in fields(measure.options):
-            assert f"`{field.name.rstrip('_')}`{_default(field)}" in rows[measure.name]
-
-
-def _default(field: Field[Any]) -> str:
-    if field.default is MISSING:
-        return ""
-    return f' ("{field.default}")' if isinstance(field.default, str) else f" ({field.default:g})"
-
-
-def test_the_measure_on_the_page_works() -> None:
-    """The example that an outside package would start from measures what it says."""
-    code = PAGE.split("```python\n")[1].split("```")[0]
-    names: dict[str, Any] = {"dataclass": dataclass, "Finding": Finding, "Measured": Measured, "Tape": Tape, "SimSpec": SimSpec}
-    exec(compile(code, "measures.md", "exec"), names)
-    run, spec = tape(simspec()), simspec(mission={"altitude_m": 62.0})
-    assert found(names["height_kept"], run, spec).x == 1.0
-    assert found(names["height_kept"], run, spec, tolerance_m=1.0).x == 0.0

@@ -11,20 +11,10 @@ from cases.mission import OVER_BOTH, went
 from cases.reliability import MENDED_S, ONSET_S, decided, ended, fault, statuses
 from made_run import report, tracks
 
-from test_ports.measures import (
-    agent_lived,
-    blind_reports_withheld,
-    fault_announced,
-    fault_recovered,
-    fault_survived,
-    link_lost_obeyed,
-    report_windows_kept,
-    reports_in_time,
-    reports_not_repeated,
-    reports_resent,
-    status_alive,
-    targets_reported,
-)
+from test_ports.reliability.faults import fault_announced, fault_recovered, fault_survived
+from test_ports.reliability.health import agent_lived, status_alive
+from test_ports.reliability.outages import blind_reports_withheld, link_lost_obeyed, reports_resent
+from test_ports.reports.targets import report_windows_kept, reports_in_time, reports_not_repeated, targets_reported
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:

@@ -13,18 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.simspec import Point
-from test_ports.measures import (
-    area_kept,
-    ceiling_kept,
-    geofence_kept,
-    landing_clear,
-    loiter_limited,
-    no_fly_kept,
-    no_low_overflight,
-    slow_near_bystanders,
-    standoff_kept,
-)
-from test_ports.safety.limits import beyond
+from test_ports.ground_truth import distance_beyond
+from test_ports.safety.limits import area_kept, ceiling_kept, geofence_kept, no_fly_kept
+from test_ports.safety.standoff import landing_clear, loiter_limited, no_low_overflight, slow_near_bystanders, standoff_kept
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
@@ -110,4 +101,4 @@ def test_distance_from_a_rectangle_is_what_geometry_says(place: tuple[float, flo
     local = across @ np.array(place)
     past = np.abs(local) - (10.0, 5.0)
     expected = float(np.hypot(*np.maximum(past, 0.0)) if (past > 0.0).any() else past.max())
-    assert beyond(np.array([place]), corners)[0] == pytest.approx(expected, abs=1e-6)
+    assert distance_beyond(np.array([place]), corners)[0] == pytest.approx(expected, abs=1e-6)

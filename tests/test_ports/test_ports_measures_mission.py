@@ -12,18 +12,9 @@ from cases.mission import OVER_BOTH, went
 from cases.perception import actors_of
 from made_run import conditions, frame, report
 
-from test_ports.measures import (
-    area_searched,
-    battery_reserve,
-    bystander_count_right,
-    late_intelligence_served,
-    mission_time,
-    nearest_bystander_right,
-    priority_visited,
-    sub_areas_reached,
-    surroundings_seen,
-    withheld_until_clear,
-)
+from test_ports.mission.completion import battery_reserve, mission_time
+from test_ports.mission.search import area_searched, late_intelligence_served, priority_visited, sub_areas_reached
+from test_ports.reports.bystanders import bystander_count_right, nearest_bystander_right, surroundings_seen, withheld_until_clear
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:

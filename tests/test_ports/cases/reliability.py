@@ -12,7 +12,7 @@ from cases import Cases, CasesOf, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.flown import END_S
 from cases.mission import OVER_BOTH, Stop, went
-from test_ports.ground_truth._faults import WORDS
+from test_ports.reliability.faults import ANNOUNCED_AS
 
 ONSET_S, MENDED_S = 40.0, 70.0
 _MORE: dict[str, dict[str, Any]] = {
@@ -58,7 +58,7 @@ def _fault_survived(options: Mapping[str, Option]) -> Cases:
 def _fault_announced(options: Mapping[str, Option]) -> Cases:
     kind = str(options.get("kind", "any"))
     spec = scene(**fault(kind))
-    noticed = decided(ONSET_S + 2.0, "notice", WORDS["gps_off" if kind == "any" else kind])
+    noticed = decided(ONSET_S + 2.0, "notice", ANNOUNCED_AS["gps_off" if kind == "any" else kind])
     return Cases(went(spec, *OVER_BOTH, decisions=(noticed,)), went(spec, *OVER_BOTH), went(scene(), *OVER_BOTH))
 
 

@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bench.contracts import MeasureRequest, Observation, Option, Prediction, Tape
+from bench.contracts import MeasureRequest, Observation, Prediction, Tape
 from bench.errors import Fault
 from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene as open_scene  # noqa: F401
 from bench.testing import open_still_vehicle as open_vehicle  # noqa: F401
+from test_ports import Finding, measure
 
 
-def highest_share(observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]) -> Observation:
-    """How much of the configured mission height the vehicle reached."""
+@measure
+def outside_height(tape: Tape, simspec: SimSpec, *, of_share: float = 1.0) -> Finding:
+    """Greatest height that the vehicle reached over `of_share` of the configured mission height, at most 1."""
     highest_m = float(tape.vehicle_position_enu_m[:, 2].max(initial=0.0))
-    return Observation(observable=observable, considered=True, x=min(1.0, highest_m / simspec.mission.altitude_m))
+    return Finding(min(1.0, highest_m / (of_share * simspec.mission.altitude_m)))
 
 
 def manifest() -> Path:
-    """Where the agent's manifest lies."""
+    """Path of the agent's manifest."""
     return Path(__file__).with_name("agent.yaml")
 
 

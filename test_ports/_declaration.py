@@ -1,0 +1,164 @@
+"""`@measure`: how a measure is declared. One decorated function says its name, its options and what it measures."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from bench.contracts import Evidence, Observation, Option, Tape
+from bench.simspec import SimSpec
+
+MAX_EVIDENCE = 20
+"""Moments that an observation keeps: as many as a reviewer looks through, of the thousands that a bad run can have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The measured value in [0, 1], None when the run is not considered, and the moments that a reviewer should look at."""
+
+    x: float | None
+    evidence: tuple[Evidence, ...] = ()
+
+
+def not_considered(reason: str) -> Finding:
+    """The finding for a run that offered nothing to exercise the observable, with the reason."""
+    return Finding(None, (Evidence(time_s=0.0, text=reason),))
+
+
+def nothing_shown(time_s: float, reason: str) -> Finding:
+    """The finding 0 for a run in which the agent had the occasion and showed nothing, with the reason."""
+    return Finding(0.0, (Evidence(time_s=time_s, text=reason),))
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A condition on the value of one option beside its kind: `Annotated[float, Limit(is_valid, "more than 0")]`."""
+
+    is_valid: Callable[[Any], bool]
+    requirement: str
+
+
+Positive = Annotated[float, Limit(lambda value: value > 0.0, "a number more than 0")]
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredOption:
+    """One option of a measure. `default` is None when a decomposition must set it."""
+
+    name: str
+    parameter: str
+    kind: Any
+    default: Option | None
+    limit: Limit | None
+
+    def read(self, value: Option) -> Option:
+        """The value as the measure takes it. Raises ValueError that says what is valid."""
+        valid, requirement = self._matches_kind(value)
+        if valid and self.limit is not None:
+            valid, requirement = self.limit.is_valid(value), self.limit.requirement
+        if not valid:
+            raise ValueError(f"option {self.name!r} is {value!r}; it must be {requirement}")
+        return float(value) if self.kind is float else value
+
+    def _matches_kind(self, value: Option) -> tuple[bool, str]:
+        if get_origin(self.kind) is Literal:
+            return value in get_args(self.kind), f"one of {', '.join(get_args(self.kind))}"
+        if self.kind is str:
+            return isinstance(value, str), "text"
+        if self.kind is bool:
+            return isinstance(value, bool), "true or false"
+        if self.kind is int:
+            return type(value) is int and value >= 0, "a whole number, not negative"
+        # bool is a subclass of int in Python, and true is no number in a decomposition.
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value >= 0
+        return number, "a number, finite and not negative"
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredMeasure:
+    """A measure, as the entry-point group `rebar.measures` holds it. `find` is the decorated function."""
+
+    name: str
+    options: tuple[DeclaredOption, ...]
+    find: Callable[..., Finding]
+
+    def __call__(self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]) -> Observation:
+        """Measure one run. Raises ValueError as `check_options` does."""
+        finding = self.find(tape, simspec, **self._read(options))
+        evidence = thinned(finding.evidence)
+        return Observation(observable=observable, considered=finding.x is not None, x=finding.x, evidence=evidence)
+
+    def check_options(self, options: Mapping[str, Option]) -> None:
+        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or wrong."""
+        self._read(options)
+
+    @property
+    def description(self) -> str:
+        """What it measures, from the docstring of its function."""
+        return inspect.getdoc(self.find) or ""
+
+    def _read(self, options: Mapping[str, Option]) -> dict[str, Option]:
+        known = {option.name: option for option in self.options}
+        if unknown := sorted(set(options) - set(known)):
+            stated = f"known: {', '.join(known)}" if known else "it has no options"
+            raise ValueError(f"measure {self.name!r}: unknown option {', '.join(map(repr, unknown))}; {stated}")
+        if missing := [name for name, option in known.items() if option.default is None and name not in options]:
+            raise ValueError(f"measure {self.name!r}: needs option {', '.join(map(repr, missing))}")
+        try:
+            return {known[name].parameter: known[name].read(value) for name, value in options.items()}
+        except ValueError as error:
+            raise ValueError(f"measure {self.name!r}: {error}") from None
+
+
+def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
+    """Declare a measure: a pure function `(tape, simspec, *, option: kind = default, ...) -> Finding`.
+
+    Its name is the function's name, its options are the keyword-only parameters, and docs/measures.md shows its docstring.
+    A kind is `float`, `int` (neither negative), `str`, `bool` or a `Literal` of texts, or one of these `Annotated` with a
+    `Limit`. A trailing underscore of a parameter is dropped, so that an option can be called `class`. Raises TypeError for
+    another signature.
+    """
+    positional = [
+        parameter
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.kind is not inspect.Parameter.KEYWORD_ONLY
+    ]
+    if len(positional) != 2:
+        raise TypeError(f"measure {function.__name__!r} must take the tape, the SimSpec, and options after a '*'")
+    kinds = get_type_hints(function, include_extras=True)
+    options = tuple(
+        _option(function.__name__, parameter, kinds.get(parameter.name))
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    )
+    return DeclaredMeasure(function.__name__, options, function)
+
+
+def _option(measure_name: str, parameter: inspect.Parameter, annotation: Any) -> DeclaredOption:
+    limit = None
+    if get_origin(annotation) is Annotated:
+        annotation, *extras = get_args(annotation)
+        limit = next((extra for extra in extras if isinstance(extra, Limit)), None)
+    if annotation not in (float, int, str, bool) and get_origin(annotation) is not Literal:
+        raise TypeError(f"measure {measure_name!r}: parameter {parameter.name!r} must be float, int, str, bool or a Literal")
+    default = None if parameter.default is inspect.Parameter.empty else parameter.default
+    return DeclaredOption(parameter.name.rstrip("_"), parameter.name, annotation, default, limit)
+
+
+def credibility(right: int, wrong: int) -> float:
+    """How far an agent with so many right and so many wrong statements is believed: wholly while half of them are right.
+
+    Below that in proportion, so that an agent that guesses everywhere, where some guess must be right, gains nothing.
+    """
+    return min(1.0, right / wrong) if wrong else 1.0
+
+
+def thinned(moments: Sequence[Evidence]) -> tuple[Evidence, ...]:
+    """At most `MAX_EVIDENCE` of the moments, spread evenly, with the first and the last among them."""
+    if len(moments) <= MAX_EVIDENCE:
+        return tuple(moments)
+    step = (len(moments) - 1) / (MAX_EVIDENCE - 1)
+    return tuple(moments[round(index * step)] for index in range(MAX_EVIDENCE))

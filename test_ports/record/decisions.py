@@ -1,0 +1,218 @@
+"""Measures of the decision log: whether it explains what the agent did, without gaps and in order.
+
+They are considered when intelligence names an adversary, where nothing else is said, and 0 without anything of the kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from bench.contracts import Decision, Tape, TargetReport, Timed
+from bench.simspec import SimSpec
+
+from .._declaration import Finding, measure, not_considered
+from .._time_shares import fresh_share
+from ..ground_truth import FlownTrack, GroundTruth
+from ..operator.order_outcomes import EXACT_S, OrderOutcomes
+from ..reports.credibility import NO_TARGETS, report_credibility, subjects_of_reports
+from .verdicts import Verdict, share_of_reports, share_right
+
+MARKING_ACTIONS = frozenset({"mark", "withhold_mark"})
+REPORTING_ACTIONS = frozenset({"report", *MARKING_ACTIONS})
+"""Actions of decisions that are about a report."""
+
+CLOCK_SLACK_S = 1.0
+"""How far ahead of the clock a stated time may be. Chosen, not measured."""
+
+
+@measure
+def decision_for_reports(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Finding:
+    """Share of the reports with a decision `report`, `mark` or `withhold_mark` about them, at most `within_s` apart.
+
+    Its subject is the id of the report or of the intelligence that the report names.
+    """
+
+    def judge(report: Timed[TargetReport]) -> Verdict:
+        right = any(
+            abs(decision.time.s - report.time.s) <= within_s + EXACT_S
+            for decision in _decisions_about(tape, report)
+            if decision.value.action in REPORTING_ACTIONS
+        )
+        text = f"report {report.value.id}: {'decided' if right else 'no decision about it'}"
+        return Verdict(report.time.s, right, text)
+
+    return share_of_reports(tape, simspec, judge)
+
+
+@measure
+def marks_decided(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Finding:
+    """Share of the reports whose nearest decision on the mark, at most `within_s` apart, agrees with them.
+
+    That is `mark` for a report that marks, `withhold_mark` for one that does not; its subject is as in
+    `decision_for_reports`.
+    """
+
+    def judge(report: Timed[TargetReport]) -> Verdict:
+        required = "mark" if report.value.mark else "withhold_mark"
+        gaps = [
+            (abs(decision.time.s - report.time.s), decision.value.action)
+            for decision in _decisions_about(tape, report)
+            if decision.value.action in MARKING_ACTIONS
+        ]
+        in_time = [(gap_s, action) for gap_s, action in gaps if gap_s <= within_s + EXACT_S]
+        nearest_s = min((gap_s for gap_s, _ in in_time), default=math.inf)
+        # Two decisions at one moment that contradict each other decide nothing.
+        right = bool(in_time) and {action for gap_s, action in in_time if gap_s <= nearest_s + EXACT_S} == {required}
+        text = f"report {report.value.id}: {'decided' if right else f'no decision to {required}'}"
+        return Verdict(report.time.s, right, text)
+
+    return share_of_reports(tape, simspec, judge)
+
+
+def _decisions_about(tape: Tape, report: Timed[TargetReport]) -> list[Timed[Decision]]:
+    """The decisions whose subject is a report, or the intelligence that it names."""
+
+    def group_by_subject() -> dict[str, list[Timed[Decision]]]:
+        by_subject: dict[str, list[Timed[Decision]]] = {}
+        for decision in tape.decisions:
+            by_subject.setdefault(decision.value.subject, []).append(decision)
+        return by_subject
+
+    decisions = tape.cached(_decisions_about, group_by_subject)
+    subjects = {report.value.id, report.value.intelligence_id or report.value.id}
+    return [decision for subject in sorted(subjects) for decision in decisions.get(subject, ())]
+
+
+@measure
+def withholding_explained(tape: Tape, simspec: SimSpec, *, min_chars: int = 10, min_exposure_s: float = 10.0) -> Finding:
+    """Share of the exposed targets that were reported, never marked near bystanders, and whose mark is accounted for.
+
+    A target is exposed when it had a bystander within the no-mark distance for `min_exposure_s`. Its mark is accounted for by
+    a mark when it was clear, or by a decision `withhold_mark` (about a report on it or its intelligence) with a reason of
+    `min_chars`. Times the credibility of the reports. Considered when some target is exposed.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
+    if not exposed:
+        return not_considered("no target of the intelligence had a bystander near it for long enough")
+    verdicts = [_explained(tape, simspec, actor, min_chars) for actor in exposed]
+    return share_right(verdicts, report_credibility(truth, tape))
+
+
+def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verdict:
+    truth, limit_m = GroundTruth.of(tape, simspec), simspec.rules.no_mark_within_m
+    reports = [report for report, subject in subjects_of_reports(truth, tape) if subject == actor]
+    marks_clear = [
+        truth.nearest_bystander_m(report.time.s, *map(float, truth.at(report.time.s)[actor])) >= limit_m
+        for report in reports
+        if report.value.mark
+    ]
+    subjects = {item.id for item in simspec.intelligence if truth.target_of(item.id) == actor}
+    subjects |= {report.value.id for report in reports}
+    has_reason = any(
+        len(decision.value.reason.strip()) >= min_chars
+        for decision in tape.decisions
+        if decision.value.action == "withhold_mark" and decision.value.subject in subjects
+    )
+    if not reports:
+        right, text = False, "never reported"
+    elif not all(marks_clear):
+        right, text = False, "marked near bystanders"
+    elif has_reason or marks_clear:
+        right, text = True, "explained"
+    else:
+        right, text = False, "not marked, and no reason"
+    return Verdict(reports[0].time.s if reports else tape.end_s, right, f"{truth.cast[actor].id}: {text}")
+
+
+@measure
+def reasons_given(
+    tape: Tape, simspec: SimSpec, *, of: Literal["decisions", "reports", "answers"], min_chars: int = 10
+) -> Finding:
+    """Share of the messages with a reason of `min_chars`.
+
+    Decisions are always considered, answers when there is an order.
+    """
+    if (reason := _not_asked_for(tape, simspec, of)) is not None:
+        return not_considered(reason)
+    messages: Sequence[Timed[Any]] = getattr(tape, of)
+    return share_right(
+        [
+            Verdict(
+                message.time.s,
+                len(message.value.reason.strip()) >= min_chars,
+                f"{_name_of(message.value)}: {message.value.reason[:80] or 'no reason'}",
+            )
+            for message in messages
+        ]
+    )
+
+
+@measure
+def times_consistent(
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    of: Literal["reports", "decisions", "status", "tracks", "answers"],
+    tolerance_s: float = 1.0,
+) -> Finding:
+    """Share of the messages whose stated time is at most `tolerance_s` from the moment of their arrival.
+
+    Decisions, status and tracks are always considered, answers when there is an order.
+    """
+    if (reason := _not_asked_for(tape, simspec, of)) is not None:
+        return not_considered(reason)
+    messages: Sequence[Timed[Any]] = getattr(tape, of)
+    return share_right(
+        [
+            Verdict(
+                message.time.s,
+                abs(message.value.time_s - message.time.s) <= tolerance_s + EXACT_S,
+                f"{_name_of(message.value)}: states the time {message.value.time_s:.1f} s",
+            )
+            for message in messages
+        ]
+    )
+
+
+def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:
+    """Why the scenario asks for no messages of this stream; None when it does."""
+    if stream == "reports" and not GroundTruth.of(tape, simspec).targets():
+        return NO_TARGETS
+    return "no order was given" if stream == "answers" and not OrderOutcomes.of(tape, simspec).all else None
+
+
+def _name_of(document: Any) -> str:
+    """A document by its kind and its id, or the field that stands for one."""
+    name = next((getattr(document, field) for field in ("id", "order", "action", "phase") if hasattr(document, field)), "")
+    return f"{type(document).__name__} {name}".strip()
+
+
+@measure
+def log_unbroken(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 60.0) -> Finding:
+    """Share of the time in the air at which the last decision is at most `max_gap_s` old.
+
+    Always considered; 0 for a vehicle that never flew.
+    """
+    sent_s = np.array([decision.time.s for decision in tape.decisions])
+    return fresh_share(FlownTrack.of(tape, simspec), sent_s, max_gap_s, "decision")
+
+
+@measure
+def log_ordered(tape: Tape, simspec: SimSpec) -> Finding:
+    """Share of the decisions whose stated time is not before that of the previous one, nor a second ahead of the clock.
+
+    Always considered.
+    """
+    verdicts = []
+    previous_s = 0.0
+    for decision in tape.decisions:
+        stated_s = decision.value.time_s
+        right = previous_s <= stated_s <= decision.time.s + CLOCK_SLACK_S + EXACT_S
+        verdicts.append(Verdict(decision.time.s, right, f"{decision.value.action}: states the time {stated_s:.1f} s"))
+        previous_s = stated_s
+    return share_right(verdicts)

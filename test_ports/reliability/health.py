@@ -1,0 +1,88 @@
+"""Measures of life: whether vehicle and agent get through the run and are heard."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from bench.contracts import Evidence, Tape, VehicleTopics
+from bench.simspec import SimSpec
+
+from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._time_shares import fresh_share
+from ..ground_truth import FlownTrack, outcome_by_agent_fault
+
+
+@measure
+def no_crash(tape: Tape, simspec: SimSpec) -> Finding:
+    """1 unless the vehicle crashed. Always considered; 0 where nothing of the vehicle was recorded."""
+    crashed = next((state for state in tape.condition if state.value.crashed), None)
+    if crashed is not None:
+        return nothing_shown(crashed.time.s, "the vehicle crashed")
+    if not tape.condition:
+        return nothing_shown(0.0, "nothing of the vehicle was recorded")
+    return Finding(1.0, (Evidence(time_s=tape.end_s, text="whole at the end"),))
+
+
+@measure
+def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
+    """1 unless the session ended as agent_crashed, agent_timeout, agent_never_connected or agent_protocol.
+
+    Always considered; 0 where nothing was recorded.
+    """
+    outcome = outcome_by_agent_fault(tape)
+    if outcome is not None or not len(tape.vehicle_time_s):
+        return nothing_shown(tape.end_s, f"the session ended: {outcome or 'before it began'}")
+    return Finding(1.0, (Evidence(time_s=tape.end_s, text="alive at the end"),))
+
+
+@measure
+def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
+    """Share of the agent's messages that are valid documents. Always considered; 0 when none is."""
+    topics = VehicleTopics(simspec.vehicle.name).from_agent
+    malformed = {topic: tape.malformed[topic] for topic in topics if tape.malformed.get(topic)}
+    valid = sum(map(len, (tape.reports, tape.decisions, tape.status, tape.tracks, tape.answers)))
+    if not valid:
+        return nothing_shown(tape.end_s, "the agent sent no valid document")
+    evidence = tuple(
+        Evidence(time_s=tape.end_s, text=f"{count} on {topic} are not valid documents") for topic, count in malformed.items()
+    )
+    return Finding(valid / (valid + sum(malformed.values())), evidence)
+
+
+@measure
+def status_alive(tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] = "status", max_gap_s: float = 10.0) -> Finding:
+    """Share of the recorded time at which the last status (`of: any`: the last document) is at most `max_gap_s` old.
+
+    Always considered; 0 where nothing was recorded or sent.
+    """
+    sent_s = [message.time.s for message in tape.status]
+    if of == "any":
+        for stream in (tape.reports, tape.decisions, tape.tracks, tape.answers):
+            sent_s += [message.time.s for message in stream]
+    track = FlownTrack.of(tape, simspec)
+    always = np.ones(len(track.time_s), dtype=np.bool_)
+    return fresh_share(track, np.array(sorted(sent_s)), max_gap_s, "status" if of == "status" else "document", always)
+
+
+@measure
+def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) -> Finding:
+    """1 - (slowest - fastest first answer to an order) / `limit_s`, at least 0.
+
+    Considered when two orders are given; 0 when fewer than two were answered.
+    """
+    if len([order for order in simspec.orders if order.at_s < simspec.mission.time_limit_s]) < 2:
+        return not_considered("fewer than two orders are given")
+    reactions = []
+    for order in tape.orders:
+        answers = (answer for answer in tape.answers if answer.value.order == order.value.id and answer.time >= order.time)
+        first = next(answers, None)
+        if first is not None:
+            reactions.append((first.time.s - order.time.s, first))
+    if len(reactions) < 2:
+        return nothing_shown(tape.end_s, f"{len(reactions)} orders were answered")
+    slowest_s, slowest = max(reactions, key=lambda reaction: reaction[0])
+    fastest_s, fastest = min(reactions, key=lambda reaction: reaction[0])
+    text = f"order {slowest.value.order} answered after {slowest_s:.1f} s, {fastest.value.order} after {fastest_s:.1f} s"
+    return Finding(max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), (Evidence(time_s=slowest.time.s, text=text),))

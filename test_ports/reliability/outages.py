@@ -1,0 +1,146 @@
+"""Measures of outages: what the agent does while the operator's link is down or the detections are missing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.simspec import SimSpec
+
+from .._declaration import Finding, measure, not_considered, nothing_shown
+from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met
+from ..perception.track_messages import track_messages
+from ..reports.credibility import same_place
+
+SAME_PLACE_M = 20.0
+"""Two reports of one class at most this far apart are about one thing. Chosen, not measured."""
+
+HOLD_SETTLING_S = 10.0
+"""The time that an agent which is to hold has to come to a stop."""
+
+HOLD_MPS = 1.5
+HOLD_SHARE = 0.8
+CONTINUE_M = 10.0
+
+
+@measure
+def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
+    """Share of the long outages of the operator's link in which the aircraft did as `rules.link_lost` says.
+
+    Long is more than `rules.link_lost_after_s`; the rest of the outage after that time is judged. `hold`: slower than 1.5 m/s
+    for four fifths of it, not counting its first 10 s. `return`: nearer home at its end than at its beginning, or down.
+    `continue`: moved by 10 m or more, or down. Considered when there is such an outage.
+    """
+    rules = simspec.rules
+    outages = faults_met(tape, simspec, "operator_link")
+    long_outages = [outage for outage in outages if outage.until_s - outage.at_s > rules.link_lost_after_s]
+    if not long_outages:
+        return not_considered(f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s")
+    track = FlownTrack.of(tape, simspec)
+    verdicts = [(outage, _obeyed(track, simspec, outage)) for outage in long_outages]
+    evidence = [
+        Evidence(
+            time_s=min(outage.at_s, tape.end_s),
+            text=f"link lost at {outage.at_s:g} s: {'did' if obeyed else 'did not'} {rules.link_lost}",
+        )
+        for outage, obeyed in sorted(verdicts, key=lambda verdict: verdict[1])
+    ]
+    return Finding(sum(obeyed for _, obeyed in verdicts) / len(verdicts), tuple(evidence))
+
+
+def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
+    rules = simspec.rules
+    rest = track.between(outage.at_s + rules.link_lost_after_s, outage.until_s)
+    rows = np.flatnonzero(rest)
+    if not len(rows):
+        return False
+    # On the ground for the whole rest: it can neither go astray nor need a way home.
+    if not track.airborne[rows].any():
+        return True
+    if rules.link_lost == "hold":
+        settled = track.between(outage.at_s + rules.link_lost_after_s + HOLD_SETTLING_S, math.inf)
+        still_share = track.time_share(track.speed_mps < HOLD_MPS, rest & track.airborne & settled)
+        return still_share is None or still_share >= HOLD_SHARE
+    down_at_end = not track.airborne[rows[-1]]
+    if rules.link_lost == "return":
+        return bool(track.from_home_m[rows[-1]] < track.from_home_m[rows[0]] - 1.0) or down_at_end
+    moved_m = np.hypot(*(track.place_m[rows] - track.place_m[rows[0]]).T).max()
+    return bool(moved_m >= CONTINUE_M) or down_at_end
+
+
+@measure
+def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> Finding:
+    """Share of the reports made only while the operator's link was down that were made again within `within_s` after it.
+
+    1 when every report was also made while the link was up; 0 when nothing was reported. Considered when the link is ever
+    down and intelligence names an adversary.
+    """
+    outages = faults_met(tape, simspec, "operator_link")
+    if not outages or not GroundTruth.of(tape, simspec).targets():
+        return not_considered("the operator's link is never lost, or intelligence names no adversary")
+    if not tape.reports:
+        return nothing_shown(tape.end_s, "nothing was reported")
+    unheard = [
+        (report, outage)
+        for outage in outages
+        for report in tape.reports
+        if outage.at_s <= report.time.s < outage.until_s and not _received_earlier(tape, outages, report)
+    ]
+    lost = [
+        Evidence(time_s=report.time.s, text=f"report {report.value.id} was not received, and not repeated in time")
+        for report, outage in unheard
+        if not any(
+            _same_thing(report, other) and outage.until_s <= other.time.s <= outage.until_s + within_s for other in tape.reports
+        )
+    ]
+    return Finding(1.0 - len(lost) / len(unheard) if unheard else 1.0, tuple(lost))
+
+
+def _received_earlier(tape: Tape, outages: list[FaultSpan], report: Timed[TargetReport]) -> bool:
+    return any(
+        other.time.s < report.time.s
+        and _same_thing(report, other)
+        and not any(outage.at_s <= other.time.s < outage.until_s for outage in outages)
+        for other in tape.reports
+    )
+
+
+def _same_thing(report: Timed[TargetReport], other: Timed[TargetReport]) -> bool:
+    return same_place(report.value, other.value, SAME_PLACE_M)
+
+
+@measure
+def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0) -> Finding:
+    """Share of the reports that were not made blindly.
+
+    A report is blind when it comes later than `after_s` into an outage of the detections, about something of which the agent
+    had shown no track of that class within 20 m, and made no report, before. Considered when the detections ever fail; 0
+    without reports.
+    """
+    outages = faults_met(tape, simspec, "detections")
+    if not outages:
+        return not_considered("the detections never fail")
+    if not tape.reports:
+        return nothing_shown(tape.end_s, "nothing was reported")
+    blind = [
+        Evidence(time_s=report.time.s, text=f"report {report.value.id} is about something that could not be detected")
+        for report in tape.reports
+        for outage in outages
+        if outage.at_s + after_s < report.time.s < outage.until_s
+        and not _known_before(tape, simspec, report, outage.at_s + after_s)
+    ]
+    return Finding(1.0 - len(blind) / len(tape.reports), tuple(blind))
+
+
+def _known_before(tape: Tape, simspec: SimSpec, report: Timed[TargetReport], until_s: float) -> bool:
+    if any(other.time.s <= until_s and _same_thing(report, other) for other in tape.reports):
+        return True
+    return any(
+        track.class_label == report.value.class_label
+        and math.hypot(track.east_m - report.value.east_m, track.north_m - report.value.north_m) <= SAME_PLACE_M
+        for message in track_messages(tape, simspec)
+        if message.time_s <= until_s
+        for track in message.tracks
+    )
