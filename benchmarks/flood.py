@@ -163,8 +163,8 @@ def measured(client: Client, steps: int) -> tuple[float, float, float, int]:
         friend.connect(udp)
         friend.setblocking(False)
         fly(vehicle, friend, 250, lambda: None)
-        with ExitStack() as own:
-            burst = client(udp, tcp, own)
+        with ExitStack() as own_cpu_s:
+            burst = client(udp, tcp, own_cpu_s)
             fly(vehicle, friend, 250, burst)  # queues fill
             with_bursts_s = fly(vehicle, friend, steps, burst) / steps
         fly(vehicle, friend, 250, lambda: None)
@@ -190,7 +190,7 @@ def main(steps: int = 300) -> None:
     print(f"{'CPU ms a step':36}{'quiet':>8}{'bursts':>8}{'more':>8}{'live':>8}{'speed of quiet':>16}{'dropped':>10}")
     for name, client in CLIENTS.items():
         quiet_s, with_bursts_s, live_s, dropped = measured(client, steps)
-        times = "".join(f"{1e3 * one:8.3f}" for one in (quiet_s, with_bursts_s, with_bursts_s - quiet_s, live_s))
+        times = "".join(f"{1e3 * measurement:8.3f}" for measurement in (quiet_s, with_bursts_s, with_bursts_s - quiet_s, live_s))
         print(f"{name:36}{times}{quiet_s / live_s:16.2f}{dropped:10}", flush=True)
 
 

@@ -75,19 +75,19 @@ def _observable(name: str, rng: np.random.Generator) -> dict[str, object]:
     }
 
 
-def runs_of(asked: Decomposition, count: int) -> list[ScoredRun]:
+def runs_of(observables: Decomposition, count: int) -> list[ScoredRun]:
     """Seeded runs, nine observables in ten considered."""
     rng = np.random.default_rng(2)
-    found = [difficulty_of_values(asked, {"fog_level": 3.0 * number / SITUATIONS}) for number in range(SITUATIONS)]
-    return [_run(asked, number, found, rng) for number in range(count)]
+    difficulties = [difficulty_of_values(observables, {"fog_level": 3.0 * number / SITUATIONS}) for number in range(SITUATIONS)]
+    return [_run(observables, number, difficulties, rng) for number in range(count)]
 
 
-def _run(asked: Decomposition, number: int, found: list, rng: np.random.Generator) -> ScoredRun:
+def _run(observables: Decomposition, number: int, difficulties: list, rng: np.random.Generator) -> ScoredRun:
     point = number // 6
-    xs, seen = rng.random(len(asked.observables)), rng.random(len(asked.observables)) < 0.9
+    xs, considered = rng.random(len(observables.observables)), rng.random(len(observables.observables)) < 0.9
     observations = tuple(
-        Observation.model_construct(observable=name, considered=bool(one), x=float(x) if one else None)
-        for name, x, one in zip(asked.observables, xs, seen, strict=True)
+        Observation.model_construct(observable=name, considered=bool(observable), x=float(x) if observable else None)
+        for name, x, observable in zip(observables.observables, xs, considered, strict=True)
     )
     name = f"{point:05d}-{number % 3}-{number % 2}"
     return ScoredRun(
@@ -96,18 +96,18 @@ def _run(asked: Decomposition, number: int, found: list, rng: np.random.Generato
         number % 3,
         f"agent-{number % 2}",
         Outcome.COMPLETED,
-        found[point % 12],
+        difficulties[point % 12],
         observations,
     )
 
 
 def table(path: Path, count: int) -> Callable[[], object]:
     """Score the runs and write the table as Parquet."""
-    asked = made()
-    runs = runs_of(asked, count)
+    observables = made()
+    runs = runs_of(observables, count)
 
     def step() -> None:
-        score_table(asked, runs).write_parquet(path)
+        score_table(observables, runs).write_parquet(path)
 
     return step
 
@@ -139,8 +139,8 @@ def competent(path: Path, count: int) -> Callable[[], object]:
 
 def summary(path: Path, count: int) -> Callable[[], object]:
     """Sum the table up: means, intervals, bootstrap and competence of every node, agent and configuration."""
-    asked, scores = made(), pl.read_parquet(path)
-    return lambda: summary_frame(scores, asked)
+    observables, scores = made(), pl.read_parquet(path)
+    return lambda: summary_frame(scores, observables)
 
 
 STEPS = {"table": table, "read": read, "summary": summary, "competence": competent}

@@ -37,16 +37,16 @@ def main(span_s: float = 60.0) -> None:
         _, session_s, agent_s = whole_session()
         return session_s + agent_s, agent_s
 
-    found = best(
+    result = best(
         {
             "vehicle alone (cascade, gusts)": lambda: (plant_alone(span_s), 0.0),
             "vehicle, controller, one client": lambda: with_controller(span_s, "onboard"),
             "whole session in lockstep": session,
         }
     )
-    (alone_s, _), (flown_s, _), (all_s, agent_s) = found.values()
+    (alone_s, _), (flown_s, _), (all_s, agent_s) = result.values()
     print(f"{'':36}{'sim s / CPU s':>14}{'of the first':>14}")
-    for name, speed in zip(found, (span_s / alone_s, span_s / flown_s, simulated_s / all_s), strict=True):
+    for name, speed in zip(result, (span_s / alone_s, span_s / flown_s, simulated_s / all_s), strict=True):
         print(f"{name:36}{speed:14.0f}{speed * alone_s / span_s:14.3f}")
     print(f"the session: {simulated_s:.0f} simulated s, {all_s - agent_s:.2f} CPU s of its own, {agent_s:.2f} of the agent")
 

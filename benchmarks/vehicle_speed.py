@@ -147,7 +147,7 @@ def fixed_wing(span_s: float, streams: str) -> tuple[float, float]:
 def best(parts: Mapping[str, Callable[[], tuple[float, float]]]) -> dict[str, tuple[float, float]]:
     """Of each part the round that took the least CPU time: seconds, and messages a second."""
     rounds = [{name: part() for name, part in parts.items()} for _ in range(ROUNDS)]
-    return {name: min(one[name] for one in rounds) for name in parts}
+    return {name: min(run[name] for run in rounds) for name in parts}
 
 
 def main(span_s: float = 60.0) -> None:
@@ -157,10 +157,10 @@ def main(span_s: float = 60.0) -> None:
         "vehicle, PX4's onboard streams": lambda: with_controller(span_s, "onboard"),
         "fixed wing, PX4's onboard streams": lambda: fixed_wing(span_s, "onboard"),
     }
-    found = best(parts)
-    first_s, _ = next(iter(found.values()))
+    rates = best(parts)
+    first_s, _ = next(iter(rates.values()))
     print(f"{'':36}{'sim s / CPU s':>14}{'us a step':>12}{'messages/s':>12}{'of the first':>14}")
-    for name, (cpu_s, rate) in found.items():
+    for name, (cpu_s, rate) in rates.items():
         print(f"{name:36}{span_s / cpu_s:14.0f}{1e6 * cpu_s / span_s / 50:12.1f}{rate:12.0f}{first_s / cpu_s:14.2f}")
 
 

@@ -61,14 +61,14 @@ def flying(autopilot: str, speed: float, options: Sequence[str]) -> Iterator[int
     ) as vehicle:
         assert vehicle.stdout
         try:
-            said = vehicle.stdout.readline()
-            assert "connect to" in said, said + vehicle.stdout.read()
+            line = vehicle.stdout.readline()
+            assert "connect to" in line, line + vehicle.stdout.read()
             yield port
             assert vehicle.poll() is None, vehicle.stdout.read()
         finally:
             vehicle.send_signal(signal.SIGTERM)  # heard also where Ctrl-C is ignored, as in a job in the background
-            said, _ = vehicle.communicate(timeout=20)
-    assert vehicle.returncode == 0, said
+            line, _ = vehicle.communicate(timeout=20)
+    assert vehicle.returncode == 0, line
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def flown(tmp_path: Path) -> Flown:
                 check=False,
             )
         assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-        told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        return told
+        printed: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        return printed
 
     return fly

@@ -11,19 +11,19 @@ pytestmark = pytest.mark.clients
 Flown = Callable[..., dict[str, Any]]
 
 
-def near(place: list[float], north_m: float, east_m: float, within_m: float = 1.5) -> bool:
+def approximately(place: list[float], north_m: float, east_m: float, within_m: float = 1.5) -> bool:
     return bool(abs(place[0] - north_m) < within_m and abs(place[1] - east_m) < within_m)
 
 
 def test_pymavlink_travels_and_flies_setpoints(flown: Flown) -> None:
-    told = flown("pymavlink-ardupilot", "early", "parameters", "travel", "setpoints", speed=6.0)
-    assert told["early"]["arm"] == told["early"]["takeoff"] == ["FAILED"]
-    assert any(text.startswith("Arm: ") for text in told["early"]["texts"])
-    parameters, travel, setpoints = told["parameters"], told["travel"], told["setpoints"]
+    logbook = flown("pymavlink-ardupilot", "early", "parameters", "travel", "setpoints", speed=6.0)
+    assert logbook["early"]["arm"] == logbook["early"]["takeoff"] == ["FAILED"]
+    assert any(text.startswith("Arm: ") for text in logbook["early"]["texts"])
+    parameters, travel, setpoints = logbook["parameters"], logbook["travel"], logbook["setpoints"]
     assert parameters["listed"] > 700
     assert (parameters["after"], parameters["restored"], parameters["whole"]) == (999999.0, 1500.0, 0.0)
     assert (travel["moved"], travel["as_long"]) == (["ACCEPTED"], ["UNSUPPORTED"])
-    assert near(travel["reached"], 14, 14)
+    assert approximately(travel["reached"], 14, 14)
     assert travel["turned"] == travel["circled"] == ["ACCEPTED"]
     assert 5.0 < travel["radii_m"][0] <= travel["radii_m"][1] < 7.0
     assert travel["refused"] == {"FLIP": ["FAILED"], "none": ["FAILED"], "unknown_command": ["UNSUPPORTED"]}
@@ -33,8 +33,8 @@ def test_pymavlink_travels_and_flies_setpoints(flown: Flown) -> None:
 
 
 def test_pymavlink_flies_missions_and_fences(flown: Flown) -> None:
-    told = flown("pymavlink-ardupilot", "plan", "fence", "payload", speed=6.0, options=["--camera"])
-    plan, fence, payload = told["plan"], told["fence"], told["payload"]
+    logbook = flown("pymavlink-ardupilot", "plan", "fence", "payload", speed=6.0, options=["--camera"])
+    plan, fence, payload = logbook["plan"], logbook["fence"], logbook["payload"]
     assert plan["uploaded"] == "ACCEPTED"
     assert plan["kept"] == [16, 22, 178, 16, 178, 16, 20]
     assert plan["refused"] == {
@@ -56,19 +56,19 @@ def test_pymavlink_flies_missions_and_fences(flown: Flown) -> None:
 
 
 def test_mavproxy_travels_and_flies_velocities(flown: Flown) -> None:
-    told = flown("mavproxy", "early", "travel", "setpoints", speed=5.0)
-    assert told["early"]["detected"] == "1:1"
-    assert told["early"]["arm"] == "FAILED"
-    assert told["early"]["parameters"] > 700
-    assert near(told["travel"]["reached"], 14, -10)
-    assert told["travel"]["from_start_m"] < 1.0
-    assert near(told["setpoints"]["moved"], 7, 0, 2.0)
-    assert told["setpoints"]["from_start_m"] < 1.0
+    logbook = flown("mavproxy", "early", "travel", "setpoints", speed=5.0)
+    assert logbook["early"]["detected"] == "1:1"
+    assert logbook["early"]["arm"] == "FAILED"
+    assert logbook["early"]["parameters"] > 700
+    assert approximately(logbook["travel"]["reached"], 14, -10)
+    assert logbook["travel"]["from_start_m"] < 1.0
+    assert approximately(logbook["setpoints"]["moved"], 7, 0, 2.0)
+    assert logbook["setpoints"]["from_start_m"] < 1.0
 
 
 def test_mavproxy_loads_a_mission_and_breaks_a_fence(flown: Flown) -> None:
-    told = flown("mavproxy", "plan", "fence", speed=5.0)
-    plan, fence = told["plan"], told["fence"]
+    logbook = flown("mavproxy", "plan", "fence", speed=5.0)
+    plan, fence = logbook["plan"], logbook["fence"]
     assert (plan["refused"], plan["loaded"]) == ("UNSUPPORTED", "ACCEPTED")
     assert (plan["listed"], plan["left"]) == (6, 0)
     assert plan["reached"] == ["3", "4"]
@@ -80,12 +80,12 @@ def test_mavproxy_loads_a_mission_and_breaks_a_fence(flown: Flown) -> None:
 
 
 def test_dronekit_travels_and_flies_velocities(flown: Flown) -> None:
-    told = flown("dronekit", "early", "travel", "setpoints", speed=5.0)
-    assert not told["early"]["armable"]
-    assert told["early"]["ack"] == [400, 4]
-    assert any(text.startswith("Arm: ") for text in told["early"]["texts"])
-    travel, setpoints = told["travel"], told["setpoints"]
-    assert near(travel["reached"], 16, -12)
+    logbook = flown("dronekit", "early", "travel", "setpoints", speed=5.0)
+    assert not logbook["early"]["armable"]
+    assert logbook["early"]["ack"] == [400, 4]
+    assert any(text.startswith("Arm: ") for text in logbook["early"]["texts"])
+    travel, setpoints = logbook["travel"], logbook["setpoints"]
+    assert approximately(travel["reached"], 16, -12)
     assert 3.5 < travel["fastest_mps"] < 4.5
     assert travel["from_start_m"] < 1.0
     assert 1.8 < setpoints["speed_mps"] < 2.3
@@ -94,8 +94,8 @@ def test_dronekit_travels_and_flies_velocities(flown: Flown) -> None:
 
 
 def test_dronekit_flies_a_mission_and_breaks_a_fence(flown: Flown) -> None:
-    told = flown("dronekit", "plan", "fence", speed=5.0)
-    plan, fence = told["plan"], told["fence"]
+    logbook = flown("dronekit", "plan", "fence", speed=5.0)
+    plan, fence = logbook["plan"], logbook["fence"]
     assert plan["verdict"] == 3  # UNSUPPORTED; DroneKit itself does not look at the verdict
     assert plan["kept"] == [22, 178, 16, 178, 16, 20]
     slow, fast = plan["fastest_mps"]

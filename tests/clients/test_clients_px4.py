@@ -12,7 +12,7 @@ Flown = Callable[..., dict[str, Any]]
 MAVSDKS = pytest.mark.parametrize("client", ["mavsdk", "mavsdk-asyncio", "mavsdk-grpc"])
 
 
-def near(place: list[float], north_m: float, east_m: float, within_m: float = 1.5) -> bool:
+def approximately(place: list[float], north_m: float, east_m: float, within_m: float = 1.5) -> bool:
     return bool(abs(place[0] - north_m) < within_m and abs(place[1] - east_m) < within_m)
 
 
@@ -32,7 +32,7 @@ def test_pymavlink_is_told_why_it_may_not_arm_yet(flown: Flown) -> None:
 def test_places_orbits_and_the_return(client: str, flown: Flown) -> None:
     goal, radius_m = {"mavsdk": ((25, 15), 12), "mavsdk-asyncio": ((-20, 12), 10), "mavsdk-grpc": ((18, -14), 10)}[client]
     travel = flown(client, "travel", speed=5.0)["travel"]
-    assert near(travel["reached"], *goal)
+    assert approximately(travel["reached"], *goal)
     assert radius_m - 1.1 < travel["radii_m"][0] <= travel["radii_m"][1] < radius_m + 1.0
     assert travel["from_start_m"] < 1.0
 
@@ -42,7 +42,7 @@ def test_offboard_needs_a_setpoint_and_flies_velocities_and_positions(client: st
     goal = {"mavsdk": (10, -10), "mavsdk-asyncio": (-6, 8), "mavsdk-grpc": (6, 9)}[client]
     setpoints = flown(client, "setpoints", speed=5.0)["setpoints"]
     assert setpoints["unfed"] == "NO_SETPOINT_SET"
-    assert near(setpoints["landed_at"], *goal)
+    assert approximately(setpoints["landed_at"], *goal)
 
 
 def test_mavsdk_flies_every_kind_of_setpoint(flown: Flown) -> None:
@@ -50,12 +50,12 @@ def test_mavsdk_flies_every_kind_of_setpoint(flown: Flown) -> None:
 
 
 def test_mavsdk_flies_by_stick_and_follows_a_leader(flown: Flown) -> None:
-    told = flown("mavsdk", "sticks", "follow", speed=3.0)
-    assert told["sticks"]["unheld"] != "SUCCESS"
-    assert near(told["sticks"]["moved"], 11, 0)
-    assert 3.0 < told["follow"]["behind_m"] < 16.0
-    assert told["sticks"]["from_start_m"] < 1.0
-    assert told["follow"]["from_start_m"] < 1.0
+    logbook = flown("mavsdk", "sticks", "follow", speed=3.0)
+    assert logbook["sticks"]["unheld"] != "SUCCESS"
+    assert approximately(logbook["sticks"]["moved"], 11, 0)
+    assert 3.0 < logbook["follow"]["behind_m"] < 16.0
+    assert logbook["sticks"]["from_start_m"] < 1.0
+    assert logbook["follow"]["from_start_m"] < 1.0
 
 
 def test_mavsdk_flies_a_fixed_wing(flown: Flown) -> None:
@@ -131,14 +131,14 @@ def test_mavsdk_reads_and_writes_parameters(flown: Flown) -> None:
 
 
 def test_pymavlink_flies_everything(flown: Flown) -> None:
-    told = flown(
+    logbook = flown(
         "pymavlink-px4", "parameters", "travel", "setpoints", "plan", "fence", "payload", speed=5.0, options=["--camera"]
     )
-    assert told["parameters"]["listed"] > 600
-    assert told["parameters"]["wrong_type"] == ["PARAM_ERROR", 7]
-    travel, setpoints, plan, fence = (told[chapter] for chapter in ("travel", "setpoints", "plan", "fence"))
+    assert logbook["parameters"]["listed"] > 600
+    assert logbook["parameters"]["wrong_type"] == ["PARAM_ERROR", 7]
+    travel, setpoints, plan, fence = (logbook[chapter] for chapter in ("travel", "setpoints", "plan", "fence"))
     assert travel["moved"] == travel["circled"] == ["ACCEPTED"]
-    assert near(travel["reached"], 14, 14)
+    assert approximately(travel["reached"], 14, 14)
     assert 8.9 < travel["radii_m"][0] <= travel["radii_m"][1] < 11.0
     assert travel["unknown_command"] == ["UNSUPPORTED"]
     assert setpoints["unfed"] == ["ACCEPTED", "TEMPORARILY_REJECTED"]
@@ -151,8 +151,8 @@ def test_pymavlink_flies_everything(flown: Flown) -> None:
     assert plan["nothing_to_start"] == ["DENIED"]
     assert (fence["two_corners"], fence["uploaded"], fence["beyond"]) == ("ERROR", "ACCEPTED", ["ACCEPTED"])
     assert 24.0 < fence["breached_at_m"] < 35.0
-    assert all(told[chapter]["from_start_m"] < 1.0 for chapter in ("travel", "setpoints", "plan", "fence"))
-    assert told["payload"] == {
+    assert all(logbook[chapter]["from_start_m"] < 1.0 for chapter in ("travel", "setpoints", "plan", "fence"))
+    assert logbook["payload"] == {
         "uncontrolled": ["DENIED"],
         "control": ["ACCEPTED"],
         "turned": ["ACCEPTED"],

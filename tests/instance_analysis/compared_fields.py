@@ -15,18 +15,22 @@ from bench.simspec import SimSpec
 SILENT: Fields = SimSpec(name="prose", world={"area": {"corners": [{"east_m": 0, "north_m": 0}, {"east_m": 9, "north_m": 0}, {"east_m": 0, "north_m": 9}]}}).model_dump(mode="json")  # type: ignore[arg-type]  # fmt: skip
 
 
-def found_fields(found: BaseSimSpec) -> Fields:
+def read_fields(result: BaseSimSpec) -> Fields:
     """What the result says beyond a SimSpec's defaults: fields with a receipt of their own, and ranges."""
-    assert found.simspec is not None
+    assert result.simspec is not None
     spoken = {
-        one.path: one.value
-        for one in found.receipts
-        if one.source != "default" or one.note or one.path.startswith("world.roads[")
+        varied.path: varied.value
+        for varied in result.receipts
+        if varied.source != "default" or varied.note or varied.path.startswith("world.roads[")
     }
     spoken = {path: value for path, value in spoken.items() if path != "description" and value is not None}
     silent = {path: value for path, value in spoken.items() if path.endswith((".tolerance", ".within_deg", ".height_m"))}
-    ranges = {f"~{path}": [one.low, one.high] for one in found.ranges if one.low is not None for path in one.paths}
-    ranges |= {f"~{path}": list(one.levels) for one in found.ranges if one.levels for path in one.paths if "_level" in path}
+    ranges = {
+        f"~{path}": [varied.low, varied.high] for varied in result.ranges if varied.low is not None for path in varied.paths
+    }
+    ranges |= {
+        f"~{path}": list(varied.levels) for varied in result.ranges if varied.levels for path in varied.paths if "_level" in path
+    }
     return {path: value for path, value in spoken.items() if path not in silent} | ranges
 
 
@@ -56,7 +60,7 @@ def is_default(path: str, value: Any) -> bool:
 def by_time(fields: Fields) -> Fields:
     """Orders named by their turn: which id one has is nobody's expectation."""
     at = {path.split("]")[0]: value for path, value in fields.items() if path.startswith("orders[") and path.endswith(".at_s")}
-    turns = {one: f"orders[{turn}" for turn, one in enumerate(sorted(at, key=lambda one: float(at[one])))}
+    turns = {member: f"orders[{turn}" for turn, member in enumerate(sorted(at, key=lambda member: float(at[member])))}
     renamed = {}
     for path, value in fields.items():
         head, bracket, rest = path.partition("]")
@@ -76,13 +80,13 @@ def as_nobody_named_it(fields: Fields) -> Fields:
     for path, value in fields.items():
         if (at := CORNER.fullmatch(path)) and isinstance(value, int | float):
             outlines.setdefault(at[1], {}).setdefault(int(at[2]), [0.0, 0.0])[at[3] == "north"] = float(value)
-    turned = {where: _turned([one[index] for index in sorted(one)]) for where, one in outlines.items()}
+    turned = {where: _turned([field[index] for index in sorted(field)]) for where, field in outlines.items()}
     out = {path: value for path, value in fields.items() if not CORNER.fullmatch(path)}
     for where, ring in turned.items():
         for index, (east, north) in enumerate(ring):
             out |= {f"{where}.corners[{index}].east_m": east, f"{where}.corners[{index}].north_m": north}
     renamed: dict[str, dict[str, str]] = {}
-    for where, _ in sorted(turned.items(), key=lambda one: one[1]):
+    for where, _ in sorted(turned.items(), key=lambda field: field[1]):
         if named := GROUND.match(where):
             renamed.setdefault(named[1], {}).setdefault(named[2], str(len(renamed.get(named[1], {}))))
     return by_time({_plain_path(path, renamed): _plain_value(path, value, renamed) for path, value in out.items()})
@@ -133,29 +137,31 @@ def same(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
-def wrong_in(entry: dict[str, Any], found: BaseSimSpec | None) -> tuple[int, list[str]]:
+def wrong_in(entry: dict[str, Any], read: BaseSimSpec | None) -> tuple[int, list[str]]:
     """Number of fields compared, and what is wrong in each that is; None stands for a text that was refused."""
-    if found is None:
+    if read is None:
         missing = [path for path in expected_fields(entry["is"]) if not is_open(path, entry.get("open", ()))]
         return len(missing) + 2, ["refused"] * (len(missing) + 2)
     compared, wrong = 0, list[str]()
-    for name, here in (("asks", len(found.questions)), ("unexpressed", len(found.not_expressible))):
+    for name, here in (("asks", len(read.questions)), ("unexpressed", len(read.not_expressible))):
         if name == "asks" or name in entry:
             compared += 1
             if here != entry.get(name, 0):
                 wrong.append(
-                    f"{name} {here}, expected {entry.get(name, 0)}: {[one.quote for one in found.not_expressible]} {[one.ask for one in found.questions]}"
+                    f"{name} {here}, expected {entry.get(name, 0)}: {[field_path.quote for field_path in read.not_expressible]} {[field_path.ask for field_path in read.questions]}"
                 )
     compared += 1
-    unread = bool(found.not_understood or (entry.get("listed") and found.not_expressible))
+    unread = bool(read.not_understood or (entry.get("listed") and read.not_expressible))
     if unread != bool(entry.get("unread") or entry.get("listed")):
-        wrong.append(f"not understood: {[one.quote for one in found.not_understood]}")
-    if found.questions and not entry.get("asks"):  # a document that is not there has none of its fields
+        wrong.append(f"not understood: {[field_path.quote for field_path in read.not_understood]}")
+    if read.questions and not entry.get("asks"):  # a document that is not there has none of its fields
         missing = [path for path in expected_fields(entry["is"]) if not is_open(path, entry.get("open", ()))]
         return compared + len(missing), [*wrong, *(f"{path}: not there, a question is open" for path in missing)]
-    if not entry.get("asks") and not found.questions:
-        expected, here_is = as_nobody_named_it(expected_fields(entry["is"])), as_nobody_named_it(found_fields(found))
-        others = [expected_fields({name: one}) for name, several in entry.get("also", {}).items() for one in several]
+    if not entry.get("asks") and not read.questions:
+        expected, here_is = as_nobody_named_it(expected_fields(entry["is"])), as_nobody_named_it(read_fields(read))
+        others = [
+            expected_fields({name: field_path}) for name, several in entry.get("also", {}).items() for field_path in several
+        ]
         for path in sorted(expected.keys() | here_is.keys()):
             if is_open(path, entry.get("open", ())):
                 continue
@@ -164,6 +170,6 @@ def wrong_in(entry: dict[str, Any], found: BaseSimSpec | None) -> tuple[int, lis
                 continue
             compared += 1
             right = [expected.get(path), *(other.get(path) for other in others if path in other)]
-            if not any(same(one, here_is.get(path)) for one in right):
+            if not any(same(field_path, here_is.get(path)) for field_path in right):
                 wrong.append(f"{path}: {here_is.get(path)}, expected {expected.get(path)}")
     return compared, wrong

@@ -44,7 +44,7 @@ Fields = dict[str, Any]
 
 def expected_fields(short: Fields) -> Fields:
     """Every field that is not a SimSpec's default, and `~path` for each range, from the short form."""
-    area = tuple(float(one) for one in str(short.get("area", "600 250")).split())
+    area = tuple(float(entry) for entry in str(short.get("area", "600 250")).split())
     out: Fields = {}
     for key, value in short.items():
         name, _, rest = key.partition(".")
@@ -53,7 +53,7 @@ def expected_fields(short: Fields) -> Fields:
             out |= _corners("world.area", -area[0] / 2, -area[1] / 2, area[0] / 2, area[1] / 2)
         elif name == "intel":
             out |= {f"intelligence[{rest}-sighting].id": f"{rest}-sighting", f"intelligence[{rest}-sighting].about": rest}
-            out |= {f"intelligence[{rest}-sighting].{field}": one for field, one in value.items()}
+            out |= {f"intelligence[{rest}-sighting].{field}": entry for field, entry in value.items()}
         elif name == "order":
             kind = rest.rstrip("0123456789").rstrip("-").replace("-", "_")
             out |= {f"orders[{rest}].id": rest, f"orders[{rest}].kind": kind, f"orders[{rest}].at_s": value}
@@ -84,8 +84,8 @@ def _of_group(group: str, base: str, rest: str, value: Any, area: tuple[float, .
             return {f"{where}.id": group, f"{where}.asset": asset, f"{where}.role": role} | _count(where, str(value))
         case "near":
             of, low, high = words
-            found: Fields = {f"{placed}.near.of": of, f"{placed}.near.max_m": float(high)}
-            return found | ({f"{placed}.near.min_m": float(low)} if float(low) else {})
+            fields: Fields = {f"{placed}.near.of": of, f"{placed}.near.max_m": float(high)}
+            return fields | ({f"{placed}.near.min_m": float(low)} if float(low) else {})
         case "away":
             row = f"{placed}.distances[0]"
             return {f"{row}.of": words[0], f"{row}.whom": "every", f"{row}.min_m": float(words[1])}

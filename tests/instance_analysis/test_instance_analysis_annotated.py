@@ -19,15 +19,15 @@ TEXTS = [
 @pytest.mark.parametrize("text", TEXTS)
 def test_the_file_is_the_same_simspec(text: str) -> None:
     """Whatever is left out of the file is a default, and comments change nothing."""
-    found = read_prose(text, load_vocabulary())
-    assert found.simspec is not None
-    assert read_document(annotated_yaml(found), SimSpec) == found.simspec
+    result = read_prose(text, load_vocabulary())
+    assert result.simspec is not None
+    assert read_document(annotated_yaml(result), SimSpec) == result.simspec
 
 
 def test_every_line_that_was_said_quotes_it() -> None:
     """What the prose says stands in the file even where it is a default; what it does not say stands there as a default or not at all."""
-    found = read_prose(TEXTS[0], load_vocabulary())
-    lines = [line.strip() for line in annotated_yaml(found).splitlines()]
+    result = read_prose(TEXTS[0], load_vocabulary())
+    lines = [line.strip() for line in annotated_yaml(result).splitlines()]
 
     assert "altitude_m: 60.0  # 'at 60 m'" in lines
     assert "count: 5  # 'between 5 and 10 civilians'" in lines

@@ -16,7 +16,7 @@ from bench.simspec import SimSpec
 
 CORPUS = Path(__file__).parent / "corpus"
 VOCABULARY = load_vocabulary()
-ENTRIES = [(f"{file.stem}-{number}", one) for file in sorted(CORPUS.glob("*.yaml")) for number, one in enumerate(yaml.safe_load(file.read_text()), start=1)]  # fmt: skip
+ENTRIES = [(f"{file.stem}-{number}", entry) for file in sorted(CORPUS.glob("*.yaml")) for number, entry in enumerate(yaml.safe_load(file.read_text()), start=1)]  # fmt: skip
 FLOORS = {"outside_a": 0.90, "outside_b": 0.83, "outside_c": 0.62}
 """The least share of fields exact for texts of outside authors; all other files together have 95 %."""
 
@@ -51,7 +51,7 @@ def test_fields_are_exact(file: str, readings: dict[str, BaseSimSpec | None], ca
             continue
         number, wrong = wrong_in(entry, readings[name])
         compared += number
-        missed += [f"{name}: {entry['say']!r}: {one}" for one in wrong]
+        missed += [f"{name}: {entry['say']!r}: {difference}" for difference in wrong]
     share = 1.0 - len(missed) / compared
     with capsys.disabled():
         print(f"\n{file}: {compared} fields, {share:.2%} exact")
@@ -62,22 +62,22 @@ def test_what_is_read_wrong_is_seldom_silent(readings: dict[str, BaseSimSpec | N
     """Where a field is not what a person expects, something is listed or asked; of all texts at most 2 % come out wrong without a word."""
     silent = []
     for name, entry in ENTRIES:
-        found = readings[name]
-        if found is None or found.questions or found.not_understood or found.not_expressible:
+        result = readings[name]
+        if result is None or result.questions or result.not_understood or result.not_expressible:
             continue
-        _, wrong = wrong_in(entry, found)
-        fields = [one for one in wrong if not one.startswith(("asks", "unexpressed", "not understood"))]
+        _, wrong = wrong_in(entry, result)
+        fields = [receipt for receipt in wrong if not receipt.startswith(("asks", "unexpressed", "not understood"))]
         silent += [f"{name}: {entry['say']!r}: {fields}"] if fields else []
     assert len(silent) <= 0.02 * len(ENTRIES), "\n".join(silent)
 
 
 def leaves(value: Any, where: str = "") -> Iterator[str]:
     if isinstance(value, dict) and value:
-        for name, one in value.items():
-            yield from leaves(one, f"{where}.{name}" if where else name)
+        for name, entry in value.items():
+            yield from leaves(entry, f"{where}.{name}" if where else name)
     elif isinstance(value, list) and value and isinstance(value[0], dict):
-        for index, one in enumerate(value):
-            yield from leaves(one, f"{where}[{one.get('id', index)}]")
+        for index, entry in enumerate(value):
+            yield from leaves(entry, f"{where}[{entry.get('id', index)}]")
     else:
         yield where
 
@@ -85,23 +85,23 @@ def leaves(value: Any, where: str = "") -> Iterator[str]:
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
 def test_every_field_has_a_receipt(name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec | None]) -> None:
     """Valid by the schema; every field has a receipt, whose quote stands in the text; nothing is filled in silently."""
-    found = readings[name]
-    if found is None:  # with a sentence each that says what to mend; texts of outside authors alone
+    result = readings[name]
+    if result is None:  # with a sentence each that says what to mend; texts of outside authors alone
         assert name.startswith("outside_")
         return
-    if found.simspec is None:
-        assert found.questions
+    if result.simspec is None:
+        assert result.questions
         return
-    written = found.simspec.model_dump(mode="json")
-    assert SimSpec.model_validate(written) == found.simspec
-    assert [one.path for one in found.receipts] == list(leaves(written))
+    written = result.simspec.model_dump(mode="json")
+    assert SimSpec.model_validate(written) == result.simspec
+    assert [receipt.path for receipt in result.receipts] == list(leaves(written))
     defaults = SimSpec(name="prose", world={"area": written["world"]["area"]}).model_dump(mode="json")  # type: ignore[arg-type]
-    for one in found.receipts:
-        if one.source == "prose":
-            assert one.start is not None
-            assert entry["say"][one.start : one.end] == one.quote != ""
-        elif not one.note and "[" not in one.path:
+    for receipt in result.receipts:
+        if receipt.source == "prose":
+            assert receipt.start is not None
+            assert entry["say"][receipt.start : receipt.end] == receipt.quote != ""
+        elif not receipt.note and "[" not in receipt.path:
             here: Any = defaults
-            for part in one.path.split("."):
+            for part in receipt.path.split("."):
                 here = here[part]
-            assert here == one.value, one.path
+            assert here == receipt.value, receipt.path

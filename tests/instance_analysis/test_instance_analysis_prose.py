@@ -62,8 +62,8 @@ def test_many_words_that_nobody_knows_take_bounded_time() -> None:
     """Each unknown word is compared with the vocabulary, and all of them are listed."""
     words = [f"{a}{b}{c}qqxz" for a in "abcdefghijkl" for b in "mnopqrstuv" for c in "wxyzabcdefg"]
     begin = time.process_time()
-    found = read_prose(f"A radar. {' '.join(words)}", VOCABULARY)
-    assert len(found.not_understood) == len(words)
+    result = read_prose(f"A radar. {' '.join(words)}", VOCABULARY)
+    assert len(result.not_understood) == len(words)
     assert time.process_time() - begin < 20.0
 
 
@@ -79,22 +79,22 @@ def test_many_words_that_nobody_knows_take_bounded_time() -> None:
 )
 def test_what_is_denied_is_left_and_listed(text: str, quote: str) -> None:
     """A phrase after a denial changes no field and is listed as not understood."""
-    found = read_prose(text, VOCABULARY)
-    assert quote in [one.quote for one in found.not_understood]
-    assert found.simspec is not None
-    [truck] = found.simspec.actors
+    result = read_prose(text, VOCABULARY)
+    assert quote in [entry.quote for entry in result.not_understood]
+    assert result.simspec is not None
+    [truck] = result.simspec.actors
     assert (truck.concealment, truck.motion.kind) == (0.0, "still")
-    assert not found.simspec.vehicle.camera.gimbal
-    assert found.simspec.environment.rain_level == 0.0
-    assert not [one for one in found.receipts if one.source == "prose" and one.quote == quote]
+    assert not result.simspec.vehicle.camera.gimbal
+    assert result.simspec.environment.rain_level == 0.0
+    assert not [entry for entry in result.receipts if entry.source == "prose" and entry.quote == quote]
 
 
 def test_roads_are_kept_clear_of() -> None:
     """A least distance from a road, a largest one, or both; the upper end that is not said is farther than the area goes."""
     text = "A radar at least 30 m from the road. [1,2] military trucks [20-40] meters from the road."
-    found = read_prose(text, VOCABULARY)
-    assert found.simspec is not None
-    radar, truck = (group.placement.along for group in found.simspec.actors)
+    result = read_prose(text, VOCABULARY)
+    assert result.simspec is not None
+    radar, truck = (group.placement.along for group in result.simspec.actors)
     assert radar is not None
     assert truck is not None
     assert (radar.at_least_m, radar.within_m) == (30.0, 680.0)
@@ -104,19 +104,19 @@ def test_roads_are_kept_clear_of() -> None:
 def test_relations_that_cannot_be_said_are_listed() -> None:
     """What a SimSpec has no field for is listed with the reason, and the rest stands."""
     text = "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
-    found = read_prose(text, VOCABULARY)
-    quotes = [one.quote for one in found.not_expressible]
+    result = read_prose(text, VOCABULARY)
+    quotes = [entry.quote for entry in result.not_expressible]
     assert quotes == ["near the village", "on average 40 m from a shed"]
-    assert found.simspec is not None
-    assert [group.id for group in found.simspec.actors] == ["radar", "civilian", "truck", "shed"]
+    assert result.simspec is not None
+    assert [group.id for group in result.simspec.actors] == ["radar", "civilian", "truck", "shed"]
 
 
 def test_what_is_said_of_reports_and_kept_of_marks_is_remarked() -> None:
     """The bench holds back marks near bystanders; a rule of reports is taken as that rule, and said."""
-    found = read_prose("A radar. Do not report within 50 m of civilians.", VOCABULARY)
-    assert not found.questions
-    assert [one.quote for one in found.remarks] == ["Do not report within 50 m of civilians"]
-    [receipt] = [one for one in found.receipts if one.path == "rules.no_mark_within_m"]
+    result = read_prose("A radar. Do not report within 50 m of civilians.", VOCABULARY)
+    assert not result.questions
+    assert [entry.quote for entry in result.remarks] == ["Do not report within 50 m of civilians"]
+    [receipt] = [entry for entry in result.receipts if entry.path == "rules.no_mark_within_m"]
     assert (receipt.value, receipt.source) == (50.0, "prose")
     assert "mark true" in receipt.note
 
@@ -130,10 +130,10 @@ def test_a_megabyte_is_refused_at_once(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_contradictions_are_asked_with_both_places() -> None:
     """What is said twice and differently is a question that quotes both."""
-    found = read_prose("Altitude 60 m. One truck. Altitude 80 m.", VOCABULARY)
-    assert found.simspec is None
-    assert "'Altitude 60 m' and 'Altitude 80 m'" in found.questions[0].ask
-    assert found.questions[0].readings == ("mission.altitude_m = 60.0", "mission.altitude_m = 80.0")
+    result = read_prose("Altitude 60 m. One truck. Altitude 80 m.", VOCABULARY)
+    assert result.simspec is None
+    assert "'Altitude 60 m' and 'Altitude 80 m'" in result.questions[0].ask
+    assert result.questions[0].readings == ("mission.altitude_m = 60.0", "mission.altitude_m = 80.0")
 
 
 def test_questions_are_exit_1_and_accept_chooses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -156,7 +156,7 @@ def test_ranges_become_a_campaign_that_can_be_realized(tmp_path: Path, capsys: p
     text = "A radar. Between 5 and 10 civilians 20 to 40 m from it. Altitude 60-100 m. Light rain or fog level 3."
     campaign = tmp_path / "campaign.yaml"
     assert run(["prose", text, "--campaign", str(campaign), "--points", "4"]) == 0
-    factors = {one.name: one for one in load_campaign(campaign).design.factors}
+    factors = {entry.name: entry for entry in load_campaign(campaign).design.factors}
     assert sorted(factors) == ["civilian-count", "mission-altitude-m", "weather"]
     assert factors["weather"].levels == ("rain-2", "fog-3")
     assert run(["realize", str(campaign), "--out", str(tmp_path / "scenes")]) == 0
@@ -174,8 +174,8 @@ def test_a_campaign_that_cannot_be_scored_says_what_it_lacks(tmp_path: Path, cap
     campaign = str(tmp_path / "campaign.yaml")
     text = "A radar. 3 to 9 civilians within 50 m of it."
     assert run(["prose", text, "--campaign", campaign]) == 0
-    assert "not to be scored yet" in (told := capsys.readouterr().err)
-    assert "intelligence_uncertainty_m" in told
+    assert "not to be scored yet" in (message := capsys.readouterr().err)
+    assert "intelligence_uncertainty_m" in message
     assert run(["prose", f"{text} Intelligence on the radar, accurate to 60 m.", "--campaign", campaign]) == 0
     assert "not to be scored" not in capsys.readouterr().err
 
@@ -203,8 +203,8 @@ def test_json_is_whole_and_the_same_each_time(capsys: pytest.CaptureFixture[str]
 
 def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
     """A user's words go before the bench's; what they name must be there."""
-    own = tmp_path / "own.yaml"
-    own.write_text(
+    vocabulary = tmp_path / "own.yaml"
+    vocabulary.write_text(
         yaml.safe_dump(
             {
                 "assets": {"technical": {"asset": "civilian-car", "role": "adversary", "words": ["technical"]}},
@@ -213,17 +213,17 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
             }
         )
     )
-    found = read_prose("Two technicals 2 furlongs from a house. A tree near the house.", load_vocabulary(own)).simspec
-    assert found is not None
-    technical, tree = found.group("technical"), found.group("tree")
+    result = read_prose("Two technicals 2 furlongs from a house. A tree near the house.", load_vocabulary(vocabulary)).simspec
+    assert result is not None
+    technical, tree = result.group("technical"), result.group("tree")
     assert (technical.asset, technical.role, technical.count) == ("civilian-car", "adversary", 2)
     assert technical.placement.near is not None
     assert technical.placement.near.max_m == pytest.approx(2 * 201.168 * 1.1)
     assert tree.placement.near is not None
     assert tree.placement.near.max_m == 20.0
-    own.write_text("assets: {ufo: {asset: saucer, role: adversary, words: [ufo]}}")
+    vocabulary.write_text("assets: {ufo: {asset: saucer, role: adversary, words: [ufo]}}")
     with pytest.raises(SetupError, match="there is no asset 'saucer'"):
-        load_vocabulary(own)
+        load_vocabulary(vocabulary)
 
 
 def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str]) -> None:
@@ -234,8 +234,8 @@ def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert run(["prose", text, "--groups"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    heads = [one for one in lines if not one.startswith(" ")]
-    assert all(one.endswith("variations") and "KA-03=" in one for one in heads)
+    heads = [entry for entry in lines if not entry.startswith(" ")]
+    assert all(entry.endswith("variations") and "KA-03=" in entry for entry in heads)
     assert len(lines) - len(heads) == 4
 
 
@@ -253,14 +253,15 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
     """The harder end of what is told has the tension; a little beyond the easier end it begins."""
     assert run(["tension", "KA-03", str(wanted), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["factors"]
-    asked = load_decomposition("search-and-report", FactorNames({name: one.unit for name, one in FACTORS.items()}))
+    questions = load_decomposition("search-and-report", FactorNames({name: entry.unit for name, entry in FACTORS.items()}))
     example = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
-    [row] = [one for one in rows if one["factor"] == "bystander_density_per_km2"]
+    [row] = [entry for entry in rows if entry["factor"] == "bystander_density_per_km2"]
     for density in (row["from"] + 0.01, row["to"]):
         actors = tuple(
-            one.model_copy(update={"density_per_km2": density}) if one.id == "civilians" else one for one in example.actors
+            entry.model_copy(update={"density_per_km2": density}) if entry.id == "civilians" else entry
+            for entry in example.actors
         )
-        assert difficulty_of(asked, example.model_copy(update={"actors": actors})).nodes["KA-03"].tension == wanted
+        assert difficulty_of(questions, example.model_copy(update={"actors": actors})).nodes["KA-03"].tension == wanted
 
 
 def test_any_words_are_answered_or_refused() -> None:
@@ -286,29 +287,29 @@ def test_any_words_are_answered_or_refused() -> None:
 )
 def test_what_is_taken_without_being_said_is_a_remark(text: str, remark: str) -> None:
     """Nothing is assumed silently where nothing is asked."""
-    found = read_prose(text, VOCABULARY)
-    assert not found.questions
-    assert any(remark in one.why for one in found.remarks)
+    result = read_prose(text, VOCABULARY)
+    assert not result.questions
+    assert any(remark in entry.why for entry in result.remarks)
 
 
 @pytest.mark.parametrize("word", ["guarded by", "escorted by", "surrounded by", "next to"])
 def test_words_for_being_near_are_read_as_near(word: str) -> None:
     """They are no words that change nothing."""
-    found = read_prose(f"A radar vehicle {word} four soldiers.", VOCABULARY)
-    assert {one.path: one.value for one in found.receipts}["actors[radar].placement.near.of"] == "soldier"
+    result = read_prose(f"A radar vehicle {word} four soldiers.", VOCABULARY)
+    assert {entry.path: entry.value for entry in result.receipts}["actors[radar].placement.near.of"] == "soldier"
 
 
 def test_words_that_say_where_are_never_dropped() -> None:
     """What the grammar has no place for is listed."""
-    found = read_prose("A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY)
-    assert {"outside", "left", "into"} <= {one.quote for one in (*found.not_understood, *found.not_expressible)}
+    result = read_prose("A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY)
+    assert {"outside", "left", "into"} <= {entry.quote for entry in (*result.not_understood, *result.not_expressible)}
 
 
 def test_a_group_is_at_no_distance_from_itself() -> None:
     """So who stands 20 to 40 m from the radar, the radar and the trucks or the trucks alone, is no question."""
-    found = read_prose("A radar vehicle and [1,2] trucks [20-40] m from the radar.", VOCABULARY)
-    assert not found.questions
-    assert {one.path: one.value for one in found.receipts}["actors[truck].placement.near.min_m"] == 20.0
+    result = read_prose("A radar vehicle and [1,2] trucks [20-40] m from the radar.", VOCABULARY)
+    assert not result.questions
+    assert {entry.path: entry.value for entry in result.receipts}["actors[truck].placement.near.min_m"] == 20.0
 
 
 def test_questions_and_names_of_speakers_describe_nothing() -> None:
@@ -317,9 +318,9 @@ def test_questions_and_names_of_speakers_describe_nothing() -> None:
         "jo: two soldiers near a shed\nkim: how many trucks are there?\n"
         "jo: one truck, and the two soldiers walk about at one metre a\nsecond\nkim: ok"
     )
-    found = read_prose(chat, VOCABULARY)
-    values = {one.path: one.value for one in found.receipts}
-    assert [one.quote for one in found.not_understood] == ["how many trucks are there"]
+    result = read_prose(chat, VOCABULARY)
+    values = {entry.path: entry.value for entry in result.receipts}
+    assert [entry.quote for entry in result.not_understood] == ["how many trucks are there"]
     assert values["actors[soldier].motion.speed_mps"] == 1.0
     assert values["actors[truck].count"] == 1
 
@@ -337,11 +338,11 @@ def test_questions_and_names_of_speakers_describe_nothing() -> None:
 )
 def test_words_that_would_change_the_scene_are_never_dropped(text: str, word: str) -> None:
     """Whose side, when, on what condition: what is not read is listed."""
-    assert word in [one.quote for one in read_prose(text, VOCABULARY).not_understood]
+    assert word in [entry.quote for entry in read_prose(text, VOCABULARY).not_understood]
 
 
 def test_night_is_said_to_be_midnight() -> None:
     """The darkest moment, with the words as receipt."""
-    found = read_prose("A radar at night.", VOCABULARY)
-    assert found.simspec is not None
-    assert (found.simspec.environment.start_utc.hour, found.simspec.environment.start_utc.minute) == (23, 28)
+    result = read_prose("A radar at night.", VOCABULARY)
+    assert result.simspec is not None
+    assert (result.simspec.environment.start_utc.hour, result.simspec.environment.start_utc.minute) == (23, 28)

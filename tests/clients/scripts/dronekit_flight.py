@@ -130,9 +130,9 @@ class Flight:
         return {"speed_mps": max(speeds), "stopped_at": stopped_at, "from_start_m": self.down(start)}
 
     def command(self, number: int, north_m: float, east_m: float, *params: float, frame: int = 3) -> Command:
-        one, two = (*params, 0.0, 0.0)[:2]
+        message, two = (*params, 0.0, 0.0)[:2]
         latitude, longitude = place(*self.start, north_m, east_m)
-        return Command(0, 0, 0, frame, number, 0, 1, one, two, 0, 0, latitude, longitude, HEIGHT_M)
+        return Command(0, 0, 0, frame, number, 0, 1, message, two, 0, 0, latitude, longitude, HEIGHT_M)
 
     def plan(self) -> dict[str, Any]:
         """A mission with a takeoff, two speeds and a return; one that is refused before."""
@@ -162,7 +162,7 @@ class Flight:
         commands.upload()
         commands.download()
         commands.wait_ready()
-        kept = [commands[number].command for number in range(commands.count)]
+        uploaded = [commands[number].command for number in range(commands.count)]
         self.armed()
         self.mode("AUTO")
         self.vehicle.send_mavlink(self.vehicle.message_factory.command_long_encode(0, 0, 300, 0, 0, 0, 0, 0, 0, 0, 0))
@@ -174,7 +174,7 @@ class Flight:
 
         wait_until("the return", flown)
         return {
-            "refused": refused, "verdict": verdict, "kept": kept, "fastest_mps": [speeds[3], speeds[5]],
+            "refused": refused, "verdict": verdict, "kept": uploaded, "fastest_mps": [speeds[3], speeds[5]],
             "from_start_m": self.down(self.start),
         }  # fmt: skip
 
@@ -199,11 +199,11 @@ class Flight:
         self.ready()
         pitches: list[float] = []
 
-        def heard(_: Any, __: str, message: Any) -> None:
+        def record_pitch(_: Any, __: str, message: Any) -> None:
             w, x, y, z = message.q
             pitches.append(math.degrees(math.asin(2 * (w * y - z * x))))
 
-        self.vehicle.add_message_listener("GIMBAL_DEVICE_ATTITUDE_STATUS", heard)
+        self.vehicle.add_message_listener("GIMBAL_DEVICE_ATTITUDE_STATUS", record_pitch)
         ask = self.vehicle.message_factory.command_long_encode(0, 0, 511, 0, 285, 100_000, 0, 0, 0, 0, 0)
         self.vehicle.send_mavlink(ask)
         self.vehicle.gimbal.rotate(-50, 0, 0)

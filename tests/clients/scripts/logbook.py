@@ -16,11 +16,11 @@ PATIENCE_S = 60.0
 def wait_until(what: str, holds: Callable[[], Any], timeout_s: float = PATIENCE_S) -> Any:
     """What `holds` gives when it is first true; exits with a sentence when that is not within `timeout_s` of the host's clock."""
     end = time.monotonic() + timeout_s
-    while not (found := holds()):
+    while not (value := holds()):
         if time.monotonic() > end:
             sys.exit(f"gave up waiting {timeout_s:.0f} s for {what}")
         time.sleep(0.01)
-    return found
+    return value
 
 
 def place(latitude: float, longitude: float, north_m: float, east_m: float) -> tuple[float, float]:
@@ -44,24 +44,24 @@ def distance_m(start: tuple[float, float], end: tuple[float, float]) -> float:
     return math.hypot(*apart(start, end))
 
 
-def tell(told: Mapping[str, Any]) -> None:
+def tell(record: Mapping[str, Any]) -> None:
     """The one document that the tests read: the last line on stdout."""
-    print(json.dumps(told), flush=True)
+    print(json.dumps(record), flush=True)
 
 
 def run_chapters(flight: object, wanted: list[str]) -> None:
     """Fly the chapters, methods of `flight`, in the order asked for, and tell what each saw."""
-    told = {}
+    record = {}
     for name in wanted:
-        told[name] = getattr(flight, name)()
-        print(f"{name}: {told[name]}", file=sys.stderr, flush=True)
-    tell(told)
+        record[name] = getattr(flight, name)()
+        print(f"{name}: {record[name]}", file=sys.stderr, flush=True)
+    tell(record)
 
 
 async def run_chapters_async(flight: object, wanted: list[str]) -> None:
     """The same of coroutines."""
-    told = {}
+    record = {}
     for name in wanted:
-        told[name] = await getattr(flight, name)()
-        print(f"{name}: {told[name]}", file=sys.stderr, flush=True)
-    tell(told)
+        record[name] = await getattr(flight, name)()
+        print(f"{name}: {record[name]}", file=sys.stderr, flush=True)
+    tell(record)

@@ -44,21 +44,21 @@ class Console:
     def expect(self, pattern: str, timeout_s: float = 30.0) -> re.Match[str]:
         """The first line from here on that the pattern is found in."""
         end = time.monotonic() + timeout_s
-        heard = []
-        while (left := end - time.monotonic()) > 0:
+        output = []
+        while (remaining := end - time.monotonic()) > 0:
             try:
-                heard.append(self.lines.get(timeout=left))
+                output.append(self.lines.get(timeout=remaining))
             except queue.Empty:
                 break
-            if found := re.search(pattern, heard[-1]):
-                return found
-        return sys.exit(f"gave up waiting {timeout_s:.0f} s for {pattern!r}; heard {heard}")
+            if match := re.search(pattern, output[-1]):
+                return match
+        return sys.exit(f"gave up waiting {timeout_s:.0f} s for {pattern!r}; heard {output}")
 
     def ask(self, line: str, pattern: str) -> str:
         """Type a line; what the pattern's first group, or all of it, found after it."""
         self.type(line)
-        found = self.expect(pattern)
-        return found.group(found.re.groups and 1)
+        match = self.expect(pattern)
+        return match.group(match.re.groups and 1)
 
     def close(self) -> None:
         self.process.kill()  # asked to end, it waits for its terminal
@@ -72,8 +72,8 @@ class Flight:
 
     def here(self) -> tuple[float, float]:
         self.console.type("status GLOBAL_POSITION_INT")
-        found = self.console.expect(r"GLOBAL_POSITION_INT \{.*lat : (-?\d+), lon : (-?\d+)")
-        return int(found[1]) / 1e7, int(found[2]) / 1e7
+        match = self.console.expect(r"GLOBAL_POSITION_INT \{.*lat : (-?\d+), lon : (-?\d+)")
+        return int(match[1]) / 1e7, int(match[2]) / 1e7
 
     def height_m(self) -> float:
         return int(self.console.ask("status GLOBAL_POSITION_INT", r"relative_alt : (-?\d+)")) / 1000
@@ -183,10 +183,10 @@ class Flight:
         from_start_m = self.down(start)
         self.console.type("wp clear")
         self.console.expect(r"TYPE_MISSION: ACCEPTED|Cleared")
-        left = self.console.ask("wp list", r"Requesting (\d+) waypoints")
+        remaining = self.console.ask("wp list", r"Requesting (\d+) waypoints")
         return {
             "refused": refused, "loaded": loaded, "listed": int(listed), "reached": reached, "from_start_m": from_start_m,
-            "left": int(left),
+            "left": int(remaining),
         }  # fmt: skip
 
     def fence(self) -> dict[str, Any]:
@@ -218,13 +218,13 @@ class Flight:
         turned = self.console.ask("long DO_MOUNT_CONTROL -40 0 20 0 0 0 2", r"DO_MOUNT_CONTROL: (\w+)")
         self.console.type("long SET_MESSAGE_INTERVAL 285 100000")
         end = time.monotonic() + 20.0
-        told = r"GIMBAL_DEVICE_ATTITUDE_STATUS \{.*q : \[([-\d., e]+)\]"
+        values = r"GIMBAL_DEVICE_ATTITUDE_STATUS \{.*q : \[([-\d., e]+)\]"
         pitch_deg = 0.0
         while abs(pitch_deg + 40.0) > 1.0:
             if time.monotonic() > end:
                 sys.exit(f"the gimbal stays at {pitch_deg}")
             time.sleep(0.3)
-            w, x, y, z = (float(one) for one in self.console.ask("status GIMBAL_DEVICE_ATTITUDE_STATUS", told).split(","))
+            w, x, y, z = (float(value) for value in self.console.ask("status GIMBAL_DEVICE_ATTITUDE_STATUS", values).split(","))
             pitch_deg = math.degrees(math.asin(2.0 * (w * y - z * x)))
         return {"turned": turned, "pitch_deg": pitch_deg}
 
@@ -235,8 +235,8 @@ class Flight:
         while True:
             line = self.console.lines.get(timeout=PATIENCE_S)
             lines.append(line)
-            if found := re.search(r"GLOBAL_POSITION_INT \{.*lat : (-?\d+), lon : (-?\d+)", line):
-                self.last_place = int(found[1]) / 1e7, int(found[2]) / 1e7
+            if match := re.search(r"GLOBAL_POSITION_INT \{.*lat : (-?\d+), lon : (-?\d+)", line):
+                self.last_place = int(match[1]) / 1e7, int(match[2]) / 1e7
                 return lines
 
 

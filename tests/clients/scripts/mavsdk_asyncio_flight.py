@@ -63,7 +63,7 @@ class Flight:
     async def mode(self, name: str) -> None:
         await until(f"mode {name}", self.telemetry.subscribe_flight_mode(), lambda mode: mode.name == name)
 
-    async def near(self, target: tuple[float, float], within_m: float = 0.7) -> None:
+    async def travel_near(self, target: tuple[float, float], within_m: float = 0.7) -> None:
         await until(
             "the place",
             self.telemetry.subscribe_position(),
@@ -110,7 +110,7 @@ class Flight:
         altitude_m = (await self.telemetry.position()).absolute_altitude_m
         target = place(*start, -20.0, 12.0)
         await self.action.goto_location(*target, altitude_m, math.nan)
-        await self.near(target)
+        await self.travel_near(target)
         reached = apart(start, await self.here())
         await self.action.do_orbit(10.0, 3.0, OrbitYawBehavior.HOLD_FRONT_TO_CIRCLE_CENTER, *target, altitude_m)
         radii: list[float] = []
@@ -135,7 +135,7 @@ class Flight:
         await self.mode("OFFBOARD")
         await until("the speed", self.telemetry.subscribe_velocity_ned(), lambda v: math.hypot(v.north_m_s, v.east_m_s) > 1.7)
         await offboard.set_position_ned(PositionNedYaw(-6.0, 8.0, -HEIGHT_M, 0.0))
-        await self.near(place(*start, -6.0, 8.0), 1.0)
+        await self.travel_near(place(*start, -6.0, 8.0), 1.0)
         await offboard.stop()
         await self.action.land()
         await until("disarming", self.telemetry.subscribe_armed(), lambda armed: not armed)
@@ -179,7 +179,7 @@ class Flight:
 
     async def payload(self) -> dict[str, Any]:
         gimbal = GimbalAsync(self.system)
-        listed = await until("a gimbal", gimbal.subscribe_gimbal_list(), lambda found: found.gimbals)
+        listed = await until("a gimbal", gimbal.subscribe_gimbal_list(), lambda camera: camera.gimbals)
         number = listed.gimbals[0].gimbal_id
         control = await outcome(gimbal.take_control(number, ControlMode.PRIMARY))
         turned = await outcome(gimbal.set_angles(number, 0.0, -60.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE))

@@ -302,7 +302,7 @@ class Flight:
     def raw(self) -> dict[str, Any]:
         """Raw items: what is refused at upload, what comes back, and a mission that cannot start."""
         raw, mission = MissionRaw(self.system), Mission(self.system)
-        good = [raw_item(0, 22), raw_item(1, 16, north_m=20.0), raw_item(2, 20, frame=MISSION_FRAME)]
+        accepted = [raw_item(0, 22), raw_item(1, 16, north_m=20.0), raw_item(2, 20, frame=MISSION_FRAME)]
         cleared = outcome(raw.clear_mission)
         self.ready()
         nothing = outcome(mission.start_mission)  # a mode, which PX4 grants whoever is disarmed
@@ -312,7 +312,7 @@ class Flight:
         return {
             "cleared": cleared,
             "nothing_to_fly": [nothing, unarmable],
-            "good": outcome(raw.upload_mission, good),
+            "good": outcome(raw.upload_mission, accepted),
             "commands": [item.command for item in raw.download_mission()],
             "unknown_command": outcome(raw.upload_mission, [raw_item(0, 31999)]),
             "bad_frame": outcome(raw.upload_mission, [raw_item(0, 16, frame=GLOBAL_FRAME_1)]),
@@ -336,7 +336,7 @@ class Flight:
         circle = Circle(Point(*start), 30.0, FenceType.INCLUSION)
         polygon = Polygon(triangle, FenceType.INCLUSION)
         uploaded = outcome(fence.upload_geofence, GeofenceData([polygon], [circle]))
-        kept = fence.download_geofence()
+        downloaded = fence.download_geofence()
         self.up()
         self.offboard.set_velocity_ned(VelocityNedYaw(0.0, 5.0, 0.0, 0.0))
         self.offboard.start()
@@ -344,7 +344,7 @@ class Flight:
         breached_at_m = distance_m(start, self.here())
         self.down()
         return {
-            "two_corners": two_corners, "uploaded": uploaded, "kept": [len(kept.polygons), len(kept.circles)],
+            "two_corners": two_corners, "uploaded": uploaded, "kept": [len(downloaded.polygons), len(downloaded.circles)],
             "breached_at_m": breached_at_m, "from_start_m": distance_m(start, self.here()), "cleared": outcome(fence.clear_geofence),
         }  # fmt: skip
 

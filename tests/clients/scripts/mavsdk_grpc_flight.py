@@ -62,7 +62,7 @@ class Flight:
     async def mode(self, name: str) -> None:
         await until(f"mode {name}", self.drone.telemetry.flight_mode(), lambda mode: mode.name == name)
 
-    async def near(self, target: tuple[float, float], within_m: float = 0.7) -> None:
+    async def travel_near(self, target: tuple[float, float], within_m: float = 0.7) -> None:
         await until(
             "the place",
             self.drone.telemetry.position(),
@@ -109,7 +109,7 @@ class Flight:
         position = await anext(aiter(self.drone.telemetry.position()))
         target = place(*start, 18.0, -14.0)
         await self.drone.action.goto_location(*target, position.absolute_altitude_m, NAN)
-        await self.near(target)
+        await self.travel_near(target)
         reached = apart(start, await self.here())
         behavior = OrbitYawBehavior.HOLD_FRONT_TO_CIRCLE_CENTER
         await self.drone.action.do_orbit(10.0, 3.0, behavior, *target, position.absolute_altitude_m)
@@ -135,7 +135,7 @@ class Flight:
         await self.mode("OFFBOARD")
         await until("the speed", self.drone.telemetry.velocity_ned(), lambda v: v.east_m_s > 1.7)
         await offboard.set_position_ned(PositionNedYaw(6.0, 9.0, -HEIGHT_M, 0.0))
-        await self.near(place(*start, 6.0, 9.0), 1.0)
+        await self.travel_near(place(*start, 6.0, 9.0), 1.0)
         await offboard.stop()
         await self.drone.action.land()
         await until("disarming", self.drone.telemetry.armed(), lambda armed: not armed)
@@ -182,12 +182,12 @@ class Flight:
 
     async def payload(self) -> dict[str, Any]:
         gimbal, camera = self.drone.gimbal, self.drone.camera
-        listed = await until("a gimbal", gimbal.gimbal_list(), lambda found: found.gimbals)
+        listed = await until("a gimbal", gimbal.gimbal_list(), lambda reported: reported.gimbals)
         number = listed.gimbals[0].gimbal_id
         control = await outcome(gimbal.take_control(number, ControlMode.PRIMARY))
         turned = await outcome(gimbal.set_angles(number, 0.0, -60.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE))
         await until("the angles", gimbal.attitude(), lambda at: abs(at.euler_angle_forward.pitch_deg + 60.0) < 1.0)
-        cameras = await until("a camera", camera.camera_list(), lambda found: found.cameras)
+        cameras = await until("a camera", camera.camera_list(), lambda reported: reported.cameras)
         first = cameras.cameras[0].component_id
         return {
             "control": control, "turned": turned, "camera": first, "photo": await outcome(camera.take_photo(first)),

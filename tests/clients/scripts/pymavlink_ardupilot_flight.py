@@ -39,7 +39,7 @@ class Flight:
         """Where it stands, once SYS_STATUS says that it may be armed in GUIDED."""
         self.set_mode(GUIDED)
         self.talk.mode(GUIDED)
-        self.talk.until("the way to GUIDED", "EKF_STATUS_REPORT", lambda told: told.flags & mavlink.EKF_POS_HORIZ_ABS)
+        self.talk.until("the way to GUIDED", "EKF_STATUS_REPORT", lambda message: message.flags & mavlink.EKF_POS_HORIZ_ABS)
         bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
         self.talk.until("a vehicle that is ready", "SYS_STATUS", lambda status: status.onboard_control_sensors_health & bit)
         return self.here()
@@ -51,7 +51,7 @@ class Flight:
         self.talk.until("takeoff", "GLOBAL_POSITION_INT", lambda at: at.relative_alt > (HEIGHT_M - 0.4) * 1000)
         return start
 
-    def near(self, target: tuple[float, float], within_m: float = 1.0) -> None:
+    def travel_near(self, target: tuple[float, float], within_m: float = 1.0) -> None:
         self.talk.until(
             "the place", "GLOBAL_POSITION_INT", lambda at: distance_m((at.lat / 1e7, at.lon / 1e7), target) < within_m
         )
@@ -61,12 +61,12 @@ class Flight:
         return {"arm": self.arm(), "takeoff": takeoff, "texts": self.talk.texts}
 
     def parameters(self) -> dict[str, Any]:
-        kept = self.talk.parameter("RTL_ALT").param_value
+        stored = self.talk.parameter("RTL_ALT").param_value
         return {
             "listed": self.talk.all_parameters(),
-            "before": kept,
+            "before": stored,
             "after": self.talk.set_parameter("RTL_ALT", 999999.0).param_value,
-            "restored": self.talk.set_parameter("RTL_ALT", kept).param_value,
+            "restored": self.talk.set_parameter("RTL_ALT", stored).param_value,
             "whole": self.talk.set_parameter("RTL_ALT_FINAL", 0.6).param_value,
             "unknown": self.talk.parameter("NO_SUCH_PARAM"),
         }
@@ -85,7 +85,7 @@ class Flight:
         x, y = (round(degrees * 1e7) for degrees in target)
         moved = self.talk.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 0, 0, 0, x, y, HEIGHT_M)
         as_long = self.talk.command(mavlink.MAV_CMD_DO_REPOSITION, -1, 0, 0, 0, *target, HEIGHT_M)
-        self.near(target)
+        self.travel_near(target)
         reached = apart(start, self.here())
         turned = self.talk.command(mavlink.MAV_CMD_CONDITION_YAW, 90, 30, 1, 0)
         self.talk.until("the heading", "GLOBAL_POSITION_INT", lambda at: abs(at.hdg / 100 - 90) < 4)
@@ -148,7 +148,7 @@ class Flight:
         }
         no_mission = [self.set_mode(AUTO), self.arm()]
         self.set_mode(GUIDED)
-        uploaded, kept = self.talk.upload(items), self.talk.download()
+        uploaded, stored = self.talk.upload(items), self.talk.download()
         self.arm()
         self.set_mode(AUTO)
         started = self.talk.command(mavlink.MAV_CMD_MISSION_START)
@@ -164,7 +164,7 @@ class Flight:
                 fastest[current] = max(fastest[current], math.hypot(message.vx, message.vy) / 100)
         self.talk.disarmed()
         return {
-            "uploaded": uploaded, "kept": kept, "refused": refused, "no_mission": no_mission, "started": started,
+            "uploaded": uploaded, "kept": stored, "refused": refused, "no_mission": no_mission, "started": started,
             "fastest_mps": [fastest[3], fastest[5]], "from_start_m": distance_m(start, self.here()), "cleared": self.talk.upload([]),
         }  # fmt: skip
 
@@ -180,7 +180,7 @@ class Flight:
         self.talk.mode(RTL)
         self.talk.feed = None
         breached_at_m = distance_m(start, self.here())
-        status = self.talk.until("the fence's status", "FENCE_STATUS", lambda told: told.breach_count)
+        status = self.talk.until("the fence's status", "FENCE_STATUS", lambda message: message.breach_count)
         self.talk.disarmed()
         self.talk.set_parameter("FENCE_ENABLE", 0.0)
         return {
@@ -193,11 +193,11 @@ class Flight:
         turned = self.talk.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -45, 20, math.nan, math.nan, 0, 0, 0)
         interval = self.talk.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 285, 100_000)
 
-        def pitch_deg(told: Any) -> float:
-            w, x, y, z = told.q
+        def pitch_deg(message: Any) -> float:
+            w, x, y, z = message.q
             return math.degrees(math.asin(2 * (w * y - z * x)))
 
-        self.talk.until("the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda told: abs(pitch_deg(told) + 45) < 1.0)
+        self.talk.until("the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda message: abs(pitch_deg(message) + 45) < 1.0)
         photo = self.talk.command(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1, component=100)
         return {"turned": turned, "interval": interval, "photo": photo}
 

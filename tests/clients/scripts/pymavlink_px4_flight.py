@@ -48,7 +48,7 @@ class Flight:
         self.talk.until("takeoff", "EXTENDED_SYS_STATE", lambda state: state.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR)
         return start
 
-    def near(self, target: tuple[float, float], within_m: float = 0.8) -> None:
+    def travel_near(self, target: tuple[float, float], within_m: float = 0.8) -> None:
         self.talk.until(
             "the place", "GLOBAL_POSITION_INT", lambda at: distance_m((at.lat / 1e7, at.lon / 1e7), target) < within_m
         )
@@ -84,7 +84,7 @@ class Flight:
         x, y = (round(degrees * 1e7) for degrees in target)
         altitude_m = self.talk.until("a height", "GLOBAL_POSITION_INT").alt / 1000
         moved = self.talk.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, x, y, altitude_m)
-        self.near(target)
+        self.travel_near(target)
         reached = apart(start, self.here())
         circled = self.talk.command_int(mavlink.MAV_CMD_DO_ORBIT, 0, 10, 4, 0, NAN, x, y, altitude_m)
         radii: list[float] = []
@@ -134,7 +134,7 @@ class Flight:
             Item(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, frame=mavlink.MAV_FRAME_MISSION),
         ]
         self.talk.set_parameter("RTL_RETURN_ALT", HEIGHT_M)
-        uploaded, kept = self.talk.upload(items), self.talk.download()
+        uploaded, stored = self.talk.upload(items), self.talk.download()
         refused = {
             "unknown_command": self.talk.upload([self.item(31999, start)]),
             "bad_frame": self.talk.upload([self.item(waypoint, start, frame=1)]),
@@ -157,7 +157,7 @@ class Flight:
         self.talk.mode(RETURN)
         self.talk.disarmed()
         return {
-            "uploaded": uploaded, "kept": kept, "refused": refused, "started": started, "slow_mps": fastest[2],
+            "uploaded": uploaded, "kept": stored, "refused": refused, "started": started, "slow_mps": fastest[2],
             "from_start_m": distance_m(start, self.here()), "cleared": self.talk.upload([]),
             "nothing_to_start": self.talk.command(mavlink.MAV_CMD_MISSION_START),
         }  # fmt: skip
@@ -193,11 +193,11 @@ class Flight:
         control = self.talk.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, 255, 190, -1, -1, 0, 0, 0)
         turned = self.talk.command(*turn)
 
-        def pitch_deg(told: Any) -> float:
-            w, x, y, z = told.q
+        def pitch_deg(message: Any) -> float:
+            w, x, y, z = message.q
             return math.degrees(math.asin(2 * (w * y - z * x)))
 
-        self.talk.until("the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda told: abs(pitch_deg(told) + 45) < 1.0)
+        self.talk.until("the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda message: abs(pitch_deg(message) + 45) < 1.0)
         self.talk.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 259, component=100)
         photo = self.talk.command(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1, component=100)
         return {"uncontrolled": uncontrolled, "control": control, "turned": turned, "photo": photo}

@@ -124,15 +124,15 @@ class Talk:
     def all_parameters(self) -> int:
         """How many of the whole list came; as many as it promises."""
         self.link.mav.param_request_list_send(*self.target)
-        seen: set[int] = set()
+        received: set[int] = set()
 
         def counted(value: Any) -> bool:
             if value.param_index != 65535:
-                seen.add(value.param_index)
-            return len(seen) == value.param_count
+                received.add(value.param_index)
+            return len(received) == value.param_count
 
         self.until("all parameters", "PARAM_VALUE", counted)
-        return len(seen)
+        return len(received)
 
     def upload(self, items: Sequence[Item], mission_type: int = 0) -> str:
         """The verdict on a plan."""
@@ -155,7 +155,7 @@ class Talk:
     def download(self, mission_type: int = 0) -> list[int]:
         """The commands of the plan that is kept."""
         self.link.mav.mission_request_list_send(*self.target, mission_type)
-        count = self.until("the count", "MISSION_COUNT", lambda told: told.mission_type == mission_type).count
+        count = self.until("the count", "MISSION_COUNT", lambda message: message.mission_type == mission_type).count
         commands = []
         for seq in range(count):
             self.link.mav.mission_request_int_send(*self.target, seq, mission_type)
