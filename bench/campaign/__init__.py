@@ -58,7 +58,7 @@ from .storage._results import write_result as write_result
 
 if TYPE_CHECKING:
     from .execution._flight import fly_realization as fly_realization
-    from .next_campaign._proposal import Proposal as Proposal
+    from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 _HEAVY = {
     "CampaignEstimate": "planning._estimate",
     "CampaignRuns": "results._finish",
-    "Proposal": "next_campaign._proposal",
+    "CampaignProposal": "next_campaign._proposal",
     "FinishedCampaign": "results._finish",
     "estimate_campaign": "planning._estimate",
     "finish_campaign": "results._finish",

@@ -1,6 +1,6 @@
-"""The command `rebar`: thin, every command a few lines over a room's face.
+"""The command `rebar`. Every command is a few lines over functions of other packages.
 
-Exit codes: 0 done, 1 the thing asked about failed, 2 usage or input. A user's mistake is never a traceback.
+Exit codes: 0 done, 1 failed, 2 wrong usage or input, 130 interrupted. A mistake of the user never prints a traceback.
 """
 
 from __future__ import annotations

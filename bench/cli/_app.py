@@ -1,4 +1,4 @@
-"""The command tree and the one place where errors become exit codes."""
+"""The command tree, and the one place where errors become exit codes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-_THE_DISK_SAYS_NO = frozenset(
+# Errors of the operating system that are about a path, its rights or its disk. Any other one is a fault of the bench.
+_DISK_ERRORS = frozenset(
     {
         *(errno.EACCES, errno.EPERM, errno.EROFS),
         *(errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC),
@@ -38,7 +39,8 @@ def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
     try:
         app(args=list(arguments))
-    except SystemExit as end:  # how the command-line library reports usage errors, --help and Exit
+    # The command-line library reports usage errors, --help and Exit this way.
+    except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
     except SetupError as error:
         for fault in error.faults:
@@ -48,13 +50,17 @@ def run(arguments: Sequence[str]) -> int:
         print(f"rebar: {error}", file=sys.stderr)
         return 1
     except sqlite3.OperationalError as error:
-        print(f"rebar: the journal cannot be written: {error} (make room or mend the rights, and run again)", file=sys.stderr)
+        print(
+            f"rebar: cannot write the journal: {error}. Free some space or correct the file's permissions, then run again.",
+            file=sys.stderr,
+        )
         return 1
     except OSError as error:
-        if error.errno not in _THE_DISK_SAYS_NO:
+        if error.errno not in _DISK_ERRORS:
             raise
         print(
-            f"rebar: {error.filename or 'writing'}: {error.strerror} (see to the path, its rights and the room there, and run again)",
+            f"rebar: {error.filename or 'writing'}: {error.strerror}. Check the path, its permissions and the free space, "
+            "then run again.",
             file=sys.stderr,
         )
         return 1

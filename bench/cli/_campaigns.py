@@ -1,4 +1,4 @@
-"""Commands over a campaign's folder: demo, run, realize, report, verify."""
+"""Commands for campaigns and their folders: demo, run, realize, report, verify."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from ._named import named
+from ._fault_paths import file_in_faults
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate
@@ -24,57 +24,61 @@ def register(app: typer.Typer) -> None:
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the campaign")] = Path("out/demo"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once; as many as there are cores by default")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")] = None,
 ) -> None:
-    """Fly the demo campaign: twelve scenes, each by both reference agents, to its report. Example: rebar demo"""
+    """Run the demo campaign: twelve scenes, each flown by both reference agents, and a report. Example: rebar demo"""
     _run(_demo_campaign(), out, workers, as_json=False)
 
 
 def run(
-    campaign: Annotated[Path, typer.Argument(help="A campaign (YAML or JSON)")],
-    out: Annotated[Path | None, typer.Option(help="Folder of the campaign; out/NAME by default")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once; as many as there are cores by default")] = None,
-    executor: Annotated[str, typer.Option(help="local (dask is not there yet)")] = "local",
+    campaign: Annotated[Path, typer.Argument(help="Campaign file (YAML or JSON)")],
+    out: Annotated[Path | None, typer.Option(help="Folder of the campaign. Default: out/NAME")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")] = None,
+    executor: Annotated[str, typer.Option(help="Only local for now; dask is not available yet")] = "local",
     again: Annotated[
-        list[str] | None, typer.Option(metavar="OUTCOME", help="Fly once more what ended so, bench_error for one; repeatable")
+        list[str] | None,
+        typer.Option(metavar="OUTCOME", help="Rerun realizations with this outcome, for example bench_error. Repeatable"),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be flown and, by surrogates, what to expect of it; fly nothing")
+        bool, typer.Option("--dry-run", help="Fly nothing. Print what would be flown, and what surrogates expect of it")
     ] = False,
     session_s: Annotated[
-        float | None, typer.Option("--session-s", min=0.001, help="Host seconds of a core for one session, for --dry-run's cost")
+        float | None,
+        typer.Option(
+            "--session-s", min=0.001, help="Host seconds of a core for one session, to estimate the cost with --dry-run"
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the scores for a machine to read")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON")] = False,
 ) -> None:
-    """Fly a campaign, or go on with one that was interrupted. Example: rebar run campaigns/paper.yaml --out out/paper"""
+    """Run a campaign, or resume one that was interrupted. Example: rebar run campaigns/paper.yaml --out out/paper"""
     from bench.errors import Fault, SetupError
 
     if executor != "local":
-        raise SetupError(Fault("--executor", f"{executor!r} is not there yet", "use local; docs/scope.md says what is there"))
+        raise SetupError(Fault("--executor", f"{executor!r} is not available", "use local; docs/scope.md says what is available"))
     if dry_run:
-        with named(campaign):
-            _say_plan(campaign, workers, session_s, as_json=as_json)
+        with file_in_faults(campaign):
+            _print_plan(campaign, workers, session_s, as_json=as_json)
         return
-    with named(campaign):
+    with file_in_faults(campaign):
         _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()))
 
 
 def realize(
-    campaign: Annotated[Path, typer.Argument(help="A campaign (YAML or JSON)")],
-    out: Annotated[Path, typer.Option(help="Folder for simspecs/")] = Path("out/realized"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; as many as there are cores by default")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read, with how good the design is")] = False,
+    campaign: Annotated[Path, typer.Argument(help="Campaign file (YAML or JSON)")],
+    out: Annotated[Path, typer.Option(help="Folder in which simspecs/ is written")] = Path("out/realized"),
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: the number of cores")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the quality of the design")] = False,
 ) -> None:
-    """Design and placement only: write every realized SimSpec. Example: rebar realize campaigns/demo.yaml --out out/scenes"""
+    """Write every realized SimSpec of a campaign without flying it. Example: rebar realize campaigns/demo.yaml --out out/scenes"""
     from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
 
-    asked = load_campaign(campaign)
-    with named(campaign):
-        plans = realizations(asked)
+    document = load_campaign(campaign)
+    with file_in_faults(campaign):
+        plans = realizations(document)
         infeasible = write_scenes(plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0)))
     written = [plan.id for plan in plans if plan.id not in infeasible]
     if as_json:
-        quality = campaign_quality(asked).model_dump(mode="json")
+        quality = campaign_quality(document).model_dump(mode="json")
         print(json.dumps({"folder": str(out), "written": written, "infeasible": infeasible, "design": quality}, indent=1))
     else:
         print(f"{len(written)} realized SimSpecs in {out / 'simspecs'}")
@@ -85,34 +89,36 @@ def realize(
 
 
 def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")]) -> None:
-    """Score what lies in a campaign's folder and write its report. Example: rebar report out/demo"""
+    """Score the results in a campaign's folder and write its report. Example: rebar report out/demo"""
     from bench.campaign import finish_campaign
 
     finished = finish_campaign(folder)
     missing = finished.outcomes.get("not finished", 0)
     if missing:
-        print(f"{missing} realizations have no result, or none that fits its recording: `rebar run` flies them again")
+        from ._scores import missing_results
+
+        print(missing_results(missing))
     print(finished.report)
 
 
 def verify(
     folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
-    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Check every file of a campaign against the digests of its manifest. Example: rebar verify out/demo"""
+    """Check every file of a campaign against the digests in its manifest. Example: rebar verify out/demo"""
     from bench.campaign import verify_folder
 
     faults = [str(fault) for fault in verify_folder(folder)]
     if as_json:
         print(json.dumps({"folder": str(folder), "faults": faults}))
     else:
-        print("\n".join(faults) or f"{folder}: everything is as the manifest says")
+        print("\n".join(faults) or f"{folder}: all files match the manifest")
     if faults:
         raise typer.Exit(1)
 
 
 def _demo_campaign() -> Path:
-    """The demo's file: inside an installed distribution, beside the packages in a checkout."""
+    """The campaign file of the demo: in the package if installed, in campaigns/ if run from a checkout."""
     packaged = Path(__file__).with_name("demo.yaml")
     return packaged if packaged.is_file() else Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
@@ -131,22 +137,23 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
     from ._scores import campaign_report
 
     campaign = load_campaign(path)
-    asked = load_measurable_decomposition(campaign.decomposition)
+    decomposition = load_measurable_decomposition(campaign.decomposition)
     folder = out or Path("out") / campaign.name
     finished: list[FinishedCampaign] = []
     with open_progress(campaign.name, quiet=as_json) as progress:
         summary = run_campaign(
             campaign,
             folder,
-            asked,
+            decomposition,
             workers=workers,
             on_event=progress,
             rerun=parse_rerun_outcomes(again),
-            finish=lambda place: finished.append(finish_campaign(place.path)),
+            finish=lambda paths: finished.append(finish_campaign(paths.path)),
         )
     if not finished:
         print(
-            f"{summary.done} of {summary.total} realizations have a result ({summary.stopped}); run the same command again to go on"
+            f"{summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
+            "Run the same command again to resume."
         )
         raise typer.Exit(130)
     (scores,) = finished
@@ -165,32 +172,33 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
     print(f"report: {scores.report}")
 
 
-def _say_plan(path: Path, workers: int | None, session_s: float | None, *, as_json: bool) -> None:
+def _print_plan(path: Path, workers: int | None, session_s: float | None, *, as_json: bool) -> None:
     from bench.campaign import campaign_quality, load_campaign, load_measurable_decomposition, realizations
 
     campaign = load_campaign(path)
-    load_measurable_decomposition(campaign.decomposition)  # its faults, before anything is said
+    # Only for its faults: they come before anything is printed.
+    load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)
     points = {plan.design_point for plan in plans}
     limit_s = campaign.situation.mission.time_limit_s
     quality = campaign_quality(campaign)
     if as_json:
-        told = {"campaign": campaign.name, "realizations": len(plans), "most_simulated_s": len(plans) * limit_s}
-        estimate, why_not = _expected(campaign, workers, session_s)
-        expected = {"estimate": estimate.model_dump(mode="json")} if estimate else {"estimate": None, "no_estimate": why_not}
-        print(json.dumps({**told, "design": quality.model_dump(mode="json"), **expected}, indent=1))
+        counts = {"campaign": campaign.name, "realizations": len(plans), "most_simulated_s": len(plans) * limit_s}
+        estimate, faults = _estimate(campaign, workers, session_s)
+        expected = {"estimate": estimate.model_dump(mode="json")} if estimate else {"estimate": None, "no_estimate": faults}
+        print(json.dumps({**counts, "design": quality.model_dump(mode="json"), **expected}, indent=1))
         return
     print(f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)")
     print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")
     for line in quality.lines():
         print(line)
-    estimate, why_not = _expected(campaign, workers, session_s)
-    for line in estimate.lines() if estimate else [f"no estimate: {why}" for why in why_not]:
+    estimate, faults = _estimate(campaign, workers, session_s)
+    for line in estimate.lines() if estimate else [f"no estimate: {fault}" for fault in faults]:
         print(line)
 
 
-def _expected(campaign: Campaign, workers: int | None, session_s: float | None) -> tuple[CampaignEstimate | None, list[str]]:
-    """What surrogates expect of a campaign, or why they cannot say."""
+def _estimate(campaign: Campaign, workers: int | None, session_s: float | None) -> tuple[CampaignEstimate | None, list[str]]:
+    """What surrogates expect of a campaign, or the faults for which they cannot fly it."""
     from bench.campaign import estimate_campaign
     from bench.errors import SetupError
 

@@ -1,4 +1,4 @@
-"""`rebar compare`: two agents, or one agent of two campaigns, on the scenes that both flew."""
+"""`rebar compare`: compares two agents, or one agent in two campaigns, on the scenes that both flew."""
 
 from __future__ import annotations
 
@@ -22,74 +22,76 @@ def register(app: typer.Typer) -> None:
 
 
 def compare(
-    campaigns: Annotated[list[Path], typer.Argument(help="Folder of a campaign, or of two")],
+    campaigns: Annotated[list[Path], typer.Argument(help="Folder of a campaign, or folders of two")],
     agents: Annotated[
         tuple[str, str] | None,
-        typer.Option(help="First and second agent; of two folders, the first's and the second's. Needless where it is plain"),
+        typer.Option(help="First and second agent; with two folders, one agent of each. Only needed if there is a choice"),
     ] = None,
-    node: Annotated[list[str] | None, typer.Option(help="Only these nodes; principles and key attributes when not given")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the shuffles behind the divergence's p")] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False,
+    node: Annotated[list[str] | None, typer.Option(help="Only these nodes. Default: principles and key attributes")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the permutation test of the divergence")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Compare two agents on the scenes that both flew: what differs, how surely, and how many pairs would settle it.
+    """Compare two agents on the scenes that both flew: the differences, their certainty, and the pairs needed to decide.
 
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
     """
     from bench.reporting import compare_campaigns
 
-    found = compare_campaigns(campaigns, agents or (), node or (), seed=seed)
+    comparison = compare_campaigns(campaigns, agents or (), node or (), seed=seed)
     if as_json:
-        print(json.dumps(_document(found), indent=1, allow_nan=False))
+        print(json.dumps(_document(comparison), indent=1, allow_nan=False))
         return
     console = Console(width=None if Console().is_terminal else 140)
-    console.print(_table(found))
-    for one in found.nodes:
-        print(f"{one.node}: {one.verdict(found.first, found.second)}")
+    console.print(_table(comparison))
+    for node_comparison in comparison.nodes:
+        print(f"{node_comparison.node}: {node_comparison.verdict(comparison.first, comparison.second)}")
 
 
-def _document(found: Comparison) -> dict[str, Any]:
+def _document(comparison: Comparison) -> dict[str, Any]:
     return {
-        "first": found.first,
-        "second": found.second,
-        "scenes": found.scenes,
+        "first": comparison.first,
+        "second": comparison.second,
+        "scenes": comparison.scenes,
         "nodes": [
             {
-                **asdict(one),
-                "pairs": one.counts.pairs,
-                "pass_rates": one.counts.rates,
-                "settled": one.settled,
-                "verdict": one.verdict(found.first, found.second),
+                **asdict(node),
+                "pairs": node.counts.pairs,
+                "pass_rates": node.counts.rates,
+                "settled": node.settled,
+                "verdict": node.verdict(comparison.first, comparison.second),
             }
-            for one in found.nodes
+            for node in comparison.nodes
         ],
     }
 
 
-def _table(found: Comparison) -> Table:
-    title = f"{found.first} and {found.second} on {found.scenes} {'scene' if found.scenes == 1 else 'scenes'}"
+def _table(comparison: Comparison) -> Table:
+    title = f"{comparison.first} and {comparison.second} on {comparison.scenes} {'scene' if comparison.scenes == 1 else 'scenes'}"
     table = Table(title=title, title_justify="left", caption="Differences are second minus first.", caption_justify="left")
     table.add_column("node")
     for column in ("pairs", "first", "second", "difference", "95 % interval", "McNemar p", "adjusted", "divergence", "p"):
         table.add_column(column, justify="right")
-    for one in found.nodes:
-        table.add_row(one.node, str(one.counts.pairs), *_rates(one), _p(one.mcnemar_p), _p(one.p_adjusted), *_divergence(one))
+    for node in comparison.nodes:
+        table.add_row(
+            node.node, str(node.counts.pairs), *_rates(node), _p(node.mcnemar_p), _p(node.p_adjusted), *_divergence(node)
+        )
     return table
 
 
-def _rates(one: NodeComparison) -> tuple[str, str, str, str]:
-    if one.counts.rates is None or one.difference is None:
+def _rates(node: NodeComparison) -> tuple[str, str, str, str]:
+    if node.counts.rates is None or node.difference is None:
         return "", "", "", ""
-    first, second = one.counts.rates
+    first, second = node.counts.rates
     return (
         f"{first:.0%}",
         f"{second:.0%}",
-        f"{one.difference.estimate:+.0%}",
-        f"{one.difference.low:+.0%} to {one.difference.high:+.0%}",
+        f"{node.difference.estimate:+.0%}",
+        f"{node.difference.low:+.0%} to {node.difference.high:+.0%}",
     )
 
 
-def _divergence(one: NodeComparison) -> tuple[str, str]:
-    return ("", "") if one.divergence is None else (f"{one.divergence.value:.2f}", _p(one.divergence.p))
+def _divergence(node: NodeComparison) -> tuple[str, str]:
+    return ("", "") if node.divergence is None else (f"{node.divergence.value:.2f}", _p(node.divergence.p))
 
 
 def _p(value: float | None) -> str:

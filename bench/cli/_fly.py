@@ -1,4 +1,4 @@
-"""`rebar fly`: a simulated flight controller on its own."""
+"""`rebar fly`: a simulated flight controller without the rest of the bench."""
 
 from __future__ import annotations
 
@@ -25,27 +25,25 @@ def register(app: typer.Typer) -> None:
 
 def fly(
     autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
-    vehicle: Annotated[str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 alone), or one of yours")] = "x500",
+    vehicle: Annotated[str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")] = "x500",
     mavlink: Annotated[
         list[str] | None,
-        typer.Option(
-            help="A link, as udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or serial:PATH (serial:auto); may be repeated"
-        ),
+        typer.Option(help="A link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, serial:PATH or serial:auto. Repeatable"),
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds for each second")] = 1.0,
+    speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0,
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
-    signing_key: Annotated[str, typer.Option(help="Sign messages by this key, 64 hexadecimal digits")] = "",
-    signing: Annotated[str, typer.Option(help="What becomes of unsigned messages: require (not heard) or accept")] = "require",
-    params: Annotated[Path | None, typer.Option(help="A file that keeps parameters from one start to the next")] = None,
-    camera: Annotated[bool, typer.Option("--camera", help="Carry a camera on a gimbal, both on the links")] = False,
-    duration: Annotated[float | None, typer.Option(help="Stop after so many simulated seconds")] = None,
+    signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = "",
+    signing: Annotated[str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")] = "require",
+    params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None,
+    camera: Annotated[bool, typer.Option("--camera", help="Carry a camera on a gimbal; both speak on the links")] = False,
+    duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None,
 ) -> None:
-    """A simulated flight controller by itself, a drop-in for a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
+    """Run a simulated flight controller by itself, in place of a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
     from bench.simulation import DEFAULT_LINKS, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
-        raise SetupError(Fault("--autopilot", f"{autopilot!r} is not known", "px4 or ardupilot"))
-    links: Sequence[LinkSpec] = [parse_link(one, index) for index, one in enumerate(mavlink or ())]
+        raise SetupError(Fault("--autopilot", f"unknown autopilot {autopilot!r}", "give px4 or ardupilot"))
+    links: Sequence[LinkSpec] = [parse_link(text, index) for index, text in enumerate(mavlink or ())]
     with terminated_as_interrupted():
         run_standalone(
             autopilot,
@@ -55,14 +53,15 @@ def fly(
             duration_s=duration,
             camera=camera,
             parameter_file=params,
-            say=partial(print, flush=True),  # whoever reads it through a pipe waits for it
+            # Flushed: a program that reads the output through a pipe waits for the first line.
+            say=partial(print, flush=True),
             model=vehicle,
         )
 
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM ends what runs here in good order, as Ctrl-C does: it is what containers and services are stopped by."""
+    """Let SIGTERM end the program in good order, as Ctrl-C does. Containers and services are stopped by SIGTERM."""
     former = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -71,7 +70,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 def parse_home(text: str) -> tuple[float, float, float, float]:
-    """Latitude, longitude (degrees), altitude (metres above sea level), heading (degrees)."""
+    """Latitude and longitude (degrees), altitude (metres above sea level) and heading (degrees)."""
     try:
         latitude, longitude, altitude, heading = (float(part) for part in text.split(","))
     except ValueError:
@@ -80,23 +79,23 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
         raise SetupError(
             Fault(
                 "--home",
-                f"{text!r} is no place to start from",
-                "latitude within 89, longitude within 180, altitude -400 to 5000 m, heading 0 to 360",
+                f"{text!r} is out of range",
+                "latitude -89 to 89, longitude -180 to 180, altitude -400 to 5000 m, heading 0 to 360",
             )
         )
     return latitude, longitude, altitude, heading
 
 
 def signed(links: Sequence[LinkSpec], key: str, unsigned: str) -> list[LinkSpec]:
-    """The same links with a key for signing; `unsigned` is `accept` or `require`."""
+    """The links with a signing key. `unsigned` is `accept` or `require`."""
     if unsigned not in ("accept", "require"):
-        raise SetupError(Fault("--signing", f"{unsigned!r} is not known", "accept or require"))
+        raise SetupError(Fault("--signing", f"unknown policy {unsigned!r}", "give accept or require"))
     policy: Literal["accept", "require"] = "accept" if unsigned == "accept" else "require"
     return [replace(link, signing_key=key, signing=policy) for link in links]
 
 
 def parse_link(text: str, index: int) -> LinkSpec:
-    """A LinkSpec from its text."""
+    """A LinkSpec from the text of `--mavlink`."""
     kind, _, rest = text.partition(":")
     if kind == "serial" and rest:
         return LinkSpec(name=f"link{index}", kind="serial", path=rest)

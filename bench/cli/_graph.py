@@ -1,4 +1,4 @@
-"""`rebar graph`: a decomposition as a drawing and as a page, coloured by what a campaign showed."""
+"""`rebar graph`: a decomposition as a drawing and as a page, coloured by the results of a campaign."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ def register(app: typer.Typer) -> None:
 
 def graph(
     decomposition: Annotated[str, typer.Argument(help="Name or file of a decomposition")],
-    campaign: Annotated[Path | None, typer.Option(help="Folder of a campaign, to colour the nodes by what it showed")] = None,
-    agent: Annotated[str | None, typer.Option(help="Whose numbers; the campaign's first agent when not given")] = None,
+    campaign: Annotated[Path | None, typer.Option(help="Folder of a campaign whose results colour the nodes")] = None,
+    agent: Annotated[
+        str | None, typer.Option(help="Agent whose results are shown. Default: the first agent of the campaign")
+    ] = None,
     by: Annotated[
-        Literal["confidence", "score", "competence"], typer.Option(help="What colours the drawing; the page can change it")
+        Literal["confidence", "score", "competence"],
+        typer.Option(help="The number that colours the nodes. The page can switch it"),
     ] = "confidence",
     out: Annotated[
         Path | None,
-        typer.Option(help="A file .html or .svg, or a name without an end for both; the decomposition's when not given"),
+        typer.Option(help="A .html or .svg file, or a name without suffix for both. Default: the decomposition's name"),
     ] = None,
 ) -> None:
-    """Draw a decomposition: a page to look into, and a drawing to print.
+    """Draw a decomposition as an interactive page and as a drawing to print.
 
     Example: rebar graph search-and-report --out out/graph.html
 
@@ -39,12 +42,12 @@ def graph(
     from decompositions import load_decomposition
 
     if campaign is None and agent is not None:
-        raise SetupError(Fault("--agent", "there is no campaign to take numbers from", "give --campaign too"))
-    asked = load_decomposition(decomposition)
+        raise SetupError(Fault("--agent", "there is no campaign to take results from", "give --campaign as well"))
+    drawn = load_decomposition(decomposition)
     data = load_report_data(campaign) if campaign is not None else None
     makers = {PAGE: graph_page, DRAWING: graph_svg}
-    for path in _files(out or Path(asked.name)):
-        text = makers[path.suffix](asked, data, agent, by)
+    for path in _files(out or Path(drawn.name)):
+        text = makers[path.suffix](drawn, data, agent, by)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         print(path)
@@ -55,8 +58,6 @@ def _files(out: Path) -> tuple[Path, ...]:
         return (out,)
     if out.suffix:
         raise SetupError(
-            Fault(
-                "--out", f"{out.name} is neither a page nor a drawing", f"end it in {PAGE} or {DRAWING}, or in nothing for both"
-            )
+            Fault("--out", f"{out.name} has an unknown suffix", f"use {PAGE}, {DRAWING}, or no suffix to write both")
         )
     return (out.with_suffix(PAGE), out.with_suffix(DRAWING))

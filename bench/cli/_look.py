@@ -1,4 +1,4 @@
-"""Commands that look at documents: schema, difficulty, and those of the plan that are not there yet."""
+"""Commands about documents: schema and difficulty, and the commands that are planned."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from bench.scoring import Difficulty, DifficultyGoal, DifficultyIncrease, FactorChange
     from decompositions import Decomposition
 
-NOT_YET = 2
+PLANNED_EXIT_CODE = 2
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
     app.command()(schema)
     app.command()(difficulty)
-    app.command(name="view", help="Look into a campaign while it runs. (not there yet)")(_not_yet("view"))
+    app.command(name="view", help="Watch a campaign while it runs. (planned)")(_planned("view"))
 
 
 def schema(
     name: Annotated[
-        str, typer.Argument(help="simspec, campaign, decomposition, agent, score-report, or a document of the streams")
+        str, typer.Argument(help="simspec, campaign, decomposition, agent, score-report, or a message document")
     ] = "simspec",
 ) -> None:
     """Print the JSON Schema of a document. Example: rebar schema simspec > simspec.schema.json"""
@@ -74,12 +74,14 @@ def schema(
 
 
 def difficulty(
-    simspec: Annotated[Path, typer.Argument(help="A SimSpec, base or realized")],
+    simspec: Annotated[Path, typer.Argument(help="SimSpec file, base or realized")],
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
-    node: Annotated[str | None, typer.Option(help="One node in full: every factor, and what to change to make it harder")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False,
+    node: Annotated[
+        str | None, typer.Option(help="Show one node in full: every factor, and the changes that make it harder")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Difficulty of every node, which key factor rules it, and what would make it harder.
+    """Show the difficulty of every node, the key factor that decides it, and the changes that would make it harder.
 
     Example: rebar difficulty examples/search.yaml
 
@@ -89,49 +91,49 @@ def difficulty(
     from bench.simspec import FACTORS, factor_paths, factor_values, load_simspec
     from decompositions import DecompositionVocabulary, load_decomposition
 
-    from ._scores import known_node
+    from ._scores import check_node
 
     units = {name: factor.unit for name, factor in FACTORS.items()}
-    situation, asked = load_simspec(simspec), load_decomposition(decomposition, DecompositionVocabulary(units))
+    situation, tree = load_simspec(simspec), load_decomposition(decomposition, DecompositionVocabulary(units))
     if node is not None:
-        known_node("--node", asked, node)
-    found = _Rated(
-        asked,
-        rate_all(asked, factor_values(situation)),
-        {factor: factor_paths(situation, factor) for factor in asked.factors()},
+        check_node("--node", tree, node)
+    rated = _RatedSituation(
+        tree,
+        rate_all(tree, factor_values(situation)),
+        {factor: factor_paths(situation, factor) for factor in tree.factors()},
     )
     if as_json:
-        print(json.dumps(found.as_json([node] if node else list(asked.nodes)), indent=2))
+        print(json.dumps(rated.as_json([node] if node else list(tree.nodes)), indent=2))
     elif node is not None:
-        print("\n".join(found.in_full(node)))
+        print("\n".join(rated.in_full(node)))
     else:
-        # Five columns that must not break take more than a narrow terminal has.
-        Console(width=None if Console().is_terminal else 140).print(found.table(f"Difficulty of {simspec}"))
+        # Where output is piped, wide enough for five columns that must not break.
+        Console(width=None if Console().is_terminal else 140).print(rated.table(f"Difficulty of {simspec}"))
 
 
 @dataclass(frozen=True, slots=True)
-class _Rated:
-    """A rated situation, as it is shown; `paths` are the SimSpec's fields of every key factor."""
+class _RatedSituation:
+    """A rated situation, to be shown. `paths` has the fields of the SimSpec for every key factor."""
 
-    asked: Decomposition
-    found: Difficulty
+    decomposition: Decomposition
+    difficulty: Difficulty
     paths: Mapping[str, tuple[str, ...]]
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
-        """Everything about some nodes: as `Difficulty.as_json`, with what would raise each, and where factors are read from."""
+        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each factor."""
         from bench.scoring import difficulty_increase
 
-        told = self.found.as_json()
-        leaves = {leaf for node in nodes for leaf in self.asked.observables_under(node)}
-        rated = {row.factor: row for leaf in leaves for row in self.found.observables[leaf].ratings}
+        document = self.difficulty.as_json()
+        leaves = {leaf for node in nodes for leaf in self.decomposition.observables_under(node)}
+        rated = {row.factor: row for leaf in leaves for row in self.difficulty.observables[leaf].ratings}
         return {
-            "decomposition": told["decomposition"],
+            "decomposition": document["decomposition"],
             "nodes": [
-                one | {"raise": dataclasses.asdict(difficulty_increase(self.asked, self.found, one["node"]))}
-                for one in told["nodes"]
-                if one["node"] in nodes
+                row | {"raise": dataclasses.asdict(difficulty_increase(self.decomposition, self.difficulty, row["node"]))}
+                for row in document["nodes"]
+                if row["node"] in nodes
             ],
-            "observables": [one for one in told["observables"] if one["observable"] in leaves],
+            "observables": [row for row in document["observables"] if row["observable"] in leaves],
             "factors": {
                 name: {"value": rated[name].value, "unit": rated[name].unit, "paths": list(paths)}
                 for name, paths in self.paths.items()
@@ -140,70 +142,72 @@ class _Rated:
         }
 
     def table(self, title: str) -> Table:
-        """One row for each node."""
+        """A table with one row for each node."""
         from bench.scoring import difficulty_increase
 
         table = Table(title=Text(title))
         for column in ("node", "level", "difficulty", "tension", "ruled by", "next", "to be harder"):
             table.add_column(column, justify="right" if column in ("difficulty", "tension") else "left")
-        for one in self.found.nodes.values():
-            rise = difficulty_increase(self.asked, self.found, one.node)
+        for node in self.difficulty.nodes.values():
+            rise = difficulty_increase(self.decomposition, self.difficulty, node.node)
             following = "" if rise.margin is None else f"{', '.join(rise.following)} +{rise.margin:.1f}"
             goal = rise.takeover or rise.tension
-            alone = goal is not None and [one.factor for one in goal.changes] == list(rise.ruled_by)[:1]
-            change = "; ".join(map(_move if alone else _short, goal.changes)) if goal else ""
-            row = (one.node, str(one.level), f"{one.difficulty:.1f}", str(one.tension), self._ruler(one.node, rise), following)
-            table.add_row(*map(Text, (*row, change)))
+            alone = goal is not None and [change.factor for change in goal.changes] == list(rise.ruled_by)[:1]
+            # With a single factor to change, the column before names it already.
+            changes = "; ".join(map(_span_text if alone else _change_text, goal.changes)) if goal else ""
+            ruler = self._ruler(node.node, rise)
+            row = (node.node, str(node.level), f"{node.difficulty:.1f}", str(node.tension), ruler, following)
+            table.add_row(*map(Text, (*row, changes)))
         return table
 
     def _ruler(self, node: str, rise: DifficultyIncrease) -> str:
         if rise.ruled_by:
             return ", ".join(rise.ruled_by)
-        return f"the mean of its ratings: {', '.join(self.found.nodes[node].ruled_by)}"
+        return f"the mean of its ratings: {', '.join(self.difficulty.nodes[node].ruled_by)}"
 
     def in_full(self, node: str) -> Iterator[str]:
-        """One node, line by line."""
+        """One node with all its factors, line by line."""
         from bench.scoring import difficulty_increase
 
-        one, rise = self.found.nodes[node], difficulty_increase(self.asked, self.found, node)
-        yield f"{node} {self.asked.nodes[node].title}: difficulty {one.difficulty:.4g}, tension {one.tension}"
-        yield f"ruled by {self._ruler(node, rise)}, in {', '.join(one.ruled_by)}"
+        rating, rise = self.difficulty.nodes[node], difficulty_increase(self.decomposition, self.difficulty, node)
+        yield f"{node} {self.decomposition.nodes[node].title}: difficulty {rating.difficulty:.4g}, tension {rating.tension}"
+        yield f"ruled by {self._ruler(node, rise)}, in {', '.join(rating.ruled_by)}"
         if rise.margin is not None:
             yield f"next is {', '.join(rise.following)}, {rise.margin:.4g} points above"
         if rise.takeover:
-            yield from self._goal(f"To {rise.takeover.difficulty:.4g}, where the next takes over:", rise.takeover)
+            yield from self._goal(f"To reach {rise.takeover.difficulty:.4g}, where the next factor takes over:", rise.takeover)
         if rise.tension:
-            yield from self._goal(f"To tension {one.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension)
+            yield from self._goal(f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension)
         yield "Its observables:"
-        for leaf in self.asked.observables_under(node):
-            rated = self.found.observables[leaf]
-            yield f"  {leaf} {self.asked.nodes[leaf].title}: {rated.difficulty:.4g}"
+        for leaf in self.decomposition.observables_under(node):
+            rated = self.difficulty.observables[leaf]
+            yield f"  {leaf} {self.decomposition.nodes[leaf].title}: {rated.difficulty:.4g}"
             for row in rated.ratings:
                 yield f"    {row.factor} = {row.value:g} {row.unit} rates {row.rating:.4g}"
 
     def _goal(self, title: str, goal: DifficultyGoal) -> Iterator[str]:
         yield title
-        for one in goal.changes:
-            yield f"  {_short(one)} ({', '.join(self.paths[one.factor])})"
+        for change in goal.changes:
+            yield f"  {_change_text(change)} ({', '.join(self.paths[change.factor])})"
 
 
-def _short(one: FactorChange) -> str:
-    return f"{one.factor} {_move(one)}"
+def _change_text(change: FactorChange) -> str:
+    return f"{change.factor} {_span_text(change)}"
 
 
-def _move(one: FactorChange) -> str:
-    """From the value that a factor has to the one that it needs."""
-    if one.harder == "either way":
-        return "cannot: its tables run in opposite directions"
-    if one.to is None:
-        return f"cannot: its tables end at {one.most:g}"
-    unit = "" if one.unit == "1" else f" {one.unit}"
-    return f"{one.value:g} -> {f'{one.harder} than ' if one.past else ''}{one.to:.6g}{unit}"
+def _span_text(change: FactorChange) -> str:
+    """From the value that a factor has to the value that it needs."""
+    if change.harder == "either way":
+        return "impossible: its tables run in opposite directions"
+    if change.to is None:
+        return f"impossible: its tables end at {change.most:g}"
+    unit = "" if change.unit == "1" else f" {change.unit}"
+    return f"{change.value:g} -> {f'{change.harder} than ' if change.past else ''}{change.to:.6g}{unit}"
 
 
-def _not_yet(name: str) -> Callable[[], None]:
+def _planned(name: str) -> Callable[[], None]:
     def command() -> None:
-        print(f"rebar {name} is not there yet; docs/scope.md says what is.")
-        raise typer.Exit(NOT_YET)
+        print(f"rebar {name} is planned and not available yet; docs/scope.md says what is available.")
+        raise typer.Exit(PLANNED_EXIT_CODE)
 
     return command

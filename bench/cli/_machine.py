@@ -1,4 +1,4 @@
-"""`rebar doctor`: can this machine run the bench, and if not, what is missing."""
+"""`rebar doctor`: checks whether this machine can run the bench, and what is missing."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ PACKAGES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing looked at."""
+class MachineCheck:
+    """The result of one check. `text` describes what works, or the error."""
 
     name: str
     fine: bool
@@ -46,24 +46,25 @@ def register(app: typer.Typer) -> None:
     app.command()(doctor)
 
 
-def doctor(as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False) -> None:
-    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, space. Example: rebar doctor"""
-    findings = [_try(name, check) for name, check in CHECKS.items()]
+def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False) -> None:
+    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space. Example: rebar doctor"""
+    checks = [_try(name, check) for name, check in CHECKS.items()]
     if as_json:
-        print(json.dumps([{"name": one.name, "fine": one.fine, "text": one.text} for one in findings], indent=2))
+        print(json.dumps([{"name": check.name, "fine": check.fine, "text": check.text} for check in checks], indent=2))
     else:
-        width = max(len(one.name) for one in findings)
-        for one in findings:
-            print(f"{'ok ' if one.fine else 'BAD'}  {one.name:<{width}}  {one.text}")
-    if not all(one.fine for one in findings):
+        width = max(len(check.name) for check in checks)
+        for check in checks:
+            print(f"{'ok ' if check.fine else 'BAD'}  {check.name:<{width}}  {check.text}")
+    if not all(check.fine for check in checks):
         raise typer.Exit(1)
 
 
-def _try(name: str, check: Callable[[], str]) -> Finding:
+def _try(name: str, check: Callable[[], str]) -> MachineCheck:
+    # Any exception is a finding: the command is there to say what does not work.
     try:
-        return Finding(name, True, check())
+        return MachineCheck(name, True, check())
     except Exception as error:
-        return Finding(name, False, f"{type(error).__name__}: {error}")
+        return MachineCheck(name, False, f"{type(error).__name__}: {error}")
 
 
 def _python() -> str:
@@ -72,15 +73,15 @@ def _python() -> str:
 
 def _packages() -> str:
     missing = []
-    found = []
+    installed = []
     for package in PACKAGES:
         try:
-            found.append(f"{package} {version(package)}")
+            installed.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             missing.append(package)
     if missing:
         raise RuntimeError(f"not installed: {', '.join(missing)}; run `make demo` or install requirements.lock")
-    return ", ".join(found)
+    return ", ".join(installed)
 
 
 def _plugins() -> str:
@@ -110,10 +111,10 @@ def _streams() -> str:
 
     plan = AirPlan(domain=1, agent_reads=(("/doctor", "std_msgs/msg/String"),), agent_writes=())
     with open_router(plan) as router, open_client(router.access, "doctor") as client:
-        heard = client.subscribe("/doctor", String, latched=True)
+        subscription = client.subscribe("/doctor", String, latched=True)
         router.node("bench", "/").latched("/doctor", String).put(String("well"))
-        if not heard.wait(1, 5.0):
-            raise RuntimeError("a sample did not arrive within 5 s over loopback")
+        if not subscription.wait(1, 5.0):
+            raise RuntimeError("no sample arrived over loopback within 5 s")
     return "an embedded router passed a sample to a client with credentials"
 
 

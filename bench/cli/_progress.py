@@ -1,4 +1,4 @@
-"""The progress of a campaign on a terminal; plain lines where there is none."""
+"""The progress of a campaign: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from bench.contracts import Outcome
 
 @contextmanager
 def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
-    """Yield an observer of campaign events that shows how far it is."""
+    """Yield an observer of campaign events that shows the progress. `quiet` shows nothing."""
     if quiet:
         yield lambda event: None
         return
+    # On stderr: stdout belongs to the scores, also when it is piped.
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _plain
@@ -33,6 +34,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     progress.update(bar, total=total, completed=done)
                 case RealizationFinished():
                     progress.update(bar, completed=event.done)
+                    # The bar shows the rest: only sessions that did not go as planned deserve a line.
                     if event.outcome not in (Outcome.COMPLETED, Outcome.SETTLED):
                         progress.console.print(f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False)
                 case RealizationRetried() | CampaignStopping():
@@ -52,11 +54,11 @@ def _plain(event: CampaignEvent) -> None:
 def _line(event: CampaignEvent) -> str:
     match event:
         case CampaignPlanned(total, done):
-            return f"{total} realizations, {done} of them have a result"
+            return f"{total} realizations, {done} of them with a result"
         case RealizationFinished():
             return f"[{event.done}/{event.total}] {event.realization}: {event.outcome} ({event.wall_s:.1f} s)"
         case RealizationRetried():
-            return f"{event.realization}: {event.outcome}, once more: {event.reason[:200]}"
+            return f"{event.realization}: {event.outcome}, retrying: {event.reason[:200]}"
         case CampaignStopping(reason):
             return f"stopping: {reason}"
         case _:

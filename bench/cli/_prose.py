@@ -1,4 +1,4 @@
-"""Commands from words: prose to a base SimSpec, and a wanted tension to ranges of the key factors."""
+"""Commands that start from words: prose to a base SimSpec, and a tension to ranges of the key factors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from decompositions import Decomposition
 
 KEY_VARIABLE = "REBAR_LLM_KEY"
-MOST_VARIATIONS = 256
+MAX_VARIATIONS = 256
+"""Variations that --groups rates at most, so that an answer takes seconds. Chosen, not measured."""
 
 
 def register(app: typer.Typer) -> None:
@@ -28,32 +29,31 @@ def register(app: typer.Typer) -> None:
 
 
 def prose(
-    text: Annotated[str | None, typer.Argument(help="The description; or --file")] = None,
-    file: Annotated[Path | None, typer.Option("--file", "-f", help="A file with the description")] = None,
-    explain: Annotated[bool, typer.Option(help="Where every field comes from: the words, or a default")] = False,
+    text: Annotated[str | None, typer.Argument(help="The description, or use --file")] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="File with the description")] = None,
+    explain: Annotated[bool, typer.Option(help="Show where every field comes from: the words, or a default")] = False,
     accept: Annotated[
-        list[int] | None, typer.Option(help="Reading to take of the next open question, from 1; again for more")
+        list[int] | None, typer.Option(help="Number of the reading that answers the next question, from 1. Repeatable")
     ] = None,
-    vocabulary: Annotated[Path | None, typer.Option(help="A vocabulary of your own, before the bench's")] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="All of it for a machine: SimSpec, ranges, receipts, questions")
-    ] = False,
-    out: Annotated[Path | None, typer.Option(help="Write the base SimSpec there")] = None,
-    campaign: Annotated[Path | None, typer.Option(help="Write a campaign there that varies the ranges")] = None,
+    vocabulary: Annotated[Path | None, typer.Option(help="Vocabulary file of your own, which takes precedence")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts and questions")] = False,
+    out: Annotated[Path | None, typer.Option(help="File to write the base SimSpec to")] = None,
+    campaign: Annotated[Path | None, typer.Option(help="File to write a campaign to that varies the ranges")] = None,
     points: Annotated[int, typer.Option(min=1, max=10_000, help="Design points of that campaign")] = 17,
     groups: Annotated[bool, typer.Option(help="Group the variations by difficulty configuration")] = False,
     decomposition: Annotated[str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")] = (
         "search-and-report"
     ),
     llm: Annotated[
-        str | None, typer.Option(help="Model that proposes what grammar and vocabulary do not find: provider:name, or a name")
+        str | None,
+        typer.Option(help="Language model for what grammar and vocabulary do not understand: provider:name, or a name"),
     ] = None,
     llm_url: Annotated[
         str | None,
-        typer.Option(help=f"OpenAI-compatible server that has the model, else one at port 11434; its key from {KEY_VARIABLE}"),
+        typer.Option(help=f"OpenAI-compatible server with the model. Default: port 11434. Its key is read from {KEY_VARIABLE}"),
     ] = None,
 ) -> None:
-    """Turn a description into a base SimSpec with ranges, with a receipt for every field.
+    """Turn a description into a base SimSpec with ranges, and a receipt for every field.
 
     Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, at 80 m" --explain
 
@@ -62,66 +62,68 @@ def prose(
     from bench.documents import dump_value
     from bench.instance_analysis import ModelEndpoint, annotated_yaml, load_vocabulary, propose, read_prose
 
-    given = _text(text, file)
+    description = _description(text, file)
     words = load_vocabulary(vocabulary)
     proposed: ProposedResult | None = None
     if llm is None:
-        found = read_prose(given, words, accept or [])
+        base_simspec = read_prose(description, words, accept or [])
     else:
         endpoint = ModelEndpoint(llm, llm_url, os.environ.get(KEY_VARIABLE))
-        proposed = propose(given, words, endpoint, answers=accept or [])
-        found = proposed.result
+        proposed = propose(description, words, endpoint, answers=accept or [])
+        base_simspec = proposed.result
     if as_json:
-        shown = found if proposed is None else proposed
+        shown = base_simspec if proposed is None else proposed
         print(json.dumps(shown.model_dump(mode="json"), indent=2))
     else:
-        for line in _remarks(found, proposed):
+        for line in _remarks(base_simspec, proposed):
             print(line, file=sys.stderr)
-    if found.simspec is None:
+    if base_simspec.simspec is None:
         raise typer.Exit(1)
     if explain and not as_json:
-        print("\n".join(_explained(found)))
+        print("\n".join(_explained(base_simspec)))
     if out is not None:
-        out.write_text(annotated_yaml(found), encoding="utf-8")
+        out.write_text(annotated_yaml(base_simspec), encoding="utf-8")
     if campaign is not None:
-        campaign.write_text(dump_value(_campaign(found, found.simspec, points, decomposition)), encoding="utf-8")
-        for fault in _unrated(found.simspec, decomposition):
-            print(f"not to be scored yet: {fault}", file=sys.stderr)
+        campaign.write_text(dump_value(_campaign(base_simspec, base_simspec.simspec, points, decomposition)), encoding="utf-8")
+        for fault in _unrated(base_simspec.simspec, decomposition):
+            print(f"cannot be scored yet: {fault}", file=sys.stderr)
     if groups:
-        print("\n".join(_grouped(found, found.simspec, decomposition)))
+        print("\n".join(_grouped(base_simspec, base_simspec.simspec, decomposition)))
     if not (as_json or explain or groups or out or campaign):
-        print(annotated_yaml(found), end="")
+        print(annotated_yaml(base_simspec), end="")
 
 
-def _text(text: str | None, file: Path | None) -> str:
+def _description(text: str | None, file: Path | None) -> str:
     from bench.documents import read_text
     from bench.errors import Fault, SetupError
     from bench.instance_analysis import MAX_CHARACTERS
 
     if (text is None) == (file is None):
-        raise SetupError(Fault("prose", "give either the description or --file", "rebar prose 'a radar vehicle and 5 civilians'"))
+        raise SetupError(
+            Fault("prose", "give either a description or --file", "for example rebar prose 'a radar vehicle and 5 civilians'")
+        )
     return text if text is not None else read_text(file or Path(), most_bytes=4 * MAX_CHARACTERS)
 
 
-def _remarks(found: BaseSimSpec, proposed: ProposedResult | None) -> Iterator[str]:
-    for word, other in found.corrected.items():
+def _remarks(base_simspec: BaseSimSpec, proposed: ProposedResult | None) -> Iterator[str]:
+    for word, other in base_simspec.corrected.items():
         yield f"{word!r} was read as {other!r}"
-    for one in found.remarks:
-        yield f"{one.quote!r}: {one.why}"
-    for number, question in enumerate(found.questions, start=1):
+    for remark in base_simspec.remarks:
+        yield f"{remark.quote!r}: {remark.why}"
+    for number, question in enumerate(base_simspec.questions, start=1):
         yield f"question {number}: {question.quote!r}: {question.ask}"
-        yield from (f"  {index}. {reading}" for index, reading in enumerate(question.readings, start=1))
-    if found.questions:
-        yield "take a reading of each with --accept K, in this order"
-    for varied in found.ranges:
+        yield from (f"  {index}. {choice}" for index, choice in enumerate(question.readings, start=1))
+    if base_simspec.questions:
+        yield "answer each question in this order with --accept NUMBER"
+    for varied in base_simspec.ranges:
         yield f"varies: {_span(varied)}"
-    for one in found.not_expressible:
-        yield f"not expressible: {one.quote!r}: {one.why}"
-    for one in found.not_understood:
-        yield f"not understood: {one.quote!r}: {one.why}"
+    for remark in base_simspec.not_expressible:
+        yield f"not expressible: {remark.quote!r}: {remark.why}"
+    for remark in base_simspec.not_understood:
+        yield f"not understood: {remark.quote!r}: {remark.why}"
     if proposed is not None:
-        yield f"{proposed.model} was asked {proposed.rounds} times and decided {', '.join(proposed.decided_by_model) or 'nothing'}"
-        yield from (f"refused of {proposed.model}: {one.quote}: {one.why}" for one in proposed.refused)
+        yield f"{proposed.model} was queried {proposed.rounds} times and decided {', '.join(proposed.decided_by_model) or 'nothing'}"
+        yield from (f"refused from {proposed.model}: {refusal.quote}: {refusal.why}" for refusal in proposed.refused)
 
 
 def _span(varied: VariedField) -> str:
@@ -132,20 +134,20 @@ def _span(varied: VariedField) -> str:
     return f"{', '.join(varied.paths)}: {values}{unit}"
 
 
-def _explained(found: BaseSimSpec) -> Iterator[str]:
-    for one in found.receipts:
-        if one.path == "description":
+def _explained(base_simspec: BaseSimSpec) -> Iterator[str]:
+    for receipt in base_simspec.receipts:
+        if receipt.path == "description":
             continue
-        note = f" ({one.note})" if one.note else ""
-        source = f"{one.quote!r} {one.start}-{one.end}" if one.start is not None else ""
-        word = one.source if one.source != "prose" else ""
-        yield f"{one.path} = {json.dumps(one.value)} <- {' '.join(filter(None, (word, source)))}{note}"
+        note = f" ({receipt.note})" if receipt.note else ""
+        source = f"{receipt.quote!r} {receipt.start}-{receipt.end}" if receipt.start is not None else ""
+        word = receipt.source if receipt.source != "prose" else ""
+        yield f"{receipt.path} = {json.dumps(receipt.value)} <- {' '.join(filter(None, (word, source)))}{note}"
 
 
 def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
     factors: list[dict[str, Any]] = []
     for varied in ranges:
-        taken = {one["name"] for one in factors}
+        taken = {factor["name"] for factor in factors}
         name = varied.name if varied.name not in taken else f"{varied.name}-{len(factors)}"
         factor: dict[str, Any] = {"name": name}
         if varied.unit and not varied.choices:
@@ -163,143 +165,146 @@ def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
 
 
 def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
-    """What the description would have to speak of for the campaign to be rated, and so flown."""
+    """What the description has to mention before the decomposition can rate the campaign, and so fly it."""
     from bench.errors import SetupError
     from bench.scoring import difficulty_of
 
-    asked = _decomposition(decomposition)
     try:
-        difficulty_of(asked, simspec)
+        difficulty_of(_decomposition(decomposition), simspec)
     except SetupError as error:
         return error.faults
     return ()
 
 
-def _campaign(found: BaseSimSpec, simspec: SimSpec, points: int, decomposition: str) -> dict[str, Any]:
-    """Plain values of a campaign over the ranges: a Latin hypercube, or every combination where there are levels alone."""
+def _campaign(base_simspec: BaseSimSpec, simspec: SimSpec, points: int, decomposition: str) -> dict[str, Any]:
+    """A campaign over the ranges as plain values: a Latin hypercube, or every combination if there are only levels."""
     from bench.campaign import Campaign
     from bench.documents import validate_document
     from bench.instance_analysis import stated_values
 
-    factors = _factors(found.ranges)
-    ranged = any("range" in one for one in factors)
+    factors = _factors(base_simspec.ranges)
+    ranged = any("range" in factor for factor in factors)
     method = {"kind": "latin_hypercube", "points": points} if ranged else {"kind": "full_factorial"}
-    written = {
+    document = {
         "format": "rebar.campaign/1",
         "name": "prose",
-        "base": stated_values(found),
+        "base": stated_values(base_simspec),
         "agents": [{"manifest": simspec.agent.manifest}],
         "decomposition": decomposition,
         "design": {"factors": factors, "method": method},
     }
-    validate_document(written, Campaign, source="campaign")
-    return written
+    validate_document(document, Campaign, source="campaign")
+    return document
 
 
-def _variations(found: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[str, SimSpec]]:
-    """The ends of every range and every level, combined, as far as they are not too many."""
+def _variations(base_simspec: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[str, SimSpec]]:
+    """Combinations of the ends of every range and of every level, up to MAX_VARIATIONS."""
     from bench.documents import validate_document
     from bench.realization import Design, situations
 
-    if not found.ranges:
-        yield "as it is", simspec
+    if not base_simspec.ranges:
+        yield "unchanged", simspec
         return
-    factors = _factors(found.ranges)
+    factors = _factors(base_simspec.ranges)
     for factor in factors:
         if ends := factor.pop("range", None):
             clean = int if ends["integer"] else float
             factor["levels"] = [clean(ends["low"]), clean(ends["high"])]
     design = validate_document({"factors": factors}, Design, source="ranges")
-    points = design.pairs()[:MOST_VARIATIONS]
+    points = design.pairs()[:MAX_VARIATIONS]
     for (point, _), varied in zip(points, situations(simspec, design, [point for point, _ in points]), strict=True):
         yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
 
 
-def _grouped(found: BaseSimSpec, simspec: SimSpec, name: str) -> Iterator[str]:
+def _grouped(base_simspec: BaseSimSpec, simspec: SimSpec, name: str) -> Iterator[str]:
     from bench.scoring import configuration_of, configuration_tension, difficulty_of
 
-    asked = _decomposition(name)
+    tree = _decomposition(name)
     configurations: dict[str, list[str]] = {}
     tensions: dict[str, int] = {}
-    for named, varied in _variations(found, simspec):
-        rated = difficulty_of(asked, varied)
-        key = configuration_of(asked, rated)
-        configurations.setdefault(key, []).append(named)
-        tensions[key] = configuration_tension(asked, rated)
+    for variation, varied in _variations(base_simspec, simspec):
+        rated = difficulty_of(tree, varied)
+        key = configuration_of(tree, rated)
+        configurations.setdefault(key, []).append(variation)
+        tensions[key] = configuration_tension(tree, rated)
     for key, members in configurations.items():
         yield f"{key} (tension {tensions[key]}): {len(members)} variations"
-        yield from (f"  {one}" for one in members)
+        yield from (f"  {variation}" for variation in members)
 
 
-def _decomposition(name: str) -> Decomposition:
+def _decomposition(name_or_path: str) -> Decomposition:
     from bench.simspec import FACTORS
     from decompositions import DecompositionVocabulary, load_decomposition
 
-    return load_decomposition(name, DecompositionVocabulary({one: factor.unit for one, factor in FACTORS.items()}))
+    return load_decomposition(name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()}))
 
 
 def tension(
-    node: Annotated[str, typer.Argument(help="Node of the decomposition, or words of a key attribute's title")],
+    node: Annotated[str, typer.Argument(help="Node of the decomposition, or words from the title of a key attribute")],
     wanted: Annotated[int, typer.Argument(min=1, max=5, help="Tension, 1 to 5")],
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
-    as_json: Annotated[bool, typer.Option("--json", help="For a machine to read")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Which ranges of the key factors give a node a tension.
+    """Show the ranges of the key factors that give a node a tension.
 
     Example: rebar tension KA-03 4
 
     Example: rebar tension "bystander classification" 4
     """
-    asked = _decomposition(decomposition)
-    node = _node(asked, node)
-    rows = list(_bounds(asked, node, wanted))
+    tree = _decomposition(decomposition)
+    node = _node(tree, node)
+    rows = list(_factor_ranges(tree, node, wanted))
     if as_json:
         print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
         return
     lowest, highest = 20 * (wanted - 1), 20 * wanted
-    print(f"{node} {asked.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most {highest}:")
-    print("every factor at least as hard as its first value, and one of them no harder than its second.")
+    print(f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most {highest}:")
+    print("every factor is at least as hard as its first value, and one of them is no harder than its second.")
     for row in rows:
-        print(f"  {row['factor']} [{row['unit']}]: {_told(row['from'], row['from_past'])} to {_told(row['to'], False)}")
+        print(
+            f"  {row['factor']} [{row['unit']}]: {_bound_text(row['from'], row['from_past'])} to {_bound_text(row['to'], False)}"
+        )
     unreached = [str(row["factor"]) for row in rows if row["from"] is None]
     if unreached:
-        print(f"No situation has it: the tables of {', '.join(unreached)} end before.")
+        print(f"No situation has this tension: the tables of {', '.join(unreached)} end before it.")
         raise typer.Exit(1)
 
 
-def _node(asked: Decomposition, words: str) -> str:
-    """The node of that id, or the one key attribute whose title has all of these words."""
+def _node(tree: Decomposition, words: str) -> str:
+    """The node with that id, or the only key attribute whose title has all of these words."""
     from bench.errors import Fault, SetupError
     from decompositions import Level
 
-    from ._scores import known_node
+    from ._scores import check_node
 
-    if words in asked.nodes or " " not in words.strip():
-        known_node("NODE", asked, words)
+    if words in tree.nodes or " " not in words.strip():
+        check_node("NODE", tree, words)
         return words
-    sought = [word.lower() for word in words.split()]
-    attributes = asked.at_level(Level.KEY_ATTRIBUTE)
-    found = [one for one in attributes if all(word in asked.nodes[one].title.lower() for word in sought)]
-    if len(found) != 1:
-        fitting = ", ".join(f"{one} {asked.nodes[one].title}" for one in found) or "none"
+    title_words = [word.lower() for word in words.split()]
+    attributes = tree.at_level(Level.KEY_ATTRIBUTE)
+    matches = [node for node in attributes if all(word in tree.nodes[node].title.lower() for word in title_words)]
+    if len(matches) != 1:
+        choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
         raise SetupError(
-            Fault("NODE", f"{len(found)} key attributes have {words!r} in their title", f"name one; fitting: {fitting}")
+            Fault("NODE", f"{len(matches)} key attributes have {words!r} in their title", f"name one; matches: {choices}")
         )
-    return found[0]
+    return matches[0]
 
 
-def _told(value: float | None, past: bool) -> str:
+def _bound_text(value: float | None, past: bool) -> str:
     return "the table's end" if value is None else f"{'beyond ' if past else ''}{value:.6g}"
 
 
-def _bounds(asked: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
-    """For each key factor: the value from which no table of it rates too low, and the one up to which some table does not
-    rate too high; None where a table ends before."""
+def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
+    """For each key factor, the range in which the node has the tension. An end is None if a table ends before it.
+
+    From the first value on, no table of the factor rates too low. Up to the second, at least one does not rate too high.
+    """
     from bench.scoring import value_for_rating
 
     tables: dict[str, list[Any]] = {}
-    for leaf in asked.observables_under(node):
-        for row in asked.key_factors(leaf):
+    for leaf in tree.observables_under(node):
+        for row in tree.key_factors(leaf):
             tables.setdefault(row.factor, []).append(row)
     for factor, rows in tables.items():
         rising = rows[0].values[-1] > rows[0].values[0]
@@ -307,9 +312,9 @@ def _bounds(asked: Decomposition, node: str, wanted: int) -> Iterator[dict[str, 
         if wanted == 1:
             lows: list[tuple[float, bool] | None] = [(row.values[0], False) for row in rows]
         else:
-            lows = [value_for_rating(row, 20.0 * (wanted - 1), asked.policies, exceeded=True) for row in rows]
-        highs = [value_for_rating(row, 20.0 * wanted, asked.policies) for row in rows]
-        low = None if None in lows else max((one for one in lows if one), key=lambda one: sign * one[0])
-        high = None if None in highs else max((one[0] for one in highs if one), key=lambda one: sign * one)
+            lows = [value_for_rating(row, 20.0 * (wanted - 1), tree.policies, exceeded=True) for row in rows]
+        highs = [value_for_rating(row, 20.0 * wanted, tree.policies) for row in rows]
+        low = None if None in lows else max((low for low in lows if low), key=lambda low: sign * low[0])
+        high = None if None in highs else max((high[0] for high in highs if high), key=lambda value: sign * value)
         low_value, past = low if low else (None, False)
         yield {"factor": factor, "unit": rows[0].unit, "from": low_value, "from_past": past, "to": high}

@@ -1,4 +1,4 @@
-"""`rebar score`: recordings to observations and scores, again; tables from elsewhere; and why a number is what it is."""
+"""`rebar score`: scores recordings again, scores tables from other sources, and explains a score."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     )
     from decompositions import Decomposition
 
-MOST_TABLE_BYTES = 2 * 1024**3
-WIDTH = 140  # of what is printed where nobody's terminal is
+MAX_TABLE_BYTES = 2 * 1024**3
+# Where the output is no terminal: the width of the widest table here.
+WIDTH = 140
 
 
 def register(app: typer.Typer) -> None:
@@ -41,23 +42,25 @@ def register(app: typer.Typer) -> None:
 
 
 def score(
-    runs: Annotated[list[Path] | None, typer.Argument(help="Folders of runs, or of whole campaigns")] = None,
-    decomposition: Annotated[str | None, typer.Option(help="Name or file; a campaign's own when not given")] = None,
+    runs: Annotated[list[Path] | None, typer.Argument(help="Folders of runs or of campaigns")] = None,
+    decomposition: Annotated[str | None, typer.Option(help="Name or file of a decomposition. Default: the campaign's")] = None,
     observations: Annotated[
-        Path | None, typer.Option(help="Instead of folders: a table of observations from elsewhere (CSV or JSON records)")
+        Path | None, typer.Option(help="Score a table of observations instead of folders (CSV or JSON records)")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="For a machine to read: the document `rebar schema score-report`")
-    ] = False,
-    per_run: Annotated[bool, typer.Option("--per-run", help="Every run's nodes too")] = False,
-    explain: Annotated[str | None, typer.Option(metavar="NODE", help="Why this node has its score; changes nothing")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, as described by `rebar schema score-report`")] = False,
+    per_run: Annotated[bool, typer.Option("--per-run", help="Show the nodes of every run as well")] = False,
+    explain: Annotated[str | None, typer.Option(metavar="NODE", help="Explain the score of this node. Writes nothing")] = None,
     limit: Annotated[
-        int, typer.Option(min=0, help="With --explain: most runs an agent, observables a run, moments an observable; 0 is all")
+        int,
+        typer.Option(
+            min=0, help="With --explain: maximum of runs per agent, observables per run and moments per observable; 0 for all"
+        ),
     ] = 5,
 ) -> None:
-    """Measure and score recordings again; nothing but the recording, its SimSpec and the decomposition decides.
+    """Measure and score recordings again, from nothing but the recording, its SimSpec and the decomposition.
 
-    A run's folder is scored to the screen; a campaign's gets new result.json files, scores.parquet and report.html.
+    For the folder of a run, the scores are printed. For a campaign, result.json files, scores.parquet and report.html are
+    written again.
 
     Example: rebar score out/demo/runs/p000-r0-reference-naive
 
@@ -65,137 +68,144 @@ def score(
 
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
-    for target in _targets(runs or [], decomposition, observations, reading=explain is not None):
+    for source in _score_sources(runs or [], decomposition, observations, reading=explain is not None):
         if explain is not None:
-            _show_explanation(target.explained(explain, limit), as_json=as_json)
+            _show_explanation(source.explained(explain, limit), as_json=as_json)
         elif as_json:
-            print(target.report(per_run=per_run).model_dump_json(indent=1))
+            print(source.report(per_run=per_run).model_dump_json(indent=1))
         else:
-            target.show(per_run=per_run)
+            source.show(per_run=per_run)
 
 
-def known_node(option: str, asked: Decomposition, node: str) -> None:
-    """Raises SetupError, with what was probably meant, for a node that the decomposition does not have."""
-    if node not in asked.nodes:
-        near = difflib.get_close_matches(node, asked.nodes, n=3)
-        remedy = f"did you mean {' or '.join(near)}?" if near else f"key attributes: {', '.join(asked.key_attributes)}"
-        raise SetupError(Fault(option, f"there is no node {node!r} in {asked.name}", remedy))
+def check_node(option: str, decomposition: Decomposition, node: str) -> None:
+    """Raises SetupError, with the nodes of similar names, if the decomposition has no such node."""
+    if node not in decomposition.nodes:
+        similar = difflib.get_close_matches(node, decomposition.nodes, n=3)
+        attributes = ", ".join(decomposition.key_attributes)
+        remedy = f"did you mean {' or '.join(similar)}?" if similar else f"key attributes: {attributes}"
+        raise SetupError(Fault(option, f"there is no node {node!r} in {decomposition.name}", remedy))
+
+
+def missing_results(count: int) -> str:
+    """The sentence about realizations of a campaign that cannot be scored."""
+    return f"{count} realizations have no result, or one that does not match its recording. `rebar run` reruns them."
 
 
 def campaign_report(folder: Path) -> ScoreReport:
-    """The document of a campaign as it lies; nothing is measured anew."""
+    """The score report of a campaign. Nothing is measured again."""
     return _of_campaign(folder, None, reading=True).report(per_run=False)
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
-    """What was named to be scored: its runs, and where they are from."""
+class ScoreSource:
+    """A campaign, a run or a table to be scored: its runs, and where they come from."""
 
     kind: Literal["campaign", "run", "observations"]
     source: str
-    asked: Decomposition
+    decomposition: Decomposition
     study: tuple[str, ...]
     runs: tuple[ScoredRun, ...]
     sources: Sources
     scores: pl.DataFrame
     summary: pl.DataFrame
-    last_words: tuple[str, ...] = field(default=())
+    closing_lines: tuple[str, ...] = field(default=())
     fidelity: Literal["full", "overhead"] | None = None
 
     def report(self, *, per_run: bool) -> ScoreReport:
-        """The document that `--json` prints."""
+        """The document for `--json`."""
         from bench.scoring import absent_pairs, run_reports, score_report
 
-        told = run_reports(self.scores, self.sources.recordings) if per_run or self.kind == "run" else None
-        absent = absent_pairs(self.asked, self.runs)
+        runs = run_reports(self.scores, self.sources.recordings) if per_run or self.kind == "run" else None
+        absent = absent_pairs(self.decomposition, self.runs)
         return score_report(
-            self.kind, self.source, self.asked, self.study, self.scores, self.summary, absent, told, self.fidelity
+            self.kind, self.source, self.decomposition, self.study, self.scores, self.summary, absent, runs, self.fidelity
         )
 
     def explained(self, node: str, limit: int) -> Explanation:
-        """Why a node has its numbers. Raises SetupError for one that there is not."""
+        """Why a node has its scores. Raises SetupError for an unknown node."""
         from bench.scoring import explain, node_reports
 
-        known_node("--explain", self.asked, node)
+        check_node("--explain", self.decomposition, node)
         summaries = node_reports(self.scores, self.summary.filter(node=node, configuration="all"))
-        return explain(self.asked, node, self.runs, self.scores, summaries, self.sources, self.source, limit)
+        return explain(self.decomposition, node, self.runs, self.scores, summaries, self.sources, self.source, limit)
 
     def show(self, *, per_run: bool) -> None:
-        """Tables for a person."""
+        """Print the scores as tables."""
         from bench.reporting import score_table
         from bench.scoring import absent_pairs, run_reports
 
         console = _console()
         if self.kind != "run":
-            top = self.asked.level_of(next(iter(self.asked.nodes)))
-            console.print(score_table(self.summary, self.study or self.asked.at_level(top)))
+            top = self.decomposition.level_of(next(iter(self.decomposition.nodes)))
+            console.print(score_table(self.summary, self.study or self.decomposition.at_level(top)))
         if per_run or self.kind == "run":
-            titles = {node.id: node.title for node in self.asked.nodes.values()}
+            titles = {node.id: node.title for node in self.decomposition.nodes.values()}
             for run in run_reports(self.scores):
                 console.print(_table_of_run(run, titles))
         if self.kind == "observations":
-            absent = absent_pairs(self.asked, self.runs)
-            print(f"{len(self.runs)} runs; {absent} pairs of run and observable have no row, and are not considered")
-        for words in self.last_words:
-            print(words)
+            absent = absent_pairs(self.decomposition, self.runs)
+            print(f"{len(self.runs)} runs; {absent} pairs of run and observable have no row and are not considered")
+        for line in self.closing_lines:
+            print(line)
 
 
-def _targets(runs: Sequence[Path], decomposition: str | None, table: Path | None, *, reading: bool) -> list[Target]:
-    """What the command line names, each scored. `reading` leaves the folders as they are."""
+def _score_sources(runs: Sequence[Path], decomposition: str | None, table: Path | None, *, reading: bool) -> list[ScoreSource]:
+    """Everything that the command line names, scored. `reading` writes nothing."""
     from bench.campaign import is_campaign
 
     if table is not None:
         if runs:
-            raise SetupError(Fault("--observations", "stands instead of folders", "drop the folders, or the table"))
+            raise SetupError(Fault("--observations", "cannot be given together with folders", "give either"))
         if decomposition is None:
-            raise SetupError(
-                Fault("--observations", "a table says nothing of its decomposition", "name it: --decomposition FILE")
-            )
+            raise SetupError(Fault("--observations", "a table does not name its decomposition", "give --decomposition FILE"))
         return [_of_table(table, decomposition)]
     if not runs:
-        raise SetupError(Fault("score", "nothing to score", "name the folder of a run or of a campaign, or give --observations"))
+        raise SetupError(
+            Fault("score", "there is nothing to score", "name the folder of a run or of a campaign, or give --observations")
+        )
     return [
-        _of_campaign(one, decomposition, reading=reading) if is_campaign(one) else _of_run(one, decomposition) for one in runs
+        _of_campaign(folder, decomposition, reading=reading) if is_campaign(folder) else _of_run(folder, decomposition)
+        for folder in runs
     ]
 
 
-def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> Target:
+def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> ScoreSource:
     from bench.campaign import read_runs, rescore_campaign
     from bench.scoring import Sources, score_table, summary_frame
 
-    words: list[str] = []
+    lines: list[str] = []
     if reading:
-        found = read_runs(folder, decomposition)
+        campaign = read_runs(folder, decomposition)
     else:
         finished = rescore_campaign(folder, decomposition)
-        found = read_runs(folder)
+        campaign = read_runs(folder)
         missing = finished.outcomes.get("not finished", 0)
         if missing:
-            words.append(f"{missing} realizations have no result, or none that fits its recording: `rebar run` flies them again")
-        words.append(str(finished.report))
-    scores = score_table(found.decomposition, found.runs, found.study)
-    recordings = {name: str(path) for name, path in found.recordings.items()}
-    return Target(
+            lines.append(missing_results(missing))
+        lines.append(str(finished.report))
+    scores = score_table(campaign.decomposition, campaign.runs, campaign.study)
+    recordings = {name: str(path) for name, path in campaign.recordings.items()}
+    return ScoreSource(
         kind="campaign",
         source=str(folder),
-        asked=found.decomposition,
-        study=found.study,
-        runs=found.runs,
-        sources=Sources(recordings, found.reasons),
+        decomposition=campaign.decomposition,
+        study=campaign.study,
+        runs=campaign.runs,
+        sources=Sources(recordings, campaign.reasons),
         scores=scores,
-        summary=summary_frame(scores, found.decomposition),
-        last_words=tuple(words),
-        fidelity=found.fidelity,
+        summary=summary_frame(scores, campaign.decomposition),
+        closing_lines=tuple(lines),
+        fidelity=campaign.fidelity,
     )
 
 
-def _of_run(folder: Path, decomposition: str | None) -> Target:
+def _of_run(folder: Path, named: str | None) -> ScoreSource:
     from bench.campaign import load_measurable_decomposition, rescore
     from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
 
-    asked = load_measurable_decomposition(decomposition or _decomposition_beside(folder))
-    result = rescore(folder, asked)
+    decomposition = load_measurable_decomposition(named or _campaign_decomposition(folder))
+    result = rescore(folder, decomposition)
     recording = folder / "recording.mcap"
     simspec = read_simspec(recording)
     run = ScoredRun(
@@ -204,50 +214,50 @@ def _of_run(folder: Path, decomposition: str | None) -> Target:
         replicate=0,
         agent=simspec.agent.label,
         outcome=result.outcome,
-        difficulty=difficulty_of(asked, simspec),
+        difficulty=difficulty_of(decomposition, simspec),
         observations=result.observations,
     )
-    scores = score_table(asked, [run])
-    return Target(
+    scores = score_table(decomposition, [run])
+    return ScoreSource(
         kind="run",
         source=str(folder),
-        asked=asked,
-        study=asked.study,
+        decomposition=decomposition,
+        study=decomposition.study,
         runs=(run,),
         sources=Sources({run.realization: str(recording)}, {run.realization: result.reason}),
         scores=scores,
-        summary=summary_frame(scores, asked),
-        last_words=(f"{result.outcome}, {result.simulated_s:.1f} simulated s",),
+        summary=summary_frame(scores, decomposition),
+        closing_lines=(f"{result.outcome}, {result.simulated_s:.1f} simulated s",),
         fidelity="full",
     )
 
 
-def _decomposition_beside(folder: Path) -> str:
-    """The decomposition of the campaign that a run's folder lies in; the house's own for one by itself."""
-    kept = folder.resolve().parent.parent / "decomposition.yaml"
-    return str(kept) if folder.resolve().parent.name == "runs" and kept.is_file() else "search-and-report"
+def _campaign_decomposition(run: Path) -> str:
+    """The decomposition of the campaign that a run belongs to. The default one for a run outside a campaign."""
+    path = run.resolve().parent.parent / "decomposition.yaml"
+    return str(path) if run.resolve().parent.name == "runs" and path.is_file() else "search-and-report"
 
 
-def _of_table(path: Path, decomposition: str) -> Target:
+def _of_table(path: Path, named: str) -> ScoreSource:
     from bench.documents import read_text
     from bench.scoring import Sources, read_table, score_external, summary_frame
     from bench.simspec import FACTORS
     from decompositions import DecompositionVocabulary, load_decomposition
 
     units = {name: factor.unit for name, factor in FACTORS.items()}
-    asked = load_decomposition(decomposition, DecompositionVocabulary(units, difficulty="given"))
-    table = read_table(read_text(path, MOST_TABLE_BYTES), asked, str(path))
-    scores = score_external(asked, table.runs)
+    decomposition = load_decomposition(named, DecompositionVocabulary(units, difficulty="given"))
+    table = read_table(read_text(path, MAX_TABLE_BYTES), decomposition, str(path))
+    scores = score_external(decomposition, table.runs)
     rows = {pair: f"{path}:{line}" for pair, line in table.lines.items()}
-    return Target(
+    return ScoreSource(
         kind="observations",
         source=str(path),
-        asked=asked,
-        study=asked.study,
+        decomposition=decomposition,
+        study=decomposition.study,
         runs=table.runs,
         sources=Sources(rows=rows),
         scores=scores,
-        summary=summary_frame(scores, asked),
+        summary=summary_frame(scores, decomposition),
     )
 
 
@@ -273,45 +283,45 @@ def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
     return table
 
 
-def _show_explanation(found: Explanation, *, as_json: bool) -> None:
+def _show_explanation(explanation: Explanation, *, as_json: bool) -> None:
     if as_json:
-        print(found.model_dump_json(indent=1))
+        print(explanation.model_dump_json(indent=1))
         return
     console = _console()
-    for agent in found.agents:
-        console.print(_tree_of_agent(found, agent))
-    if not found.agents:
-        print(f"{found.source}: there are no runs yet")
+    for agent in explanation.agents:
+        console.print(_tree_of_agent(explanation, agent))
+    if not explanation.agents:
+        print(f"{explanation.source}: no runs yet")
 
 
-def _tree_of_agent(found: Explanation, told: AgentExplanation) -> Tree:
-    one = told.summary
-    tree = Tree(Text(f"{found.id} {found.title}, {one.agent}: {found.asks}"))
-    if one.score is None:
-        tree.add(Text(f"not scored in any of {one.considered} considered runs"))
+def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
+    summary = agent.summary
+    tree = Tree(Text(f"{explanation.id} {explanation.title}, {summary.agent}: {explanation.asks}"))
+    if summary.score is None:
+        tree.add(Text(f"not scored in any of {summary.considered} considered runs"))
     else:
-        made_of = ", ".join(told.scored_runs) + (", ..." if one.scored > len(told.scored_runs) else "")
-        ends = "" if one.score_low is None else f", 95 % [{one.score_low:.2f}, {one.score_high:.2f}]"
-        tree.add(Text(f"score {one.score:.2f}{ends}: the mean of the {one.scored} runs that have one ({made_of})"))
-    if one.raised_by_failure:
-        tree.add(Text("failing raised this score: it exceeds what it would be had every failed observable passed"))
-    if one.confidence is not None:
-        interval = f"95 % [{one.confidence_low:.1%}, {one.confidence_high:.1%}] {one.method}"
-        tree.add(Text(f"confidence {one.confidence:.1%}, {interval}: the mean over {one.considered} considered runs"))
-    if one.competence_50 is not None:
-        least = "at least " if one.competence_50_at_least else ""
-        bound = "" if one.competence_50_low is None else f", at least {one.competence_50_low:.2f} with 95 % confidence"
-        tree.add(Text(f"competence {least}{one.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"))
+        made_of = ", ".join(agent.scored_runs) + (", ..." if summary.scored > len(agent.scored_runs) else "")
+        ends = "" if summary.score_low is None else f", 95 % [{summary.score_low:.2f}, {summary.score_high:.2f}]"
+        tree.add(Text(f"score {summary.score:.2f}{ends}: the mean of the {summary.scored} runs that have one ({made_of})"))
+    if summary.raised_by_failure:
+        tree.add(Text("failures raised this score: it would be lower if every failed observable had passed"))
+    if summary.confidence is not None:
+        interval = f"95 % [{summary.confidence_low:.1%}, {summary.confidence_high:.1%}] {summary.method}"
+        tree.add(Text(f"confidence {summary.confidence:.1%}, {interval}: the mean over {summary.considered} considered runs"))
+    if summary.competence_50 is not None:
+        least = "at least " if summary.competence_50_at_least else ""
+        bound = "" if summary.competence_50_low is None else f", at least {summary.competence_50_low:.2f} with 95 % confidence"
+        tree.add(Text(f"competence {least}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"))
     tree.add(
         Text(
-            f"{one.runs} runs count: {one.passed} passed, {one.considered - one.passed} failed, "
-            f"{one.runs - one.considered} not considered; {one.excluded} more were spoilt by the bench"
+            f"{summary.runs} runs count: {summary.passed} passed, {summary.considered - summary.passed} failed, "
+            f"{summary.runs - summary.considered} not considered; {summary.excluded} more are excluded"
         )
     )
-    for run in told.runs:
+    for run in agent.runs:
         _add_run(tree, run)
-    if told.runs_left_out:
-        rest = ", ".join(f"{count} {state}" for state, count in told.runs_left_out.items())
+    if agent.runs_left_out:
+        rest = ", ".join(f"{count} {state}" for state, count in agent.runs_left_out.items())
         tree.add(Text(f"... and {rest} (--limit 0 shows all)"))
     return tree
 
@@ -334,7 +344,7 @@ def _add_run(tree: Tree, run: RunExplanation) -> None:
 
 
 def _brief(reason: str) -> str:
-    """First and last line: an agent's traceback is as long as it likes, and the recording has it."""
+    """First and last line of a reason. A traceback of an agent can be long, and the recording has all of it."""
     lines = [line.strip() for line in reason.splitlines() if line.strip(" )")]
     return reason.strip() if len(lines) < 3 else f"{lines[0]} ... {lines[-1]}"
 
@@ -346,8 +356,8 @@ def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
         sign = ">=" if leaf.state == "achieved" else "<"
         branch = tree.add(Text(f"{leaf.id} {leaf.title}: {leaf.state}, x {leaf.x:.4g} {sign} {leaf.threshold:g}{_points(leaf)}"))
         if leaf.factors:
-            told = (f"{one.factor} = {one.value:g} {one.unit} rates {one.rating:.2f}" for one in leaf.factors)
-            branch.add(Text("; ".join(told)))
+            ratings = (f"{row.factor} = {row.value:g} {row.unit} rates {row.rating:.2f}" for row in leaf.factors)
+            branch.add(Text("; ".join(ratings)))
     if leaf.row:
         branch.add(Text(f"row: {leaf.row}"))
     for moment in leaf.evidence:

@@ -1,4 +1,4 @@
-"""`rebar simulate`: one session, from a SimSpec to its observations."""
+"""`rebar simulate`: flies one session, from a SimSpec to its observations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
 
 
 def simulate(
-    simspec: Annotated[Path, typer.Argument(help="A SimSpec, base or realized (YAML or JSON)")],
+    simspec: Annotated[Path, typer.Argument(help="SimSpec file, base or realized (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder for recording.mcap and result.json")] = Path("out"),
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
@@ -37,15 +37,15 @@ def simulate(
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
         if not result.simulated_s:
             ended = f"{simspec}: {ended}"
-        # Reasons and evidence name fields as actors[people]: not markup.
+        # Reasons and evidence contain fields such as actors[people], which must not be taken for markup.
         console.print(ended, markup=False, highlight=False, soft_wrap=True)
         table = Table()
         for column in ("observable", "considered", "x", "evidence"):
             table.add_column(column, justify="right" if column == "x" else "left")
-        for one in result.observations:
-            evidence = "; ".join(f"{item.time_s:.1f} s {item.text}" for item in one.evidence[:2])
-            value = "" if one.x is None else f"{one.x:.3f}"
-            table.add_row(one.observable, "yes" if one.considered else "no", value, Text(evidence))
+        for observation in result.observations:
+            evidence = "; ".join(f"{moment.time_s:.1f} s {moment.text}" for moment in observation.evidence[:2])
+            value = "" if observation.x is None else f"{observation.x:.3f}"
+            table.add_row(observation.observable, "yes" if observation.considered else "no", value, Text(evidence))
         if result.observations:
             console.print(table)
         if (out / "recording.mcap").is_file():

@@ -71,9 +71,9 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
         (["simulate", "nowhere.yaml"], "there is no such file"),
         (["run", "nowhere.yaml"], "there is no such file"),
         (["run", str(EXAMPLE)], "is a rebar.simspec/1 (name a rebar.campaign/1 here)"),
-        (["run", str(EXAMPLE), "--executor", "dask"], "not there yet"),
+        (["run", str(EXAMPLE), "--executor", "dask"], "not available"),
         (["score", "/"], "there is no recording.mcap"),
-        (["report", "/"], "is not a campaign's folder"),
+        (["report", "/"], "is not the folder of a campaign"),
         (["verify", "/"], "cannot be read"),
         (["schema", "unicorn"], "there is no document 'unicorn'"),
         (["difficulty", str(EXAMPLE), "--decomposition", "nothing"], "nothing"),
@@ -205,7 +205,7 @@ def test_a_scene_that_cannot_be_names_the_fields_whole(tmp_path: Path, capsys: p
     ("trouble", "words"),
     [
         (OSError(errno.ENOSPC, "No space left on device", "out/recording.mcap"), "out/recording.mcap: No space left on device"),
-        (sqlite3.OperationalError("database or disk is full"), "the journal cannot be written: database or disk is full"),
+        (sqlite3.OperationalError("database or disk is full"), "cannot write the journal: database or disk is full"),
     ],
 )
 def test_a_disk_that_refuses_is_answered_with_a_sentence(

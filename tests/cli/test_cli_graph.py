@@ -37,8 +37,8 @@ def test_coloured_by_a_campaign(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        (["--out", "graph.pdf"], "neither a page nor a drawing"),
-        (["--agent", "mine"], "there is no campaign to take numbers from"),
+        (["--out", "graph.pdf"], "has an unknown suffix"),
+        (["--agent", "mine"], "there is no campaign to take results from"),
         (["--campaign", "nowhere"], "holds no campaign.yaml"),
     ],
 )

@@ -131,8 +131,8 @@ def test_runs_are_told_one_by_one_only_when_asked(worked: list[str], capsys: pyt
     ("line", "words"),
     [
         (["score"], "nothing to score"),
-        (["score", "--observations", "t.csv"], "name it: --decomposition FILE"),
-        (["score", "out", "--observations", "t.csv", "--decomposition", "d.yaml"], "stands instead of folders"),
+        (["score", "--observations", "t.csv"], "give --decomposition FILE"),
+        (["score", "out", "--observations", "t.csv", "--decomposition", "d.yaml"], "cannot be given together with folders"),
         (["score", "--observations", "nowhere.csv", "--decomposition", "paper-tables"], "there is no such file"),
     ],
 )

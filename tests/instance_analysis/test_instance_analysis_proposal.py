@@ -385,7 +385,7 @@ def test_the_command_says_who_decided(capsys: pytest.CaptureFixture[str]) -> Non
         assert run(["prose", TEXT, "--llm", "small", "--llm-url", url, "--explain"]) == 0
         shown = capsys.readouterr()
         assert run(["prose", TEXT, "--llm", "small", "--llm-url", url, "--json"]) == 0
-    assert "small was asked 1 times and decided vehicle.camera.tilt_deg" in shown.err
+    assert "small was queried 1 times and decided vehicle.camera.tilt_deg" in shown.err
     assert "vehicle.camera.tilt_deg = 45.0 <- model" in shown.out
     written = json.loads(capsys.readouterr().out)
     assert (written["model"], written["provider"], written["rounds"], written["refused"]) == ("small", "openai-compatible", 1, [])

@@ -174,10 +174,10 @@ def test_a_campaign_that_cannot_be_scored_says_what_it_lacks(tmp_path: Path, cap
     campaign = str(tmp_path / "campaign.yaml")
     text = "A radar. 3 to 9 civilians within 50 m of it."
     assert run(["prose", text, "--campaign", campaign]) == 0
-    assert "not to be scored yet" in (message := capsys.readouterr().err)
+    assert "cannot be scored yet" in (message := capsys.readouterr().err)
     assert "intelligence_uncertainty_m" in message
     assert run(["prose", f"{text} Intelligence on the radar, accurate to 60 m.", "--campaign", campaign]) == 0
-    assert "not to be scored" not in capsys.readouterr().err
+    assert "cannot be scored" not in capsys.readouterr().err
 
 
 def test_explain_names_words_or_default(capsys: pytest.CaptureFixture[str]) -> None:

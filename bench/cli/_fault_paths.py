@@ -1,4 +1,4 @@
-"""Faults that name the file which the user gave, where the code that found them did not know it."""
+"""Adds the file that the user gave to faults whose finder did not know it."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from bench.errors import Fault, SetupError
 
 
 @contextmanager
-def named(path: Path) -> Generator[None]:
-    """Put the file before every fault of a field of its document; what is about another place stays as it is."""
+def file_in_faults(path: Path) -> Generator[None]:
+    """Put the file before every fault of a field of its document. Faults of other places stay as they are."""
     try:
         yield
     except SetupError as error:
-        raise SetupError([_of(path, fault) for fault in error.faults]) from None
+        raise SetupError([_with_file(path, fault) for fault in error.faults]) from None
 
 
-def _of(path: Path, fault: Fault) -> Fault:
+def _with_file(path: Path, fault: Fault) -> Fault:
     from bench.campaign import Campaign
     from bench.simspec import SimSpec
 
+    # A fault begins with the field of the document, as in `design.factors[0]: ...` or `actors[people].count: ...`.
     field = re.split(r"[.\[: ]", fault.where, maxsplit=1)[0]
     known = field in Campaign.model_fields or field in SimSpec.model_fields or fault.where.startswith("design point ")
     return Fault(f"{path}: {fault.where}", fault.what, fault.remedy) if known else fault
