@@ -55,13 +55,13 @@ class _DocumentKey:
 
 @lru_cache(maxsize=8)
 def _arrays(key: _DocumentKey) -> DecompositionArrays:
-    asked = key.decomposition
-    nodes, leaves = tuple(asked.nodes), tuple(asked.observables)
+    decomposition = key.decomposition
+    nodes, leaves = tuple(decomposition.nodes), tuple(decomposition.observables)
     row = {node: index for index, node in enumerate(nodes)}
     column = {leaf: index for index, leaf in enumerate(leaves)}
     under = np.zeros((len(nodes), len(leaves)), dtype=np.bool_)
     for node in nodes:
-        under[row[node], [column[leaf] for leaf in asked.observables_under(node)]] = True
+        under[row[node], [column[leaf] for leaf in decomposition.observables_under(node)]] = True
     return DecompositionArrays(
         nodes=nodes,
         leaves=leaves,
@@ -69,12 +69,12 @@ def _arrays(key: _DocumentKey) -> DecompositionArrays:
         leaf_rows=np.array([row[leaf] for leaf in leaves], dtype=np.int64),
         under=under,
         inner=tuple(
-            (row[node], np.array([row[child] for child in asked.children(node)], dtype=np.int64))
-            for node in asked.bottom_up()
-            if asked.level_of(node) is not Level.OBSERVABLE
+            (row[node], np.array([row[child] for child in decomposition.children(node)], dtype=np.int64))
+            for node in decomposition.bottom_up()
+            if decomposition.level_of(node) is not Level.OBSERVABLE
         ),
-        threshold=np.array([one.threshold for one in asked.observables.values()]),
-        near_miss=np.array([asked.near_miss(leaf) for leaf in leaves]),
-        partial_credit=np.array([one.partial_credit for one in asked.observables.values()]),
-        policies=asked.policies,
+        threshold=np.array([observable.threshold for observable in decomposition.observables.values()]),
+        near_miss=np.array([decomposition.near_miss(leaf) for leaf in leaves]),
+        partial_credit=np.array([observable.partial_credit for observable in decomposition.observables.values()]),
+        policies=decomposition.policies,
     )

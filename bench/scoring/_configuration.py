@@ -14,23 +14,25 @@ from ._difficulty import Difficulty, tension_of
 def studied_key_attributes(decomposition: Decomposition, study: Sequence[str] = ()) -> tuple[str, ...]:
     """The nodes under study: those named, else the decomposition's own. Raises SetupError for one that is no key attribute."""
     known = decomposition.at_level(Level.KEY_ATTRIBUTE)
-    strange = [one for one in study if one not in known]
-    if strange:
-        raise SetupError([Fault("study", f"there is no key attribute {one!r}", f"known: {', '.join(known)}") for one in strange])
+    unknown = [node for node in study if node not in known]
+    if unknown:
+        raise SetupError(
+            [Fault("study", f"there is no key attribute {node!r}", f"known: {', '.join(known)}") for node in unknown]
+        )
     return tuple(study) or decomposition.study
 
 
-def configuration_of(decomposition: Decomposition, found: Difficulty, study: Sequence[str] = ()) -> str:
+def configuration_of(decomposition: Decomposition, difficulty: Difficulty, study: Sequence[str] = ()) -> str:
     """The key of a difficulty configuration, for example `KA-03=25.333333 KA-05=55`; equal to six decimals is equal.
 
     Raises SetupError for a study of something else than key attributes.
     """
-    return " ".join(f"{node}={_compact(found.of(node))}" for node in studied_key_attributes(decomposition, study))
+    return " ".join(f"{node}={_compact(difficulty.of(node))}" for node in studied_key_attributes(decomposition, study))
 
 
-def configuration_tension(decomposition: Decomposition, found: Difficulty, study: Sequence[str] = ()) -> int:
+def configuration_tension(decomposition: Decomposition, difficulty: Difficulty, study: Sequence[str] = ()) -> int:
     """Tension 1 to 5 of a configuration: the minimum over the nodes under study."""
-    return min(tension_of(found.of(node)) for node in studied_key_attributes(decomposition, study))
+    return min(tension_of(difficulty.of(node)) for node in studied_key_attributes(decomposition, study))
 
 
 def _compact(value: float) -> str:

@@ -28,19 +28,19 @@ def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> fl
     if not math.isfinite(value):
         raise ValueError(f"the key factor {table.factor!r} has the value {value}, which no table can rate")
     sign = 1.0 if table.values[-1] > table.values[0] else -1.0
-    columns = [sign * one for one in table.values]  # rising, whichever way the table runs
-    at = sign * value
-    after = bisect_left(columns, at)
-    if after == len(columns):
+    rising_values = [sign * column for column in table.values]  # rising, whichever way the table runs
+    position = sign * value
+    after = bisect_left(rising_values, position)
+    if after == len(rising_values):
         return table.ratings[-1]
-    if columns[after] == at:
-        return table.ratings[after if rules.shared_value == "lower" else bisect_right(columns, at) - 1]
+    if rising_values[after] == position:
+        return table.ratings[after if rules.shared_value == "lower" else bisect_right(rising_values, position) - 1]
     if after == 0:
         return table.ratings[0] if rules.easier_than_table == "first" else 0.0
     low, high = table.ratings[after - 1], table.ratings[after]
     if table.mapping == "step":
         return low
-    return low + (high - low) * (at - columns[after - 1]) / (columns[after] - columns[after - 1])
+    return low + (high - low) * (position - rising_values[after - 1]) / (rising_values[after] - rising_values[after - 1])
 
 
 def tension_of(difficulty: float) -> int:
@@ -72,11 +72,11 @@ class ObservableDifficulty:
 
     @property
     def ruled_by(self) -> tuple[str, ...]:
-        return tuple(one.factor for one in self.ratings if one.rating == self.difficulty)
+        return tuple(rating.factor for rating in self.ratings if rating.rating == self.difficulty)
 
     @property
     def margin(self) -> float | None:
-        above = [one.rating - self.difficulty for one in self.ratings if one.rating > self.difficulty]
+        above = [rating.rating - self.difficulty for rating in self.ratings if rating.rating > self.difficulty]
         return min(above, default=None)
 
 
@@ -108,9 +108,9 @@ class Difficulty:
 
     def explain(self, node: str) -> str:
         """Why a node is as hard as it is, in a sentence for each observable that rules it."""
-        found = self.nodes[node]
-        told = [_reason(self.observables[one]) for one in found.ruled_by]
-        return f"{node}: {found.difficulty:g} (tension {found.tension}). " + " ".join(told)
+        node_difficulty = self.nodes[node]
+        reasons = [_reason(self.observables[observable]) for observable in node_difficulty.ruled_by]
+        return f"{node}: {node_difficulty.difficulty:g} (tension {node_difficulty.tension}). " + " ".join(reasons)
 
     def as_json(self) -> dict[str, Any]:
         """All of it for a machine, with every factor's rating."""
@@ -147,7 +147,7 @@ def difficulty_of_values(decomposition: Decomposition, values: Mapping[str, floa
     Raises SetupError, naming every key factor that has no value here and the observables that need it.
     """
     _require_values(decomposition, values)
-    observables = {one: _of_observable(decomposition, one, values) for one in decomposition.observables}
+    observables = {observable: _of_observable(decomposition, observable, values) for observable in decomposition.observables}
     return Difficulty(
         decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
     )
@@ -164,7 +164,10 @@ def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float])
     An observable without a value is infinitely hard here: it is not known, and so never the least. A node over nothing
     else is infinite, which whoever writes it down makes null.
     """
-    observables = {one: ObservableDifficulty(one, values.get(one, math.inf), ()) for one in decomposition.observables}
+    observables = {
+        observable: ObservableDifficulty(observable, values.get(observable, math.inf), ())
+        for observable in decomposition.observables
+    }
     return Difficulty(
         decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
     )
@@ -177,25 +180,25 @@ def _of_observable(decomposition: Decomposition, observable: str, values: Mappin
         for row in decomposition.key_factors(observable)
     ]
     ratings = [row.rating for row in rows]
-    found = min(ratings) if policies.factor_rule == "minimum" else math.fsum(ratings) / len(ratings)
-    return ObservableDifficulty(observable, found, tuple(sorted(rows, key=lambda row: row.rating)))
+    value = min(ratings) if policies.factor_rule == "minimum" else math.fsum(ratings) / len(ratings)
+    return ObservableDifficulty(observable, value, tuple(sorted(rows, key=lambda row: row.rating)))
 
 
 def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]) -> NodeDifficulty:
     under = decomposition.observables_under(node)
-    lowest = min(observables[one].difficulty for one in under)
-    ruling = tuple(one for one in under if observables[one].difficulty == lowest)
+    lowest = min(observables[observable].difficulty for observable in under)
+    ruling = tuple(observable for observable in under if observables[observable].difficulty == lowest)
     return NodeDifficulty(node, decomposition.level_of(node), lowest, ruling)
 
 
 def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -> None:
     needing: dict[str, list[str]] = {}
-    unrated = [one for one in decomposition.observables if not decomposition.key_factors(one)]
-    for one in decomposition.observables:
-        for row in decomposition.key_factors(one):
+    unrated = [observable for observable in decomposition.observables if not decomposition.key_factors(observable)]
+    for observable in decomposition.observables:
+        for row in decomposition.key_factors(observable):
             if row.factor not in values or not math.isfinite(values[row.factor]):
-                needing.setdefault(row.factor, []).append(one)
-    faults = [_missing_value(decomposition, factor, ones) for factor, ones in needing.items()]
+                needing.setdefault(row.factor, []).append(observable)
+    faults = [_missing_value(decomposition, factor, affected) for factor, affected in needing.items()]
     if unrated:
         where = f"difficulty of {decomposition.name}: {', '.join(unrated)}"
         faults.append(Fault(where, "no key factors, so no difficulty", "give them tables, or state difficulties with the runs"))
@@ -205,20 +208,22 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
 
 def _missing_value(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
     known = FACTORS.get(factor)
-    about = f"it is: {known.text} Give the SimSpec what it speaks of" if known else "no SimSpec has it; correct the table"
+    remedy = f"it is: {known.text} Give the SimSpec what it speaks of" if known else "no SimSpec has it; correct the table"
     return Fault(
         f"difficulty of {decomposition.name}: {', '.join(observables)}",
         f"the key factor {factor!r} has no value in this situation",
-        about,
+        remedy,
     )
 
 
-def _reason(one: ObservableDifficulty) -> str:
-    if not one.ratings:
-        return f"{one.observable} has its difficulty stated."
-    if not one.ruled_by:
-        return f"{one.observable} has the mean of its {len(one.ratings)} ratings."
-    rulers = " and ".join(f"{row.factor} = {row.value:g} {row.unit}" for row in one.ratings if row.rating == one.difficulty)
-    following = next((row for row in one.ratings if row.rating > one.difficulty), None)
-    rest = f"; next is {following.factor}, {one.margin:g} points above" if following else ""
-    return f"{one.observable} is ruled by {rulers}{rest}."
+def _reason(observable: ObservableDifficulty) -> str:
+    if not observable.ratings:
+        return f"{observable.observable} has its difficulty stated."
+    if not observable.ruled_by:
+        return f"{observable.observable} has the mean of its {len(observable.ratings)} ratings."
+    rulers = " and ".join(
+        f"{row.factor} = {row.value:g} {row.unit}" for row in observable.ratings if row.rating == observable.difficulty
+    )
+    following = next((row for row in observable.ratings if row.rating > observable.difficulty), None)
+    rest = f"; next is {following.factor}, {observable.margin:g} points above" if following else ""
+    return f"{observable.observable} is ruled by {rulers}{rest}."

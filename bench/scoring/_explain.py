@@ -124,17 +124,17 @@ def explain(
     `scores` is the score table of the runs, `summaries` the node's rows over all configurations, one for each agent. Raises
     KeyError for an unknown node.
     """
-    asked = decomposition.nodes[node]
-    told = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
+    subject = decomposition.nodes[node]
+    explainer = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
     return Explanation(
         source=source,
         decomposition=decomposition.name,
         id=node,
-        level=asked.level,
-        title=asked.title,
-        asks=asked.asks,
+        level=subject.level,
+        title=subject.title,
+        asks=subject.asks,
         limit=limit,
-        agents=tuple(told.agent(one, [run for run in runs if run.agent == one.agent]) for one in summaries),
+        agents=tuple(explainer.agent(summary, [run for run in runs if run.agent == summary.agent]) for summary in summaries),
     )
 
 
@@ -142,7 +142,7 @@ def explain(
 class _Explainer:
     """What every part of one explanation needs to know."""
 
-    asked: Decomposition
+    decomposition: Decomposition
     node: str
     sources: Sources
     limit: int
@@ -150,41 +150,41 @@ class _Explainer:
 
     def agent(self, summary: NodeReport, runs: Sequence[ScoredRun]) -> AgentExplanation:
         ordered = sorted(runs, key=self._rank)
-        behind = [run.realization for run in runs if self.scored[run.realization].score is not None]
-        most = self.limit or len(ordered)
+        scored = [run.realization for run in runs if self.scored[run.realization].score is not None]
+        limit = self.limit or len(ordered)
         return AgentExplanation(
             summary=summary,
-            scored_runs=tuple(behind[:most]),
-            runs=tuple(self._run(run) for run in ordered[:most]),
-            runs_left_out=dict(Counter(self._state(run) for run in ordered[most:])),
+            scored_runs=tuple(scored[:limit]),
+            runs=tuple(self._run(run) for run in ordered[:limit]),
+            runs_left_out=dict(Counter(self._state(run) for run in ordered[limit:])),
         )
 
     def _rank(self, run: ScoredRun) -> tuple[int, float, float]:
         """Failures first, the worst of them before the others; then the passes that score least."""
-        one = self.scored[run.realization]
+        score = self.scored[run.realization]
         order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
-        return order, one.confidence or 0.0, -1.0 if one.score is None else one.score
+        return order, score.confidence or 0.0, -1.0 if score.score is None else score.score
 
     def _state(self, run: ScoredRun) -> RunState:
-        one = self.scored[run.realization]
+        score = self.scored[run.realization]
         if not run.outcome.counts:
             return "excluded"
-        if not one.considered:
+        if not score.considered:
             return "not considered"
-        return "passed" if one.achieved == one.considered else "failed"
+        return "passed" if score.achieved == score.considered else "failed"
 
     def _run(self, run: ScoredRun) -> RunExplanation:
         counted = run.observations if run.outcome.counts else ()
-        scores = score_run(self.asked, run.difficulty, counted)
-        one, way = scores[self.node], self._way(scores)
-        observed = {each.observable: each for each in counted}
+        scores = score_run(self.decomposition, run.difficulty, counted)
+        node_score, path = scores[self.node], self._way(scores)
+        observed = {observation.observable: observation for observation in counted}
         leaves = [
-            self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in way)
-            for leaf in self.asked.observables_under(self.node)
+            self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in path)
+            for leaf in self.decomposition.observables_under(self.node)
         ]
         leaves.sort(key=lambda leaf: (_STATE_ORDER.index(leaf.state), not leaf.ruling))
-        most = self.limit or len(leaves)
-        shown = leaves[:most] + [leaf for leaf in leaves[most:] if leaf.ruling]
+        limit = self.limit or len(leaves)
+        shown = leaves[:limit] + [leaf for leaf in leaves[limit:] if leaf.ruling]
         return RunExplanation(
             run=run.realization,
             agent=run.agent,
@@ -194,10 +194,10 @@ class _Explainer:
             reason=self.sources.reasons.get(run.realization, ""),
             recording=self.sources.recordings.get(run.realization),
             difficulty=_known(run.difficulty.of(self.node)),
-            score=one.score,
-            achieved=one.achieved,
-            considered=one.considered,
-            ruled_by=way,
+            score=node_score.score,
+            achieved=node_score.achieved,
+            considered=node_score.considered,
+            ruled_by=path,
             observables=tuple(shown) if run.outcome.counts else (),
             observables_left_out=len(leaves) - len(shown),
         )
@@ -205,35 +205,35 @@ class _Explainer:
     def _way(self, scores: RunScores) -> tuple[str, ...]:
         """Down from the node by the child that gives the minimum; the first of equals. A mean has no one that rules."""
         here = self.node
-        if scores[here].score is None or self.asked.policies.inner_score != "minimum":
+        if scores[here].score is None or self.decomposition.policies.inner_score != "minimum":
             return ()
         way = [here]
-        while children := self.asked.children(here):
+        while children := self.decomposition.children(here):
             here = next(child for child in children if scores[child].score == scores[here].score)
             way.append(here)
         return tuple(way)
 
     def _observable(
-        self, run: ScoredRun, leaf: str, seen: Observation | None, score: NodeScore, *, ruling: bool
+        self, run: ScoredRun, leaf: str, observation: Observation | None, score: NodeScore, *, ruling: bool
     ) -> ObservableExplanation:
-        asked, rated = self.asked.observables[leaf], run.difficulty.observables[leaf]
+        observable, difficulty = self.decomposition.observables[leaf], run.difficulty.observables[leaf]
         state = _state(score)
-        evidence = seen.evidence if seen else ()
-        most = self.limit or len(evidence)
+        evidence = observation.evidence if observation else ()
+        limit = self.limit or len(evidence)
         return ObservableExplanation(
             id=leaf,
-            title=asked.title,
+            title=observable.title,
             state=state,
             ruling=ruling,
-            x=seen.x if seen and seen.considered else None,
-            threshold=asked.threshold,
-            difficulty=_known(rated.difficulty),
-            factors=_factors(rated),
-            credit=0.0 if score.score is None else score.score - rated.difficulty,
+            x=observation.x if observation and observation.considered else None,
+            threshold=observable.threshold,
+            difficulty=_known(difficulty.difficulty),
+            factors=_factors(difficulty),
+            credit=0.0 if score.score is None else score.score - difficulty.difficulty,
             score=score.score,
-            reason=_consideration(asked, seen) if state == "not considered" else "",
-            evidence=evidence[:most],
-            evidence_left_out=len(evidence[most:]),
+            reason=_consideration(observable, observation) if state == "not considered" else "",
+            evidence=evidence[:limit],
+            evidence_left_out=len(evidence[limit:]),
             row=self.sources.rows.get((run.realization, leaf)),
         )
 
@@ -257,9 +257,11 @@ def _state(score: NodeScore) -> State:
     return "failed" if score.score is None else "near miss"
 
 
-def _consideration(asked: Observable, seen: Observation | None) -> str:
+def _consideration(observable: Observable, observation: Observation | None) -> str:
     return (
-        f"considered when: {asked.considered}" if seen else f"there is no observation of it; considered when: {asked.considered}"
+        f"considered when: {observable.considered}"
+        if observation
+        else f"there is no observation of it; considered when: {observable.considered}"
     )
 
 

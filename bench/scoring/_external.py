@@ -50,13 +50,13 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     text = text.removeprefix("\ufeff")
     rows: Iterator[_Row]
     if text.lstrip()[:1] in ("[", "{"):
-        kept = list(_json_rows(text, faults))
-        columns, rows = _first_lines(kept), iter(kept)
+        json_rows = list(_json_rows(text, faults))
+        columns, rows = _first_lines(json_rows), iter(json_rows)
     else:
         columns = {}
         rows = _csv_rows(text, columns, faults)
     first = next(rows, None)  # by then a header has told its columns
-    if first is None and not faults.found:
+    if first is None and not faults.faults:
         faults.add(1, "the table has no rows", "give one row for each run and observable")
     reader = _TableReader(decomposition, faults, columns)
     reader.check_columns()
@@ -90,20 +90,20 @@ class _FaultLog:
     """What is wrong so far, with lines; beyond MOST_FAULTS they are counted alone."""
 
     source: str
-    found: list[Fault] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
     more: int = 0
 
     def add(self, line: int, what: str, remedy: str) -> None:
-        if len(self.found) >= MAX_LISTED_FAULTS:
+        if len(self.faults) >= MAX_LISTED_FAULTS:
             self.more += 1
             return
-        self.found.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, remedy))
+        self.faults.append(Fault(f"{self.source}:{line}" if self.source else f"line {line}", what, remedy))
 
     def raise_any(self) -> None:
         if self.more:
-            self.found.append(Fault(self.source, f"{self.more} more faults", "mend these first"))
-        if self.found:
-            raise SetupError(self.found)
+            self.faults.append(Fault(self.source, f"{self.more} more faults", "mend these first"))
+        if self.faults:
+            raise SetupError(self.faults)
 
 
 def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator[_Row]:
@@ -113,18 +113,18 @@ def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator
     line = 1
     try:
         for cells in reader:
-            begun, line = line, reader.line_num + 1
+            start_line, line = line, reader.line_num + 1
             if not any(cell.strip() for cell in cells):
                 continue
             values = [cell.strip() for cell in cells]
             if not header:
                 header = values
-                columns.update(dict.fromkeys(header, begun))
-                _check_header(header, begun, faults)
+                columns.update(dict.fromkeys(header, start_line))
+                _check_header(header, start_line, faults)
             elif len(values) != len(header):
-                faults.add(begun, f"{len(values)} cells, and the header has {len(header)}", "give one cell for each column")
+                faults.add(start_line, f"{len(values)} cells, and the header has {len(header)}", "give one cell for each column")
             else:
-                yield _Row(begun, dict(zip(header, values, strict=True)))
+                yield _Row(start_line, dict(zip(header, values, strict=True)))
     except csv.Error as error:
         faults.add(reader.line_num, f"not valid CSV: {error}", "mend the quotes on that line")
 
@@ -138,17 +138,17 @@ def _check_header(header: list[str], line: int, faults: _FaultLog) -> None:
 
 def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
     decoder = json.JSONDecoder(object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
-    place = _after_blanks(text, 0)
-    listed = text[place] == "["
-    line, counted = 1, 0
-    if listed:
-        place = _after_blanks(text, place + 1)
-    if ended := listed and text[place : place + 1] == "]":
-        place = _after_blanks(text, place + 1)
-    while place < len(text) and not ended:
-        line, counted = line + text.count("\n", counted, place), place
+    position = _after_blanks(text, 0)
+    is_list = text[position] == "["
+    line, counted_to = 1, 0
+    if is_list:
+        position = _after_blanks(text, position + 1)
+    if list_ended := is_list and text[position : position + 1] == "]":
+        position = _after_blanks(text, position + 1)
+    while position < len(text) and not list_ended:
+        line, counted_to = line + text.count("\n", counted_to, position), position
         try:
-            value, place = decoder.raw_decode(text, place)
+            value, position = decoder.raw_decode(text, position)
         except (ValueError, RecursionError) as error:
             faults.add(line, f"not valid JSON: {str(error).split(': line')[0]}", "mend the syntax of the record that begins here")
             return
@@ -156,32 +156,32 @@ def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
             yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
         else:
             faults.add(line, f"a record is {type(value).__name__}", "write objects, one for each run and observable")
-        place = _after_blanks(text, place)
-        if listed:
-            ended = text[place : place + 1] == "]"
-            if not ended and text[place : place + 1] != ",":
-                line += text.count("\n", counted, place)
+        position = _after_blanks(text, position)
+        if is_list:
+            list_ended = text[position : position + 1] == "]"
+            if not list_ended and text[position : position + 1] != ",":
+                line += text.count("\n", counted_to, position)
                 faults.add(line, "the list does not go on with a comma, nor end", "divide the records by commas, close with ]")
                 return
-            place = _after_blanks(text, place + 1)
-    if listed and place < len(text):
-        faults.add(line + text.count("\n", counted, place), "something stands behind the list", "remove it")
-    elif listed and not ended:
-        faults.add(line + text.count("\n", counted, place), "the list does not end", "close it with ]")
+            position = _after_blanks(text, position + 1)
+    if is_list and position < len(text):
+        faults.add(line + text.count("\n", counted_to, position), "something stands behind the list", "remove it")
+    elif is_list and not list_ended:
+        faults.add(line + text.count("\n", counted_to, position), "the list does not end", "close it with ]")
 
 
-def _after_blanks(text: str, place: int) -> int:
+def _after_blanks(text: str, position: int) -> int:
     """The next place that is no blank of JSON."""
-    while place < len(text) and text[place] in " \t\r\n":
-        place += 1
-    return place
+    while position < len(text) and text[position] in " \t\r\n":
+        position += 1
+    return position
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    made = dict(pairs)
-    if len(made) != len(pairs):
+    record = dict(pairs)
+    if len(record) != len(pairs):
         raise ValueError("a name stands twice in one object")
-    return made
+    return record
 
 
 def _refuse_constant(name: str) -> float:
@@ -211,7 +211,7 @@ class _TableReader:
     """Takes rows one by one, keeps what is sound, and notes what is not."""
 
     def __init__(self, decomposition: Decomposition, faults: _FaultLog, columns: Mapping[str, int]) -> None:
-        self._asked = decomposition
+        self._decomposition = decomposition
         self._faults = faults
         self._columns = columns
         self._factors = [name for name in decomposition.factors() if name in columns]
@@ -223,7 +223,7 @@ class _TableReader:
         """Whether the table has the columns that it needs, and no others."""
         if not self._columns:
             return
-        known, first = (*KNOWN_COLUMNS, *self._asked.factors()), min(self._columns.values())
+        known, first = (*KNOWN_COLUMNS, *self._decomposition.factors()), min(self._columns.values())
         for name, line in self._columns.items():
             if name not in known:
                 self._faults.add(line, f"unknown column {name!r}", f"known: {', '.join(known)}")
@@ -233,7 +233,7 @@ class _TableReader:
         self._check_difficulty(first)
 
     def _check_difficulty(self, first: int) -> None:
-        needed = ", ".join(f"{name} ({self._units[name]})" for name in self._asked.factors())
+        needed = ", ".join(f"{name} ({self._units[name]})" for name in self._decomposition.factors())
         given = "difficulty" in self._columns
         if given and self._factors:
             also = ", ".join(self._factors)
@@ -241,15 +241,21 @@ class _TableReader:
         if given:
             return
         if not self._factors:
-            remedy = f"add it, or the key factors of {self._asked.name}: {needed}" if needed else "add it; no tables rate it here"
+            remedy = (
+                f"add it, or the key factors of {self._decomposition.name}: {needed}"
+                if needed
+                else "add it; no tables rate it here"
+            )
             self._faults.add(first, "the column 'difficulty' is missing", remedy)
         else:
-            for name in self._asked.factors():
+            for name in self._decomposition.factors():
                 if name not in self._columns:
                     self._faults.add(first, f"the factor column {name!r} is missing", f"all are needed: {needed}")
-            for name in self._asked.observables:
-                if not self._asked.key_factors(name):
-                    self._faults.add(first, f"{name} has no key factors in {self._asked.name}", "give difficulties instead")
+            for name in self._decomposition.observables:
+                if not self._decomposition.key_factors(name):
+                    self._faults.add(
+                        first, f"{name} has no key factors in {self._decomposition.name}", "give difficulties instead"
+                    )
 
     def take(self, row: _Row) -> None:
         """One row into its run."""
@@ -257,11 +263,15 @@ class _TableReader:
         considered = self._considered(row)
         x = self._number(row, "x", 0.0, 1.0, needed=considered is True) if "x" in self._columns else None
         stated = self._number(row, "difficulty", 0.0, 100.0) if "difficulty" in self._columns else None
-        common: dict[str, Any] = {one: self._id(row, one) for one in ("agent", "design_point") if one in self._columns}
-        common |= {one: self._number(row, one, -math.inf, math.inf) for one in self._factors}
-        if observable is not None and observable not in self._asked.observables:
-            near = ", ".join(self._asked.observables)
-            self._faults.add(row.line, f"there is no observable {observable!r} in {self._asked.name}", f"known: {near}"[:400])
+        common: dict[str, Any] = {
+            column: self._id(row, column) for column in ("agent", "design_point") if column in self._columns
+        }
+        common |= {column: self._number(row, column, -math.inf, math.inf) for column in self._factors}
+        if observable is not None and observable not in self._decomposition.observables:
+            known = ", ".join(self._decomposition.observables)
+            self._faults.add(
+                row.line, f"there is no observable {observable!r} in {self._decomposition.name}", f"known: {known}"[:400]
+            )
             observable = None
         if name is None:
             return
@@ -270,8 +280,8 @@ class _TableReader:
         if observable is None or considered is None:
             return
         if (name, observable) in self._lines:
-            before = self._lines[name, observable]
-            self._faults.add(row.line, f"run {name!r} has {observable} already on line {before}", "keep one of the rows")
+            first_line = self._lines[name, observable]
+            self._faults.add(row.line, f"run {name!r} has {observable} already on line {first_line}", "keep one of the rows")
             return
         self._lines[name, observable] = row.line
         if stated is not None:
@@ -308,7 +318,7 @@ class _TableReader:
         )
         key = tuple(sorted(values.items()))
         if key not in shared:
-            shared[key] = rate(self._asked, values)
+            shared[key] = rate(self._decomposition, values)
         return shared[key]
 
     def _agree(self, row: _Row, name: str, run: _RunRows, common: Mapping[str, Any]) -> None:
@@ -340,23 +350,23 @@ class _TableReader:
                 self._faults.add(row.line, f"{column} is empty{where}", "give a number")
             return None
         if isinstance(value, str):
-            found = float(value) if _DECIMAL.fullmatch(value) else math.nan
+            number = float(value) if _DECIMAL.fullmatch(value) else math.nan
         else:
-            found = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-        if not math.isfinite(found):
+            number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+        if not math.isfinite(number):
             self._faults.add(row.line, f"{column} is {value!r}, which is no number", "write a decimal number with a point")
             return None
-        if not low <= found <= high:
-            self._faults.add(row.line, f"{column} {found:g} lies outside {low:g} to {high:g}", f"keep it in [{low:g}, {high:g}]")
+        if not low <= number <= high:
+            self._faults.add(row.line, f"{column} {number:g} lies outside {low:g} to {high:g}", f"keep it in [{low:g}, {high:g}]")
             return None
-        return found
+        return number
 
     def _considered(self, row: _Row) -> bool | None:
         """Whether the run exercised the observable; None where that cannot be read."""
         value = row.cells.get("considered")
         if value is None:
             return True
-        found = _CONSIDERED_WORDS.get(str(value).lower())
-        if found is None:
+        considered = _CONSIDERED_WORDS.get(str(value).lower())
+        if considered is None:
             self._faults.add(row.line, f"considered is {value!r}", "write true, false, 1, 0, yes or no; empty is true")
-        return found
+        return considered

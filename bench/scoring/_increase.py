@@ -47,7 +47,7 @@ class DifficultyGoal:
 
     @property
     def reachable(self) -> bool:
-        return all(one.to is not None for one in self.changes)
+        return all(change.to is not None for change in self.changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +67,23 @@ class DifficultyIncrease:
     tension: DifficultyGoal | None
 
 
-def difficulty_increase(decomposition: Decomposition, found: Difficulty, node: str) -> DifficultyIncrease:
+def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, node: str) -> DifficultyIncrease:
     """How `node` could be harder than in the situation that `found` rates. KeyError for an unknown node."""
-    under = decomposition.observables_under(node)
-    if decomposition.policies.factor_rule != "minimum" or not all(found.observables[one].ratings for one in under):
+    observables = decomposition.observables_under(node)
+    if decomposition.policies.factor_rule != "minimum" or not all(
+        difficulty.observables[factor].ratings for factor in observables
+    ):
         return DifficultyIncrease(node, (), (), None, None, None)
-    factors = _factors(decomposition, found, under)
-    lowest = min(one.rating for one in factors)
-    above = [one.rating for one in factors if one.rating > lowest]
-    next_rating = min(above, default=None)
+    factors = _factors(decomposition, difficulty, observables)
+    lowest = min(factor.rating for factor in factors)
+    higher_ratings = [factor.rating for factor in factors if factor.rating > lowest]
+    next_rating = min(higher_ratings, default=None)
     level = tension_of(lowest)
     boundary = TENSION_POINTS * level
     return DifficultyIncrease(
         node=node,
-        ruled_by=tuple(one.name for one in factors if one.rating == lowest),
-        following=tuple(one.name for one in factors if one.rating == next_rating),
+        ruled_by=tuple(factor.name for factor in factors if factor.rating == lowest),
+        following=tuple(factor.name for factor in factors if factor.rating == next_rating),
         margin=None if next_rating is None else next_rating - lowest,
         takeover=None if next_rating is None else _goal(factors, next_rating, exceeded=False),
         tension=None if level == HIGHEST_TENSION else _goal(factors, boundary, exceeded=True),
@@ -96,18 +98,18 @@ def value_for_rating(
     With it whether the value itself is not enough, and what lies beyond it is. None where the table ends before.
     """
     rules = policies or Policies()
-    at = bisect_right(table.ratings, rating) if exceeded else bisect_left(table.ratings, rating)
-    if at == len(table.ratings):
+    column = bisect_right(table.ratings, rating) if exceeded else bisect_left(table.ratings, rating)
+    if column == len(table.ratings):
         return None
-    here = table.values[at]
-    if at == 0:
-        return here, False
-    low, high, before = table.ratings[at - 1], table.ratings[at], table.values[at - 1]
-    if here == before:  # one value in two columns: the policy says which of them it has
-        return here, rules.shared_value == "lower"
+    value = table.values[column]
+    if column == 0:
+        return value, False
+    low, high, previous_value = table.ratings[column - 1], table.ratings[column], table.values[column - 1]
+    if value == previous_value:  # one value in two columns: the policy says which of them it has
+        return value, rules.shared_value == "lower"
     if table.mapping == "step" or (rating == high and not exceeded):
-        return here, False
-    return before + (here - before) * (rating - low) / (high - low), exceeded
+        return value, False
+    return previous_value + (value - previous_value) * (rating - low) / (high - low), exceeded
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,34 +124,42 @@ class _FactorUnder:
 
     def change(self, rating: float, *, exceeded: bool) -> FactorChange:
         rises = {row.values[-1] > row.values[0] for row in self.rows}
-        wanted = [value_for_rating(row, rating, self.policies, exceeded=exceeded) for row in self.rows]
-        known = [one for one in wanted if one is not None]
+        targets = [value_for_rating(row, rating, self.policies, exceeded=exceeded) for row in self.rows]
+        reachable_targets = [target for target in targets if target is not None]
         sign = 1.0 if True in rises else -1.0
-        reached = max(known, key=lambda one: (sign * one[0], one[1])) if len(known) == len(wanted) and len(rises) == 1 else None
+        hardest_target = (
+            max(reachable_targets, key=lambda target: (sign * target[0], target[1]))
+            if len(reachable_targets) == len(targets) and len(rises) == 1
+            else None
+        )
         return FactorChange(
             factor=self.name,
             unit=self.rows[0].unit,
             value=self.value,
-            to=None if reached is None else reached[0],
-            past=reached is not None and reached[1],
+            to=None if hardest_target is None else hardest_target[0],
+            past=hardest_target is not None and hardest_target[1],
             harder="either way" if len(rises) > 1 else "more" if True in rises else "less",
             most=min(row.ratings[-1] for row in self.rows),
         )
 
 
-def _factors(decomposition: Decomposition, found: Difficulty, under: Iterable[str]) -> list[_FactorUnder]:
+def _factors(decomposition: Decomposition, difficulty: Difficulty, under: Iterable[str]) -> list[_FactorUnder]:
     """The distinct rows of every factor under a node, the lowest rated factor first."""
-    values: Mapping[str, float] = {row.factor: row.value for one in under for row in found.observables[one].ratings}
+    values: Mapping[str, float] = {row.factor: row.value for one in under for row in difficulty.observables[one].ratings}
     rows = sorted((row for one in under for row in decomposition.key_factors(one)), key=lambda row: row.factor)
-    made = []
+    factors = []
     for name, group in groupby(rows, key=lambda row: row.factor):
         distinct = tuple(dict.fromkeys(group))
         rating = min(rate(row, values[name], decomposition.policies) for row in distinct)
-        made.append(_FactorUnder(name, values[name], distinct, rating, decomposition.policies))
-    return sorted(made, key=lambda one: one.rating)
+        factors.append(_FactorUnder(name, values[name], distinct, rating, decomposition.policies))
+    return sorted(factors, key=lambda one: one.rating)
 
 
 def _goal(factors: Iterable[_FactorUnder], rating: float, *, exceeded: bool) -> DifficultyGoal:
     """Every factor that is short of the rating."""
-    short = [one for one in factors if one.rating < rating or (exceeded and round(one.rating, DIFFICULTY_DECIMALS) <= rating)]
-    return DifficultyGoal(rating, exceeded, tuple(one.change(rating, exceeded=exceeded) for one in short))
+    short = [
+        factor
+        for factor in factors
+        if factor.rating < rating or (exceeded and round(factor.rating, DIFFICULTY_DECIMALS) <= rating)
+    ]
+    return DifficultyGoal(rating, exceeded, tuple(factor.change(rating, exceeded=exceeded) for factor in short))

@@ -109,11 +109,11 @@ def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeRepor
 
 def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = None) -> tuple[RunReport, ...]:
     """The rows of a score table, run by run in its order."""
-    made = []
+    reports = []
     for frame in scores.partition_by("realization", maintain_order=True):
         rows: Sequence[dict[str, Any]] = frame.to_dicts()
         first = rows[0]
-        made.append(
+        reports.append(
             RunReport(
                 run=first["realization"],
                 agent=first["agent"],
@@ -125,7 +125,7 @@ def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = Non
                 nodes=tuple(RunNode.model_validate(_run_node(row)) for row in rows),
             )
         )
-    return tuple(made)
+    return tuple(reports)
 
 
 def score_report(

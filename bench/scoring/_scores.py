@@ -79,119 +79,121 @@ def score_run(
     `difficulties` are those of the observables. An observable without an observation is not considered. Raises ValueError
     for an observation of an unknown observable, a second one of the same, or a considered one without a value.
     """
-    plan = arrays_of(decomposition)
-    x, considered = measured_column(plan, observations)
-    rated = difficulty_column(plan, difficulties)
-    scores = score_runs(plan, MeasuredRuns(rated[:, None], x[:, None], considered[:, None]))
-    return RunScores({node: _node_score(node, index, scores) for index, node in enumerate(plan.nodes)})
+    arrays = arrays_of(decomposition)
+    x, considered = measured_column(arrays, observations)
+    difficulty = difficulty_column(arrays, difficulties)
+    scores = score_runs(arrays, MeasuredRuns(difficulty[:, None], x[:, None], considered[:, None]))
+    return RunScores({node: _node_score(node, index, scores) for index, node in enumerate(arrays.nodes)})
 
 
-def score_runs(plan: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
+def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
     """Score any number of runs at once."""
-    tau, partial = plan.threshold[:, None], plan.partial_credit[:, None]
+    tau, partial = arrays.threshold[:, None], arrays.partial_credit[:, None]
     achieved = runs.considered & (runs.x >= tau)
-    near = (
+    near_miss = (
         runs.considered
         & ~achieved
-        & (plan.near_miss[:, None] > 0.0)
-        & (runs.x >= tau - plan.near_miss[:, None] - NEAR_MISS_SLACK)
+        & (arrays.near_miss[:, None] > 0.0)
+        & (runs.x >= tau - arrays.near_miss[:, None] - NEAR_MISS_SLACK)
     )
-    credit = np.where(partial, plan.policies.credit_points * (runs.x - tau), 0.0)
+    credit = np.where(partial, arrays.policies.credit_points * (runs.x - tau), 0.0)
     passed_credit = np.where(achieved, credit, 0.0)
-    score, scored = _inner_scores(plan, runs.difficulty + credit, achieved | near)
-    passed_score, _ = _inner_scores(plan, runs.difficulty + passed_credit, runs.considered)
-    passed, asked = _leaf_counts(plan, achieved), _leaf_counts(plan, runs.considered)
+    score, scored = _inner_scores(arrays, runs.difficulty + credit, achieved | near_miss)
+    passed_score, _ = _inner_scores(arrays, runs.difficulty + passed_credit, runs.considered)
+    achieved_counts, considered_counts = _leaf_counts(arrays, achieved), _leaf_counts(arrays, runs.considered)
     return ScoreArrays(
-        difficulty=_node_difficulty(plan, runs.difficulty),
+        difficulty=_node_difficulty(arrays, runs.difficulty),
         score=score,
         scored=scored,
-        confidence=_confidence(plan, passed, asked, scored),
-        achieved=passed,
-        considered=asked,
+        confidence=_confidence(arrays, achieved_counts, considered_counts, scored),
+        achieved=achieved_counts,
+        considered=considered_counts,
         passed_score=passed_score,
     )
 
 
-def difficulty_column(plan: DecompositionArrays, difficulties: Difficulty | Mapping[str, float]) -> Floats:
+def difficulty_column(arrays: DecompositionArrays, difficulties: Difficulty | Mapping[str, float]) -> Floats:
     """Difficulty of every leaf. Raises ValueError naming those that have none."""
     values = (
-        difficulties if isinstance(difficulties, Mapping) else {one: difficulties.of(one) for one in difficulties.observables}
+        difficulties
+        if isinstance(difficulties, Mapping)
+        else {observable: difficulties.of(observable) for observable in difficulties.observables}
     )
-    if missing := [leaf for leaf in plan.leaves if leaf not in values]:
+    if missing := [leaf for leaf in arrays.leaves if leaf not in values]:
         raise ValueError(f"there is no difficulty of {', '.join(missing)}")
-    return np.array([values[leaf] for leaf in plan.leaves], dtype=np.float64)
+    return np.array([values[leaf] for leaf in arrays.leaves], dtype=np.float64)
 
 
-def measured_column(plan: DecompositionArrays, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
+def measured_column(arrays: DecompositionArrays, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
     """Measured value and consideration of every leaf in one run. Raises ValueError as `score_run` says."""
-    x, considered = np.zeros(len(plan.leaves)), np.zeros(len(plan.leaves), dtype=np.bool_)
-    own = tuple(observations)
-    found = {one.observable: one.x if one.considered else None for one in own}
-    places = [plan.number.get(name) for name in found]
-    if len(found) < len(own) or None in places:
-        raise ValueError(_first_fault(plan, own))
-    at = np.array(places, dtype=np.int64)
-    considered[at] = [one.considered for one in own]
-    x[at] = [0.0 if value is None else value for value in found.values()]
-    if np.count_nonzero(considered) > len(found) - list(found.values()).count(None):
-        raise ValueError(_first_fault(plan, own))
+    x, considered = np.zeros(len(arrays.leaves)), np.zeros(len(arrays.leaves), dtype=np.bool_)
+    given = tuple(observations)
+    values = {observation.observable: observation.x if observation.considered else None for observation in given}
+    places = [arrays.number.get(name) for name in values]
+    if len(values) < len(given) or None in places:
+        raise ValueError(_first_fault(arrays, given))
+    numbers = np.array(places, dtype=np.int64)
+    considered[numbers] = [observation.considered for observation in given]
+    x[numbers] = [0.0 if value is None else value for value in values.values()]
+    if np.count_nonzero(considered) > len(values) - list(values.values()).count(None):
+        raise ValueError(_first_fault(arrays, given))
     return x, considered
 
 
-def _first_fault(plan: DecompositionArrays, observations: Iterable[Observation]) -> str:
+def _first_fault(arrays: DecompositionArrays, observations: Iterable[Observation]) -> str:
     seen = set()
-    for one in observations:
-        if one.observable not in plan.number:
-            return f"there is an observation of {one.observable!r}, which is no observable of this decomposition"
-        if one.observable in seen:
-            return f"there are two observations of {one.observable} in one run"
-        if one.considered and one.x is None:
-            return f"the observation of {one.observable} is considered and has no value"
-        seen.add(one.observable)
+    for observation in observations:
+        if observation.observable not in arrays.number:
+            return f"there is an observation of {observation.observable!r}, which is no observable of this decomposition"
+        if observation.observable in seen:
+            return f"there are two observations of {observation.observable} in one run"
+        if observation.considered and observation.x is None:
+            return f"the observation of {observation.observable} is considered and has no value"
+        seen.add(observation.observable)
     raise AssertionError("these observations have no fault")
 
 
-def _inner_scores(plan: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
+def _inner_scores(arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
     """Carry scores from the leaves up: the minimum (or mean) over the children that have one."""
-    shape = (len(plan.nodes), leaf_score.shape[1])
+    shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    score[plan.leaf_rows] = np.where(leaf_scored, leaf_score, 0.0)
-    scored[plan.leaf_rows] = leaf_scored
-    for row, children in plan.inner:
-        has = scored[children]
-        count = has.sum(axis=0)
+    score[arrays.leaf_rows] = np.where(leaf_scored, leaf_score, 0.0)
+    scored[arrays.leaf_rows] = leaf_scored
+    for row, children in arrays.inner:
+        child_scored = scored[children]
+        count = child_scored.sum(axis=0)
         scored[row] = count > 0
-        if plan.policies.inner_score == "minimum":
-            found = np.where(has, score[children], np.inf).min(axis=0)
+        if arrays.policies.inner_score == "minimum":
+            children_score = np.where(child_scored, score[children], np.inf).min(axis=0)
         else:
-            found = score[children].sum(axis=0) / np.maximum(count, 1)
-        score[row] = np.where(scored[row], found, 0.0)
+            children_score = score[children].sum(axis=0) / np.maximum(count, 1)
+        score[row] = np.where(scored[row], children_score, 0.0)
     return score, scored
 
 
-def _node_difficulty(plan: DecompositionArrays, leaf_difficulty: Floats) -> Floats:
+def _node_difficulty(arrays: DecompositionArrays, leaf_difficulty: Floats) -> Floats:
     """Minimum over all distinct descendant leaves, considered or not; carried up, for a minimum of minima is one."""
-    lowest = np.zeros((len(plan.nodes), leaf_difficulty.shape[1]))
-    lowest[plan.leaf_rows] = leaf_difficulty
-    for row, children in plan.inner:
+    lowest = np.zeros((len(arrays.nodes), leaf_difficulty.shape[1]))
+    lowest[arrays.leaf_rows] = leaf_difficulty
+    for row, children in arrays.inner:
         lowest[row] = lowest[children].min(axis=0)
     return lowest
 
 
-def _leaf_counts(plan: DecompositionArrays, leaves: Bools) -> Counts:
+def _leaf_counts(arrays: DecompositionArrays, leaves: Bools) -> Counts:
     """How many of its distinct leaves each node has in each run; exact, for float64 counts far beyond any decomposition."""
-    counted: Counts = (plan.under.astype(np.float64) @ leaves.astype(np.float64)).astype(np.int64)
+    counted: Counts = (arrays.under.astype(np.float64) @ leaves.astype(np.float64)).astype(np.int64)
     return counted
 
 
-def _confidence(plan: DecompositionArrays, passed: Counts, asked: Counts, scored: Bools) -> Floats:
+def _confidence(arrays: DecompositionArrays, achieved: Counts, considered: Counts, scored: Bools) -> Floats:
     """Achieved over considered leaves; by the policy `children`, scored over considered children of inner nodes."""
-    if plan.policies.confidence == "children":
-        leaves_asked, passed, asked = asked, passed.copy(), asked.copy()
-        for row, children in plan.inner:
-            passed[row] = scored[children].sum(axis=0)
-            asked[row] = (leaves_asked[children] > 0).sum(axis=0)
-    return np.where(asked > 0, passed / np.maximum(asked, 1), 0.0)
+    if arrays.policies.confidence == "children":
+        leaves_considered, achieved, considered = considered, achieved.copy(), considered.copy()
+        for row, children in arrays.inner:
+            achieved[row] = scored[children].sum(axis=0)
+            considered[row] = (leaves_considered[children] > 0).sum(axis=0)
+    return np.where(considered > 0, achieved / np.maximum(considered, 1), 0.0)
 
 
 def _node_score(node: str, index: int, scores: ScoreArrays) -> NodeScore:

@@ -88,13 +88,13 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     policies = decomposition.policies if decomposition else Policies()
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
     scenes = _scene_sums(scores)
-    apart = _summary_rows(scenes.configured(), policies, titles)
+    by_configuration = _summary_rows(scenes.configured(), policies, titles)
     scenes = scenes.together()  # and nothing of the others is kept, for they may be large
-    together = _summary_rows(scenes, policies, titles).with_columns(**_competence(scenes, scores))
-    frame = pl.concat([together, apart], how="diagonal")
-    asked = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
-    asked = asked.sort("_agent", "_place", maintain_order=True)  # `all` is 0 too, and comes before the first as it did here
-    return asked.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
+    overall = _summary_rows(scenes, policies, titles).with_columns(**_competence(scenes, scores))
+    frame = pl.concat([overall, by_configuration], how="diagonal")
+    flown = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
+    flown = flown.sort("_agent", "_place", maintain_order=True)  # `all` is 0 too, and comes before the first as it did here
+    return flown.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,23 +212,23 @@ def _ends(scores: pl.DataFrame, slot: Counts, size: int) -> tuple[Floats, Floats
 def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str, NDArray[Any]]]:
     """Runs counted and values summed in each slot; one column at a time, for a table may be large."""
 
-    def count(where: NDArray[Any]) -> NDArray[np.int32]:
+    def count_rows(where: NDArray[Any]) -> NDArray[np.int32]:
         return np.bincount(slot, weights=where, minlength=size).astype(np.int32)  # whole numbers: exact
 
-    counts = (~scores["outcome"].is_in(EXCLUDED_OUTCOMES)).to_numpy()
-    yield "runs", count(counts)
-    yield "excluded", count(~counts)
-    yield "until_settled", _until_settled(scores, counts, slot, size)
+    is_counted = (~scores["outcome"].is_in(EXCLUDED_OUTCOMES)).to_numpy()
+    yield "runs", count_rows(is_counted)
+    yield "excluded", count_rows(~is_counted)
+    yield "until_settled", _until_settled(scores, is_counted, slot, size)
     for name, known_name in (("confidence", "considered"), ("score", "scored"), ("passed_score", "passable")):
         values, known = _column(scores, name)
-        yield known_name, count(known)
+        yield known_name, count_rows(known)
         yield name, np.bincount(slot, weights=values, minlength=size)
-    achieved, asked = _column(scores, "achieved")[0], _column(scores, "considered")[0]
-    yield "achieved", count(achieved)
-    yield "asked", count(asked)
-    tried = counts & (asked > 0)
-    yield "trials", count(tried)
-    yield "passes", count(tried & (achieved == asked))
+    achieved, considered = _column(scores, "achieved")[0], _column(scores, "considered")[0]
+    yield "achieved", count_rows(achieved)
+    yield "asked", count_rows(considered)
+    is_trial = is_counted & (considered > 0)
+    yield "trials", count_rows(is_trial)
+    yield "passes", count_rows(is_trial & (achieved == considered))
 
 
 def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int) -> NDArray[np.int32]:
@@ -272,15 +272,18 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
     confidence = _confidence(scenes, policies)
     points = np.add.reduceat((scenes.sums["considered"] > 0).astype(np.int64), starts)
     leaf = np.array([level == Level.OBSERVABLE for level in scenes.levels])
-    plain = leaf & (points == considered)
-    confidence_low, confidence_high = _interval(confidence, considered, points, _spread(scenes), plain)
-    method = np.where(considered == 0, 0, np.where(plain, 1, 2))
-    looked = (considered > 0) & (scenes.total("until_settled") > 0)
-    if looked.any():
-        alone = leaf & (points == 1)
-        low_end, high_end = _anytime_interval(confidence, considered, alone)
-        confidence_low, confidence_high = np.where(looked, low_end, confidence_low), np.where(looked, high_end, confidence_high)
-        method = np.where(looked, np.where(alone, 3, 4), method)
+    independent = leaf & (points == considered)
+    confidence_low, confidence_high = _interval(confidence, considered, points, _spread(scenes), independent)
+    method = np.where(considered == 0, 0, np.where(independent, 1, 2))
+    stopped_early = (considered > 0) & (scenes.total("until_settled") > 0)
+    if stopped_early.any():
+        single_point = leaf & (points == 1)
+        low_end, high_end = _anytime_interval(confidence, considered, single_point)
+        confidence_low, confidence_high = (
+            np.where(stopped_early, low_end, confidence_low),
+            np.where(stopped_early, high_end, confidence_high),
+        )
+        method = np.where(stopped_early, np.where(single_point, 3, 4), method)
     blocks = {
         "_agent": np.repeat(scenes.agent[starts], len(nodes)),
         "_place": np.repeat(scenes.configuration[starts], len(nodes)),
@@ -321,8 +324,8 @@ def _gather(texts: Sequence[str], index: Counts) -> pl.Series:
 def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
     if policies.over_runs == "mean_of_ratios":
         return _mean(scenes.total("confidence"), scenes.total("considered"))
-    asked = scenes.total("asked")
-    return np.where(asked > 0, scenes.total("achieved") / np.maximum(asked, 1.0), np.nan)
+    considered_leaves = scenes.total("asked")
+    return np.where(considered_leaves > 0, scenes.total("achieved") / np.maximum(considered_leaves, 1.0), np.nan)
 
 
 def _spread(scenes: _SceneSums) -> Floats:
@@ -335,12 +338,12 @@ def _spread(scenes: _SceneSums) -> Floats:
 
 def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
     starts = scenes.starts
-    ends = np.full((2, starts.size, len(scenes.nodes)), np.nan)
+    bounds = np.full((2, starts.size, len(scenes.nodes)), np.nan)
     names = (*scenes.design_points, "")
     for block, (first, last) in enumerate(pairwise([*starts.tolist(), scenes.agent.size])):
-        own = [names[number] for number in scenes.point[first:last]]
-        ends[:, block] = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], own)
-    return ends[0], ends[1]
+        point_names = [names[number] for number in scenes.point[first:last]]
+        bounds[:, block] = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], point_names)
+    return bounds[0], bounds[1]
 
 
 def _interval(mean: Floats, considered: Counts, points: Counts, squared: Floats, plain: Bools) -> tuple[Floats, Floats]:
@@ -361,17 +364,17 @@ def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[F
 def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
     """The columns of competence for an agent's every node over all configurations, null in groups without a trial."""
     groups = len(scenes.agents) * len(scenes.nodes)
-    tried = scenes.sums["trials"] > 0
-    alike = np.array_equal(scenes.low[tried], scenes.high[tried])
-    counted = _tally(scenes, groups) if alike else _tally_rows(scores, groups)
-    first = _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None
+    has_trials_in_scene = scenes.sums["trials"] > 0
+    one_difficulty_per_point = np.array_equal(scenes.low[has_trials_in_scene], scenes.high[has_trials_in_scene])
+    counted = _tally(scenes, groups) if one_difficulty_per_point else _tally_rows(scores, groups)
+    first_replicates = _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None
     columns: dict[str, pl.Series] = {}
     for name, share in COMPETENCE_SHARES.items():
-        found = competence(counted, share)
-        known = pl.Series(found.trials > 0)
-        low = found.low if first is None else np.minimum(found.value, competence(first, share).low)
-        parts = (("", found.value), ("_low", low), ("_at_least", found.at_least))
-        columns |= {f"competence_{name}{part}": _masked(pl.Series(values), known) for part, values in parts}
+        result = competence(counted, share)
+        has_trials = pl.Series(result.trials > 0)
+        low = result.low if first_replicates is None else np.minimum(result.value, competence(first_replicates, share).low)
+        columns_of_share = (("", result.value), ("_low", low), ("_at_least", result.at_least))
+        columns |= {f"competence_{name}{part}": _masked(pl.Series(values), has_trials) for part, values in columns_of_share}
     return columns
 
 
@@ -391,12 +394,12 @@ def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
 def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
     """Run by run: a table from elsewhere may vary the difficulty within a design point."""
     agent, node, point = (_TextCodes.of(scores[name]) for name in ("agent", "node", "design_point"))
-    asked = _column(scores, "considered")[0]
-    tried = (asked > 0) & ~scores["outcome"].is_in(EXCLUDED_OUTCOMES).to_numpy()
+    considered = _column(scores, "considered")[0]
+    is_trial = (considered > 0) & ~scores["outcome"].is_in(EXCLUDED_OUTCOMES).to_numpy()
     group = agent.numbers * np.int64(len(node.names)) + node.numbers
-    passed = _column(scores, "achieved")[0] == asked
+    passed = _column(scores, "achieved")[0] == considered
     return count_trials(
-        Trials(group[tried], _column(scores, "difficulty")[0][tried], passed[tried], point.numbers[tried]), groups
+        Trials(group[is_trial], _column(scores, "difficulty")[0][is_trial], passed[is_trial], point.numbers[is_trial]), groups
     )
 
 

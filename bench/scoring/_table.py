@@ -66,14 +66,14 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
     `study` names the key attributes that make difficulty configurations. Raises ValueError for a realization that comes
     twice, and as `score_run` does; SetupError for a study of something else than key attributes.
     """
-    plan = arrays_of(decomposition)
+    arrays = arrays_of(decomposition)
     if not runs:
         return pl.DataFrame(schema=SCORE_COLUMNS)
     _require_unique(runs)
-    measured = _measured(plan, runs)
-    scores = score_runs(plan, measured)
-    of_run = np.repeat(np.arange(len(runs)), len(plan.nodes))
-    of_node = np.tile(np.arange(len(plan.nodes)), len(runs))
+    measured = _measured(arrays, runs)
+    scores = score_runs(arrays, measured)
+    of_run = np.repeat(np.arange(len(runs)), len(arrays.nodes))
+    of_node = np.tile(np.arange(len(arrays.nodes)), len(runs))
     considered = _rows(scores.considered)
     return pl.DataFrame(
         {
@@ -82,14 +82,14 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
             "replicate": np.array([run.replicate for run in runs], dtype=np.int64)[of_run],
             "agent": _gather([run.agent for run in runs], of_run),
             "configuration": _gather(_configurations(decomposition, runs, study), of_run),
-            "node": _gather(list(plan.nodes), of_node),
-            "level": _gather([str(decomposition.level_of(node)) for node in plan.nodes], of_node),
+            "node": _gather(list(arrays.nodes), of_node),
+            "level": _gather([str(decomposition.level_of(node)) for node in arrays.nodes], of_node),
             "difficulty": _rows(scores.difficulty),
             "score": _where(scores.score, scores.scored),
             "confidence": _where(scores.confidence, scores.considered > 0),
             "achieved": _rows(scores.achieved),
             "considered": considered,
-            "x": _x(plan, measured, scores),
+            "x": _x(arrays, measured, scores),
             "outcome": _gather([str(run.outcome) for run in runs], of_run),
             "passed_score": _where(scores.passed_score, scores.considered > 0),
             "until_settled": np.array([run.until_settled for run in runs], dtype=np.bool_)[of_run],
@@ -101,26 +101,28 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
 def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int:
     """How many (run, observable) pairs have no observation among the runs that count; such a pair is not considered."""
     counted = [run for run in runs if run.outcome.counts]
-    return sum(len(set(decomposition.observables) - {one.observable for one in run.observations}) for run in counted)
+    return sum(
+        len(set(decomposition.observables) - {observation.observable for observation in run.observations}) for run in counted
+    )
 
 
 def _require_unique(runs: Sequence[ScoredRun]) -> None:
-    seen: set[str] = set()
+    realizations: set[str] = set()
     for run in runs:
-        if run.realization in seen:
+        if run.realization in realizations:
             raise ValueError(f"the realization {run.realization!r} comes twice")
-        seen.add(run.realization)
+        realizations.add(run.realization)
 
 
-def _measured(plan: DecompositionArrays, runs: Sequence[ScoredRun]) -> MeasuredRuns:
-    shape = (len(plan.leaves), len(runs))
+def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> MeasuredRuns:
+    shape = (len(arrays.leaves), len(runs))
     measured = MeasuredRuns(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
-    rated: dict[int, Floats] = {}
+    difficulties: dict[int, Floats] = {}
     for number, run in enumerate(runs):
-        if id(run.difficulty) not in rated:
-            rated[id(run.difficulty)] = difficulty_column(plan, run.difficulty)
-        measured.difficulty[:, number] = rated[id(run.difficulty)]
-        column = measured_column(plan, run.observations if run.outcome.counts else ())
+        if id(run.difficulty) not in difficulties:
+            difficulties[id(run.difficulty)] = difficulty_column(arrays, run.difficulty)
+        measured.difficulty[:, number] = difficulties[id(run.difficulty)]
+        column = measured_column(arrays, run.observations if run.outcome.counts else ())
         measured.x[:, number], measured.considered[:, number] = column
     return measured
 
@@ -134,9 +136,9 @@ def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], stu
     return [known[id(run.difficulty)] for run in runs]
 
 
-def _x(plan: DecompositionArrays, measured: MeasuredRuns, scores: ScoreArrays) -> pl.Series:
+def _x(arrays: DecompositionArrays, measured: MeasuredRuns, scores: ScoreArrays) -> pl.Series:
     x, known = np.zeros_like(scores.score), np.zeros_like(scores.scored)
-    x[plan.leaf_rows], known[plan.leaf_rows] = measured.x, measured.considered
+    x[arrays.leaf_rows], known[arrays.leaf_rows] = measured.x, measured.considered
     return _where(x, known)
 
 
