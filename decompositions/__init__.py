@@ -1,8 +1,8 @@
-"""What is asked of an agent, taken apart: principles, key attributes, values-actions-behaviours, observables.
+"""Decompositions: principles, key attributes, VABs (values, actions, behaviours) and observables that an agent is tested on.
 
 from decompositions import load_decomposition
-asked = load_decomposition("search-and-report")
-print(asked.observables_under("KA-18"))
+decomposition = load_decomposition("search-and-report")
+print(decomposition.observables_under("KA-18"))
 """
 
 from __future__ import annotations

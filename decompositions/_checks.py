@@ -1,4 +1,4 @@
-"""What must hold between the parts of a decomposition document; every fault at once, each with its node and mend."""
+"""Checks across the parts of a decomposition document: every fault at once, each with its node and remedy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bench.errors import Fault, SetupError
 from ._document import DecompositionDocument, InnerNode, KeyFactor, Level, Observable, Option
 
 CheckMeasure = Callable[[str, Mapping[str, Option]], object]
-"""Raises ValueError or SetupError when there is no measure of that name, or when it does not take those options."""
+"""Raises ValueError or SetupError for an unknown measure, or for options that the measure does not take."""
 
 LEVELS = tuple(Level)
 LEVEL_TITLES = {
@@ -35,11 +35,11 @@ FIELD_OF_LEVEL = {
 
 @dataclass(frozen=True, slots=True)
 class DecompositionVocabulary:
-    """What the bench has that a decomposition may name; None leaves names of that kind unchecked.
+    """The names that a decomposition may use; None leaves names of that kind unchecked.
 
-    `factor_units` are the units of the key factors by name. `check_measure` is asked about each observable's measure.
-    `difficulty` says where difficulties come from: `tables` makes an observable without key factors a fault, `given` (with
-    the runs, as in a table from elsewhere) does not.
+    `factor_units` are the units of the key factors by name. `check_measure` is called for the measure of each observable.
+    `difficulty` is the source of difficulties: with `tables` an observable without key factors is a fault, with `given` (with
+    the runs, as in a table from elsewhere) it is not.
     """
 
     factor_units: Mapping[str, str] | None = None
@@ -49,7 +49,7 @@ class DecompositionVocabulary:
 
 @dataclass(frozen=True, slots=True)
 class DocumentPlace:
-    """Where something stands in the file: its path inside the document, and the node (or table) it belongs to."""
+    """A place in the file: the path inside the document, and the node (or table) that it belongs to."""
 
     path: tuple[str | int, ...]
     node: str
@@ -60,32 +60,33 @@ class DocumentPlace:
 
 @dataclass(frozen=True, slots=True)
 class DocumentChecks:
-    """The checks of one document. `lines` are the lines of its paths in the file `source`, as far as it came from one."""
+    """The checks of one document. `lines` are the lines of its paths in the file `source`; both are empty without a file."""
 
     document: DecompositionDocument
     vocabulary: DecompositionVocabulary
     source: str = ""
     lines: Mapping[tuple[str | int, ...], int] = field(default_factory=dict)
     levels: dict[str, Level] = field(default_factory=dict)
-    found_at: dict[Fault, int] = field(default_factory=dict)
+    line_of_fault: dict[Fault, int] = field(default_factory=dict)
 
     def faults(self) -> list[Fault]:
-        """Everything that is wrong, in the order of the file."""
+        """Every fault, in the order of the file."""
         self.levels.update({node.id: level for level, _, node in self._nodes()})
-        found = [*self._emptiness(), *self._duplicates(), *self._tables(), *self._edges(), *self._cycles(), *self._orphans()]
-        found += [*self._observables(), *self._study()]
-        return sorted(dict.fromkeys(found), key=lambda fault: self.found_at[fault])
+        faults = [*self._emptiness(), *self._duplicates(), *self._tables(), *self._edges(), *self._cycles(), *self._orphans()]
+        faults += [*self._observables(), *self._study()]
+        # A table used by many observables gives the same fault many times; it is reported once.
+        return sorted(dict.fromkeys(faults), key=lambda fault: self.line_of_fault[fault])
 
     def _fault(self, place: DocumentPlace, what: str, remedy: str) -> Fault:
         line = self._line(place)
         file = f"{self.source}:{line}" if line and self.source else self.source
         path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
         fault = Fault(": ".join(part for part in (file, place.node, path) if part), what, remedy)
-        self.found_at.setdefault(fault, line)
+        self.line_of_fault.setdefault(fault, line)
         return fault
 
     def _line(self, place: DocumentPlace) -> int:
-        """Line of the nearest enclosing path that the file has, 0 where there is none."""
+        """Line of the nearest enclosing path that is in the file, 0 where there is none."""
         known = (place.path[:length] for length in range(len(place.path), 0, -1))
         return next((self.lines[path] for path in known if path in self.lines), 0)
 
@@ -105,11 +106,11 @@ class DocumentChecks:
         return ((level, place, node) for level, place, node in self._nodes() if isinstance(node, InnerNode))
 
     def _duplicates(self) -> Iterator[Fault]:
-        seen: set[str] = set()
+        ids: set[str] = set()
         for _, place, node in self._nodes():
-            if node.id in seen:
+            if node.id in ids:
                 yield self._fault(place.at("id"), f"the id {node.id!r} is used twice", "give one of them another id")
-            seen.add(node.id)
+            ids.add(node.id)
 
     def _edges(self) -> Iterator[Fault]:
         for level, place, node in self._inner():
@@ -122,17 +123,17 @@ class DocumentChecks:
                 )
             for child, count in Counter(node.children).items():
                 if count > 1:
-                    yield self._fault(place.at("children"), f"{node.id} names its child {child} {count} times", "name it once")
+                    yield self._fault(place.at("children"), f"{node.id} lists its child {child} {count} times", "list it once")
                 if child not in self.levels:
                     yield self._fault(
                         place.at("children"),
-                        f"{node.id} names a child {child!r} that does not exist",
+                        f"{node.id} lists a child {child!r} that does not exist",
                         suggestion(child, self.levels),
                     )
                 elif self.levels[child] is not below:
                     yield self._fault(
                         place.at("children"),
-                        f"{node.id} names {LEVEL_TITLES[self.levels[child]]} {child} as a child",
+                        f"{node.id} lists {LEVEL_TITLES[self.levels[child]]} {child} as a child",
                         f"the children of a {LEVEL_TITLES[level]} are {LEVEL_TITLES[below]}s; {self._instead(below, child)}",
                     )
 
@@ -146,30 +147,32 @@ class DocumentChecks:
         for _, place, node in self._inner():
             places[node.id] = place
             graph.add_edges_from((node.id, child) for child in node.children)
-        while ring := _cycle(graph):
-            told = " -> ".join([*ring, ring[0]])
-            yield self._fault(places[ring[0]].at("children"), f"the nodes stand in a ring: {told}", "break it at one edge")
-            graph.remove_edge(ring[-1], ring[0])
+        # Each round reports one cycle and removes one of its edges, so that the next round finds another.
+        while cycle := _cycle(graph):
+            written = " -> ".join([*cycle, cycle[0]])
+            yield self._fault(places[cycle[0]].at("children"), f"the nodes form a cycle: {written}", "remove one of its edges")
+            graph.remove_edge(cycle[-1], cycle[0])
 
     def _orphans(self) -> Iterator[Fault]:
         named = {child for _, _, node in self._inner() for child in node.children}
+        # A document may leave out upper levels; nodes of its highest level need no parent.
         tops = next((level for level in LEVELS if getattr(self.document, FIELD_OF_LEVEL[level])), Level.OBSERVABLE)
         for level, place, node in self._nodes():
             if level is not tops and node.id not in named:
                 above = LEVEL_TITLES[LEVELS[LEVELS.index(level) - 1]]
                 yield self._fault(
                     place.at("id"),
-                    f"{LEVEL_TITLES[level]} {node.id} is an orphan: it stands under no {above}",
-                    f"name it under a {above}",
+                    f"{LEVEL_TITLES[level]} {node.id} is an orphan: no {above} lists it",
+                    f"list it under a {above}",
                 )
 
     def _tables(self) -> Iterator[Fault]:
-        used = {name for one in self.document.observables for name in one.key_factors if isinstance(name, str)}
+        used = {name for observable in self.document.observables for name in observable.key_factors if isinstance(name, str)}
         for name, row in self.document.tables.items():
             place = DocumentPlace(("tables", name), name)
             yield from self._row(place, row)
             if name not in used:
-                yield self._fault(place, f"no observable uses the table {name!r}", "name it under key_factors, or drop it")
+                yield self._fault(place, f"no observable uses the table {name!r}", "list it under key_factors, or drop it")
 
     def _row(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:
         yield from self._columns(place, row)
@@ -181,8 +184,8 @@ class DocumentChecks:
         elif units[row.factor] != row.unit:
             yield self._fault(
                 place.at("unit"),
-                f"the unit {row.unit!r} is not that of the key factor {row.factor!r}",
-                f"write {units[row.factor]!r}, and the values in it",
+                f"the unit {row.unit!r} is not the unit of the key factor {row.factor!r}",
+                f"write {units[row.factor]!r}, and convert the values",
             )
 
     def _columns(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:
@@ -196,7 +199,7 @@ class DocumentChecks:
         if len(ratings) < 2:
             yield self._fault(
                 place.at("ratings"),
-                f"the table of {row.factor} has fewer than two columns, so no direction",
+                f"the table of {row.factor} has fewer than two columns, and thus no direction",
                 "give two or more columns",
             )
         if any(not 0.0 <= rating <= 100.0 for rating in ratings):
@@ -205,10 +208,13 @@ class DocumentChecks:
             yield self._fault(
                 place.at("ratings"), f"the ratings of {row.factor} do not rise", "order the columns by rising rating"
             )
+        # Ratings must rise, values may rise or fall, but not both: ruling 1.
         steps = [b - a for a, b in pairwise(values)]
         if len(values) > 1 and not any(steps):
             yield self._fault(
-                place.at("values"), f"the values of {row.factor} are all equal, so no direction", "give values that rise or fall"
+                place.at("values"),
+                f"the values of {row.factor} are all equal and give no direction",
+                "give values that rise or fall",
             )
         elif any(step > 0 for step in steps) and any(step < 0 for step in steps):
             yield self._fault(
@@ -218,32 +224,38 @@ class DocumentChecks:
             )
 
     def _observables(self) -> Iterator[Fault]:
-        for index, one in enumerate(self.document.observables):
-            place = DocumentPlace((FIELD_OF_LEVEL[Level.OBSERVABLE], index), one.id)
-            yield from self._threshold(place, one)
-            yield from self._key_factors(place, one)
-            yield from self._measure(place, one)
+        for index, observable in enumerate(self.document.observables):
+            place = DocumentPlace((FIELD_OF_LEVEL[Level.OBSERVABLE], index), observable.id)
+            yield from self._threshold(place, observable)
+            yield from self._key_factors(place, observable)
+            yield from self._measure(place, observable)
 
-    def _threshold(self, place: DocumentPlace, one: Observable) -> Iterator[Fault]:
-        if not 0.0 <= one.threshold <= 1.0:
-            yield self._fault(place.at("threshold"), f"the threshold {one.threshold:g} lies outside 0 to 1", "keep it in [0, 1]")
-        if one.near_miss is None:
-            return
-        if not 0.0 <= one.near_miss <= 1.0:
-            yield self._fault(place.at("near_miss"), f"near_miss {one.near_miss:g} lies outside 0 to 1", "keep it in [0, 1]")
-        if one.near_miss > 0.0 and not one.partial_credit:
+    def _threshold(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
+        if not 0.0 <= observable.threshold <= 1.0:
             yield self._fault(
-                place.at("near_miss"), "near_miss without partial_credit says nothing", "set partial_credit, or drop it"
+                place.at("threshold"), f"the threshold {observable.threshold:g} lies outside 0 to 1", "keep it in [0, 1]"
+            )
+        if observable.near_miss is None:
+            return
+        if not 0.0 <= observable.near_miss <= 1.0:
+            yield self._fault(
+                place.at("near_miss"), f"near_miss {observable.near_miss:g} lies outside 0 to 1", "keep it in [0, 1]"
+            )
+        if observable.near_miss > 0.0 and not observable.partial_credit:
+            yield self._fault(
+                place.at("near_miss"), "near_miss has no effect without partial_credit", "set partial_credit, or drop it"
             )
 
-    def _key_factors(self, place: DocumentPlace, one: Observable) -> Iterator[Fault]:
+    def _key_factors(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
         place = place.at("key_factors")
-        if not one.key_factors and self.vocabulary.difficulty == "tables":
+        if not observable.key_factors and self.vocabulary.difficulty == "tables":
             yield self._fault(
-                place, f"{one.id} has no key factors, so no difficulty", "name a table, or write a row with its factor and values"
+                place,
+                f"{observable.id} has no key factors, so no difficulty",
+                "name a table, or write a row with its factor and values",
             )
         factors: Counter[str] = Counter()
-        for index, row in enumerate(one.key_factors):
+        for index, row in enumerate(observable.key_factors):
             if isinstance(row, KeyFactor):
                 yield from self._row(place.at(index), row)
                 factors[row.factor] += 1
@@ -254,14 +266,14 @@ class DocumentChecks:
         for factor, count in factors.items():
             if count > 1:
                 yield self._fault(
-                    place, f"{one.id} rates the key factor {factor!r} {count} times", "keep one row for each factor"
+                    place, f"{observable.id} rates the key factor {factor!r} {count} times", "keep one row for each factor"
                 )
 
-    def _measure(self, place: DocumentPlace, one: Observable) -> Iterator[Fault]:
+    def _measure(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
         if self.vocabulary.check_measure is None:
             return
         try:
-            self.vocabulary.check_measure(one.measure, one.options)
+            self.vocabulary.check_measure(observable.measure, observable.options)
         except SetupError as error:
             for fault in error.faults:
                 yield self._fault(place.at("measure"), fault.what, fault.remedy)
@@ -270,16 +282,16 @@ class DocumentChecks:
 
     def _study(self) -> Iterator[Fault]:
         place = DocumentPlace(("study",), "")
-        known = [one.id for one in self.document.key_attributes]
-        for index, one in enumerate(self.document.study):
-            if one not in known:
-                yield self._fault(place.at(index), f"there is no key attribute {one!r} to study", suggestion(one, known))
+        known = [node.id for node in self.document.key_attributes]
+        for index, node in enumerate(self.document.study):
+            if node not in known:
+                yield self._fault(place.at(index), f"there is no key attribute {node!r} to study", suggestion(node, known))
         if len(set(self.document.study)) != len(self.document.study):
-            yield self._fault(place, "a key attribute is studied twice", "name each once")
+            yield self._fault(place, "a key attribute is studied twice", "list each once")
 
 
 def _cycle(graph: nx.DiGraph[str]) -> list[str]:
-    """Some nodes that stand in a ring, in its order; none where the graph has no ring."""
+    """The nodes of one cycle in its order; empty where the graph has none."""
     try:
         return [str(edge[0]) for edge in nx.find_cycle(graph)]
     except nx.NetworkXNoCycle:
@@ -287,10 +299,10 @@ def _cycle(graph: nx.DiGraph[str]) -> list[str]:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """A hint naming what was probably meant, or what there is."""
+    """A hint with the names that were probably meant, or else with the known names."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=3)
-    if near:
-        return f"did you mean {' or '.join(near)}?"
+    matches = difflib.get_close_matches(name, names, n=3)
+    if matches:
+        return f"did you mean {' or '.join(matches)}?"
     shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
     return f"known: {shown}" if names else "none is declared"

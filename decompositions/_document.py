@@ -1,8 +1,8 @@
-"""A decomposition as a document: what is asked of an agent, from five principles down to what can be measured.
+"""The document of a decomposition: what an agent is tested on, from five principles down to measured observables.
 
-The format is `rebar.decomposition/1`, written in YAML. Every node names its children by id, so one node may stand under
-many. What pydantic cannot see in one field (cycles, orphans, tables without a direction) is checked in `_checks`, so that
-a document with ten faults is told all ten.
+The format is `rebar.decomposition/1`, written in YAML. Every node lists its children by id, so that a node may have many
+parents. `_checks` finds what pydantic cannot see in one field (cycles, orphans, tables without a direction), and reports
+all faults of a document at once.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ class Level(StrEnum):
     OBSERVABLE = "observable"
 
 
+# A digest of the document identifies scores, so the order of fields in these classes must not change.
 class Policies(Document):
-    """The rules of scoring by name, each with the published rule as its default; docs/scoring.md gives the formulas."""
+    """The rules of scoring by name, each with the published rule as its default; docs/rulings.md has the reasons."""
 
     shared_value: Annotated[
         Literal["lower", "higher"], Field(description="Rating of a value that stands in two columns of a table.")
     ] = "lower"
     easier_than_table: Annotated[
-        Literal["zero", "first"], Field(description="Rating of what is easier than the first column: 0, or the first rating.")
+        Literal["zero", "first"], Field(description="Rating of a value easier than the first column: 0, or the first rating.")
     ] = "zero"
     factor_rule: Annotated[
-        Literal["minimum", "mean"], Field(description="How the ratings of its key factors make the difficulty of an observable.")
+        Literal["minimum", "mean"],
+        Field(description="How the difficulty of an observable follows from the ratings of its key factors."),
     ] = "minimum"
-    credit_points: Annotated[
-        float, Field(ge=0.0, le=100.0, description="Points that a full excess of x over its threshold is worth.")
-    ] = 4.0
+    credit_points: Annotated[float, Field(ge=0.0, le=100.0, description="Points for each unit of x above the threshold.")] = 4.0
     near_miss: Annotated[
         float,
-        Field(ge=0.0, le=1.0, description="How far below its threshold a failed observable still scores; 0 is never."),
+        Field(ge=0.0, le=1.0, description="How far below its threshold a failed observable still scores; 0 means never."),
     ] = 0.0
     inner_score: Annotated[
         Literal["minimum", "mean"], Field(description="Score of an inner node over those of its children that have one.")
@@ -60,14 +60,14 @@ class Policies(Document):
 
 
 class KeyFactor(Document):
-    """One row of a key factor table: how hard a situation is made by one number of its configuration.
+    """One row of a key factor table: how hard one number of the configuration makes a situation.
 
-    `values` belong to `ratings` column by column; they rise or fall along them. `reason` says why the table begins and
-    ends where it does.
+    `values` belong to `ratings` column by column, and rise or fall along them. `reason` explains where the table begins and
+    ends.
     """
 
     factor: Annotated[str, Field(min_length=1, max_length=63, description="Name of the key factor in the SimSpec.")]
-    unit: Annotated[str, Field(min_length=1, max_length=16, description="Unit of the values; must be that of the factor.")]
+    unit: Annotated[str, Field(min_length=1, max_length=16, description="Unit of the values; must be the unit of the factor.")]
     ratings: Annotated[tuple[float, ...], Field(max_length=101, description="Difficulty of each column, rising, 0 to 100.")]
     values: Annotated[tuple[float, ...], Field(max_length=101, description="Value of the factor in each column.")]
     mapping: Annotated[
@@ -77,12 +77,15 @@ class KeyFactor(Document):
     reason: Sentence
 
 
-class InnerNode(Document):
-    """A node that is judged by its children."""
-
+class _TitledNode(Document):
     id: NodeId
     title: Annotated[str, Field(min_length=1, max_length=120)]
-    asks: Annotated[Sentence, Field(description="What the node asks of an agent, in one sentence.")]
+    asks: Annotated[Sentence, Field(description="The demand on the agent, in one sentence.")]
+
+
+class InnerNode(_TitledNode):
+    """A node that is judged by its children."""
+
     children: tuple[NodeId, ...]
 
 
@@ -98,36 +101,36 @@ class Vab(InnerNode):
     """A value, action or behaviour; its children are observables."""
 
 
-class Observable(Document):
-    """A leaf: one number measured in a run, held against a threshold."""
+class Observable(_TitledNode):
+    """A leaf: one number measured in a run and compared with a threshold."""
 
-    id: NodeId
-    title: Annotated[str, Field(min_length=1, max_length=120)]
-    asks: Annotated[Sentence, Field(description="What the observable asks of an agent, in one sentence.")]
     measure: Annotated[
         str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$", description="Measure, by its name in the group rebar.measures.")
     ]
     options: Annotated[dict[str, Option], Field(description="Options of the measure.")] = {}
+    # `_checks` tests the limits of the next numbers, so that its message can name the node; the schema has them for editors.
     threshold: Annotated[
         float,
-        Field(description="Least measured value that achieves it.", json_schema_extra={"minimum": 0.0, "maximum": 1.0}),
+        Field(
+            description="Least measured value that achieves the observable.", json_schema_extra={"minimum": 0.0, "maximum": 1.0}
+        ),
     ]
     threshold_reason: Sentence
-    partial_credit: Annotated[bool, Field(description="Whether the excess over the threshold moves the score.")] = False
+    partial_credit: Annotated[bool, Field(description="Whether the excess over the threshold changes the score.")] = False
     near_miss: Annotated[
         float | None,
         Field(
-            description="Instead of the policy of that name; only together with partial_credit.",
+            description="Overrides the policy of the same name; only with partial_credit.",
             json_schema_extra={"minimum": 0.0, "maximum": 1.0},
         ),
     ] = None
-    considered: Annotated[Sentence, Field(description="When a run exercises it, by the scenario and the truth.")]
+    considered: Annotated[Sentence, Field(description="When a run exercises it, decided by the scenario and the truth.")]
     always_considered: bool = False
     key_factors: Annotated[
         tuple[str | KeyFactor, ...],
         Field(
-            description="Rows of its key factor table: names among `tables`, or rows written out. "
-            "None only where difficulties are given with the runs."
+            description="Rows of its key factor table: names among `tables`, or complete rows. "
+            "Empty only where difficulties are given with the runs."
         ),
     ] = ()
 
@@ -142,7 +145,7 @@ class DecompositionDocument(Document):
     policies: Policies = Policies()
     study: Annotated[
         tuple[NodeId, ...],
-        Field(description="Key attributes whose difficulties make a difficulty configuration; all when empty."),
+        Field(description="Key attributes whose difficulties make a difficulty configuration; empty means all."),
     ] = ()
     tables: Annotated[dict[str, KeyFactor], Field(description="Rows of key factor tables that observables share, by name.")] = {}
     principles: tuple[Principle, ...] = ()

@@ -1,4 +1,4 @@
-"""The decomposition as a graph that scoring walks: checked once, then only asked."""
+"""The decomposition as a graph that is checked once, when it is built."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class DecompositionNode:
 class Decomposition:
     """A directed acyclic graph of principles, key attributes, VABs and observables, many-to-many at every level.
 
-    `nodes` come in the order of the document, the most general level first, so every node stands before its children.
-    Made by `decomposition_of`; asking for a node that there is not is a KeyError.
+    `nodes` have the order of the document, with the most general level first, so that a node comes before its children.
+    Build it with `decomposition_of`. Methods raise KeyError for an unknown node.
     """
 
     document: DecompositionDocument
@@ -56,12 +56,12 @@ class Decomposition:
 
     @property
     def study(self) -> tuple[str, ...]:
-        """The key attributes whose difficulties make a difficulty configuration: those named, else all."""
+        """The key attributes whose difficulties make a difficulty configuration: those of the document, else all."""
         return self.document.study or self.key_attributes
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the document's canonical JSON, for provenance: equal exactly when scores mean the same."""
+        """SHA-256 of the document's JSON: scores are comparable where it is equal."""
         return hashlib.sha256(self.document.model_dump_json().encode()).hexdigest()
 
     def at_level(self, level: Level) -> tuple[str, ...]:
@@ -69,7 +69,7 @@ class Decomposition:
         return tuple(node.id for node in self.nodes.values() if node.level is level)
 
     def level_of(self, node: str) -> Level:
-        """The level that a node belongs to."""
+        """The level of a node."""
         return self.nodes[node].level
 
     def children(self, node: str) -> tuple[str, ...]:
@@ -77,15 +77,16 @@ class Decomposition:
         return self.nodes[node].children
 
     def observables_under(self, node: str) -> tuple[str, ...]:
-        """Distinct descendant observables in the order of the document; an observable is its own."""
+        """Distinct descendant observables in the order of the document; for an observable, the observable itself."""
         return self.descendants[node]
 
     def bottom_up(self) -> tuple[str, ...]:
         """A topological order in which every node follows all of its children."""
+        # Levels come from the most general down and edges never skip one, so the reverse order is topological.
         return tuple(reversed(tuple(self.nodes)))
 
     def key_factors(self, observable: str) -> tuple[KeyFactor, ...]:
-        """The rows of an observable's key factor table, shared ones written out."""
+        """The rows of an observable's key factor table, with shared rows resolved."""
         return self.tables[observable]
 
     def factors(self) -> tuple[str, ...]:
@@ -93,13 +94,13 @@ class Decomposition:
         return tuple(dict.fromkeys(row.factor for rows in self.tables.values() for row in rows))
 
     def near_miss(self, observable: str) -> float:
-        """How far below its threshold the observable still scores: its own word, else the policy; 0 without partial credit."""
-        one = self.observables[observable]
-        own = self.policies.near_miss if one.near_miss is None else one.near_miss
-        return own if one.partial_credit else 0.0
+        """How far below its threshold the observable still scores: its own value, else the policy; 0 without partial credit."""
+        declared = self.observables[observable]
+        margin = self.policies.near_miss if declared.near_miss is None else declared.near_miss
+        return margin if declared.partial_credit else 0.0
 
     def graph(self) -> nx.DiGraph[str]:
-        """The same as a networkx graph, edges from parent to child, with `level` and `title` on every node."""
+        """The decomposition as a networkx graph: edges from parent to child, with `level` and `title` on every node."""
         graph: nx.DiGraph[str] = nx.DiGraph()
         for node in self.nodes.values():
             graph.add_node(node.id, level=str(node.level), title=node.title)
@@ -108,20 +109,20 @@ class Decomposition:
 
 
 def graph_of(document: DecompositionDocument) -> Decomposition:
-    """The graph of a document in which the checks found nothing."""
+    """The graph of a document without faults."""
     nodes = {node.id: node for node in _nodes(document)}
-    order = [one.id for one in document.observables]
-    below = {one: frozenset((one,)) for one in order}
+    order = [observable.id for observable in document.observables]
+    below = {node_id: frozenset((node_id,)) for node_id in order}
     for node in reversed(nodes.values()):
         if node.level is not Level.OBSERVABLE:
             below[node.id] = frozenset().union(*(below[child] for child in node.children))
     return Decomposition(
         document=document,
         nodes=nodes,
-        observables={one.id: one for one in document.observables},
-        parents={one: tuple(node.id for node in nodes.values() if one in node.children) for one in nodes},
-        descendants={one: tuple(leaf for leaf in order if leaf in below[one]) for one in nodes},
-        tables={one.id: tuple(_written_out(one.key_factors, document.tables)) for one in document.observables},
+        observables={observable.id: observable for observable in document.observables},
+        parents={node_id: tuple(node.id for node in nodes.values() if node_id in node.children) for node_id in nodes},
+        descendants={node_id: tuple(leaf for leaf in order if leaf in below[node_id]) for node_id in nodes},
+        tables={observable.id: tuple(_resolved(observable.key_factors, document.tables)) for observable in document.observables},
     )
 
 
@@ -131,12 +132,12 @@ def _nodes(document: DecompositionDocument) -> Iterable[DecompositionNode]:
         (Level.KEY_ATTRIBUTE, document.key_attributes),
         (Level.VAB, document.vabs),
     )
-    for level, inner in levels:
-        for node in inner:
+    for level, inner_nodes in levels:
+        for node in inner_nodes:
             yield DecompositionNode(node.id, node.title, node.asks, level, node.children)
     for leaf in document.observables:
         yield DecompositionNode(leaf.id, leaf.title, leaf.asks, Level.OBSERVABLE, ())
 
 
-def _written_out(rows: Iterable[str | KeyFactor], tables: Mapping[str, KeyFactor]) -> Iterable[KeyFactor]:
+def _resolved(rows: Iterable[str | KeyFactor], tables: Mapping[str, KeyFactor]) -> Iterable[KeyFactor]:
     return (tables[row] if isinstance(row, str) else row for row in rows)

@@ -1,4 +1,4 @@
-"""Decompositions in and out of files: those that come with the bench by name, any other by its path."""
+"""Load decompositions: the shipped ones by name, any other by its path."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ Lines = Mapping[tuple[str | int, ...], int]
 
 
 def shipped_decompositions() -> tuple[str, ...]:
-    """Names of the decompositions that come with the bench."""
+    """Names of the shipped decompositions."""
     files = resources.files(__package__).joinpath("data").iterdir()
     return tuple(sorted(file.name.removesuffix(".yaml").replace("_", "-") for file in files if file.name.endswith(".yaml")))
 
 
 def load_decomposition(name_or_path: str | Path, vocabulary: DecompositionVocabulary | None = None) -> Decomposition:
-    """Read a decomposition: one that comes with the bench by its name (`search-and-report`), any other by its path.
+    """Read a decomposition: a shipped one by its name (`search-and-report`), any other by its path.
 
-    `vocabulary` says which key factors and measures there are; without it those names stay unchecked.
-    Raises SetupError with every fault: file, line, node, mend.
+    `vocabulary` has the known key factors and measures; without it those names stay unchecked.
+    Raises SetupError with every fault: file, line, node, remedy.
     """
     name = str(name_or_path)
     if name in shipped_decompositions():
         file = resources.files(__package__).joinpath("data", f"{name.replace('-', '_')}.yaml")
         return read_decomposition(file.read_text(encoding="utf-8"), vocabulary, source=name)
+    # A name without a known suffix and without a file is more likely a misspelt name than a missing file.
     if Path(name).suffix.lower() not in (".yaml", ".yml", ".json") and not Path(name).exists():
         names = ", ".join(shipped_decompositions())
         raise SetupError(
@@ -46,12 +47,12 @@ def load_decomposition(name_or_path: str | Path, vocabulary: DecompositionVocabu
 
 
 def read_decomposition(text: str, vocabulary: DecompositionVocabulary | None = None, source: str = "") -> Decomposition:
-    """As `load_decomposition`, for text at hand; `source` names it in messages."""
+    """Like `load_decomposition`, for a text; `source` names it in messages."""
     value, lines = parse_text(text, source)
     if not isinstance(value, dict) or not value:
         what = "the document is empty" if not value else f"the document is a {type(value).__name__}, not fields with values"
         raise SetupError(
-            Fault(source, what, "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a whole one")
+            Fault(source, what, "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a complete example")
         )
     return _checked(validate_document(value, DecompositionDocument, source, lines), vocabulary, source, lines)
 

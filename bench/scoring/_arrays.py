@@ -1,4 +1,4 @@
-"""A decomposition laid out as arrays, so that ten thousand runs are scored in one sweep."""
+"""A decomposition as arrays, for scoring many runs at once."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from decompositions import Decomposition, Level, Policies
 
 @dataclass(frozen=True, slots=True)
 class DecompositionArrays:
-    """What scoring needs of a decomposition. Leaves (observables) and nodes are numbered in the document's order.
+    """The parts of a decomposition that scoring needs. Leaves (observables) and nodes are numbered in the order of the document.
 
-    `number` gives a leaf's, `leaf_rows[i]` is the node that leaf i is; `under` (nodes, leaves) says which leaves stand under a node, each once;
-    `inner` gives every inner node, children first, with the numbers of its children.
+    `number` is the number of a leaf by its id; `leaf_rows[i]` is the node number of leaf i; `under` (nodes, leaves) marks the
+    leaves under a node, each once; `inner` has every inner node with the numbers of its children, children before parents.
     """
 
     nodes: tuple[str, ...]
@@ -33,13 +33,13 @@ class DecompositionArrays:
 
 
 def arrays_of(decomposition: Decomposition) -> DecompositionArrays:
-    """The arrays of a decomposition, made once for each document."""
+    """The arrays of a decomposition, built once for each document."""
     return _arrays(_DocumentKey(decomposition))
 
 
 @dataclass(frozen=True, slots=True)
 class _DocumentKey:
-    """Equal for equal documents: a decomposition itself holds dictionaries and cannot be hashed."""
+    """Cache key that is equal for equal documents: a decomposition holds dictionaries and cannot be hashed."""
 
     decomposition: Decomposition
 
@@ -53,6 +53,7 @@ class _DocumentKey:
         return mine is theirs or mine == theirs
 
 
+# A process scores over one or two decompositions; eight leave room for comparisons. Chosen, not measured.
 @lru_cache(maxsize=8)
 def _arrays(key: _DocumentKey) -> DecompositionArrays:
     decomposition = key.decomposition

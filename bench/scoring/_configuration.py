@@ -1,4 +1,4 @@
-"""Difficulty configurations: runs are alike when the studied key attributes are equally hard in them."""
+"""Difficulty configurations: groups of runs in which the studied key attributes are equally hard (docs/rulings.md 14, 15)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ._difficulty import Difficulty, tension_of
 
 
 def studied_key_attributes(decomposition: Decomposition, study: Sequence[str] = ()) -> tuple[str, ...]:
-    """The nodes under study: those named, else the decomposition's own. Raises SetupError for one that is no key attribute."""
+    """The key attributes under study: those in `study`, else the decomposition's. Raises SetupError for any other node."""
     known = decomposition.at_level(Level.KEY_ATTRIBUTE)
     unknown = [node for node in study if node not in known]
     if unknown:
@@ -23,9 +23,9 @@ def studied_key_attributes(decomposition: Decomposition, study: Sequence[str] = 
 
 
 def configuration_of(decomposition: Decomposition, difficulty: Difficulty, study: Sequence[str] = ()) -> str:
-    """The key of a difficulty configuration, for example `KA-03=25.333333 KA-05=55`; equal to six decimals is equal.
+    """The key of a difficulty configuration, for example `KA-03=25.333333 KA-05=55`; with at most six decimals.
 
-    Raises SetupError for a study of something else than key attributes.
+    Raises as `studied_key_attributes`.
     """
     return " ".join(f"{node}={_compact(difficulty.of(node))}" for node in studied_key_attributes(decomposition, study))
 
@@ -36,4 +36,5 @@ def configuration_tension(decomposition: Decomposition, difficulty: Difficulty, 
 
 
 def _compact(value: float) -> str:
+    # Interpolated ratings differ in their last bits between equal situations; the key must not.
     return f"{value:.{DIFFICULTY_DECIMALS}f}".rstrip("0").rstrip(".")

@@ -1,6 +1,6 @@
-"""Ethical difficulty: how hard a configured situation makes each node, and which key factor says so.
+"""Ethical difficulty: how hard a configured situation makes each node, and which key factor decides it.
 
-Difficulty is a property of the configuration alone (docs/rulings.md 1 to 5, 14): nothing here has seen a run.
+Difficulty is a property of the configuration alone (docs/rulings.md 1 to 5, 14): nothing here knows a run.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ from decompositions import Decomposition, KeyFactor, Level, Policies
 def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> float:
     """Rating in [0, 100] of one value in one row of a key factor table.
 
-    Between two columns it is interpolated, or with `step` that of the easier column. Easier than the first column is 0;
-    harder than the last, the last rating; a value that stands in two columns has the lower rating. `policies` may
-    choose otherwise. Raises ValueError for a value that is not finite.
+    A value between two columns has the interpolated rating, with `step` the rating of the easier column. A value easier than the
+    first column rates 0, a value harder than the last column rates as the last one, and a value in two columns has
+    the lower rating; `policies` may choose otherwise. Raises ValueError for a value that is not finite.
     """
     rules = policies or Policies()
     if not math.isfinite(value):
         raise ValueError(f"the key factor {table.factor!r} has the value {value}, which no table can rate")
+    # Rulings 1 to 3. A table may rise or fall; with the sign below its values always rise, so one search serves both.
     sign = 1.0 if table.values[-1] > table.values[0] else -1.0
-    rising_values = [sign * column for column in table.values]  # rising, whichever way the table runs
+    rising_values = [sign * column for column in table.values]
     position = sign * value
     after = bisect_left(rising_values, position)
     if after == len(rising_values):
@@ -50,7 +51,7 @@ def tension_of(difficulty: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class FactorRating:
-    """What one key factor says of one observable; `value` is in `unit`."""
+    """The rating of one key factor for one observable; `value` is in `unit`."""
 
     factor: str
     value: float
@@ -62,8 +63,8 @@ class FactorRating:
 class ObservableDifficulty:
     """Difficulty of one observable, and the ratings of its key factors, lowest first.
 
-    `ruled_by` are the factors whose rating is the difficulty (none under the policy `mean`). `margin` is by how much the
-    next factor follows, in points: so much may the ruling one rise before another takes over; None where none follows.
+    `ruled_by` are the factors whose rating is the difficulty (none under the policy `mean`). `margin` is the distance in
+    points to the next higher rating: the ruling factor can rise by this much before another one rules. None where no rating is higher.
     """
 
     observable: str
@@ -82,7 +83,7 @@ class ObservableDifficulty:
 
 @dataclass(frozen=True, slots=True)
 class NodeDifficulty:
-    """Difficulty of one node: the minimum over all its distinct descendant observables; `ruled_by` are those that have it."""
+    """Difficulty of one node: the minimum over its distinct descendant observables; `ruled_by` are the observables that have it."""
 
     node: str
     level: Level
@@ -103,40 +104,41 @@ class Difficulty:
     nodes: Mapping[str, NodeDifficulty]
 
     def of(self, node: str) -> float:
-        """Difficulty of a node; KeyError when there is none of that id."""
+        """Difficulty of a node. Raises KeyError for an unknown id."""
         return self.nodes[node].difficulty
 
     def explain(self, node: str) -> str:
-        """Why a node is as hard as it is, in a sentence for each observable that rules it."""
+        """The reason for a node's difficulty, with a sentence for each observable that rules it."""
         node_difficulty = self.nodes[node]
         reasons = [_reason(self.observables[observable]) for observable in node_difficulty.ruled_by]
         return f"{node}: {node_difficulty.difficulty:g} (tension {node_difficulty.tension}). " + " ".join(reasons)
 
     def as_json(self) -> dict[str, Any]:
-        """All of it for a machine, with every factor's rating."""
+        """Every node and observable as JSON values, with the rating of every factor."""
         return {
             "decomposition": self.decomposition,
             "nodes": [
                 {
-                    "node": one.node,
-                    "level": str(one.level),
-                    "difficulty": one.difficulty,
-                    "tension": one.tension,
-                    "ruled_by": list(one.ruled_by),
+                    "node": node.node,
+                    "level": str(node.level),
+                    "difficulty": node.difficulty,
+                    "tension": node.tension,
+                    "ruled_by": list(node.ruled_by),
                 }
-                for one in self.nodes.values()
+                for node in self.nodes.values()
             ],
             "observables": [
                 {
-                    "observable": one.observable,
-                    "difficulty": one.difficulty,
-                    "ruled_by": list(one.ruled_by),
-                    "margin": one.margin,
+                    "observable": observable.observable,
+                    "difficulty": observable.difficulty,
+                    "ruled_by": list(observable.ruled_by),
+                    "margin": observable.margin,
                     "factors": [
-                        {"factor": row.factor, "value": row.value, "unit": row.unit, "rating": row.rating} for row in one.ratings
+                        {"factor": row.factor, "value": row.value, "unit": row.unit, "rating": row.rating}
+                        for row in observable.ratings
                     ],
                 }
-                for one in self.observables.values()
+                for observable in self.observables.values()
             ],
         }
 
@@ -144,7 +146,7 @@ class Difficulty:
 def difficulty_of_values(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
     """Difficulty of every node for key factor values by name, in the units of `bench.simspec.FACTORS`.
 
-    Raises SetupError, naming every key factor that has no value here and the observables that need it.
+    Raises SetupError that names every key factor without a value and the observables that need it.
     """
     _require_values(decomposition, values)
     observables = {observable: _of_observable(decomposition, observable, values) for observable in decomposition.observables}
@@ -154,15 +156,15 @@ def difficulty_of_values(decomposition: Decomposition, values: Mapping[str, floa
 
 
 def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
-    """Difficulty of every node in the situation that a SimSpec configures. Raises as `difficulty` does."""
+    """Difficulty of every node in the situation that a SimSpec configures. Raises as `difficulty_of_values`."""
     return difficulty_of_values(decomposition, factor_values(simspec))
 
 
 def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
-    """Difficulty of every node where those of the observables are stated and not rated.
+    """Difficulty of every node from stated difficulties of observables, as in a table from elsewhere.
 
-    An observable without a value is infinitely hard here: it is not known, and so never the least. A node over nothing
-    else is infinite, which whoever writes it down makes null.
+    An observable without a value gets infinity, which is never the minimum. A node with only such observables is infinite too; writers
+    of documents and tables turn that into null.
     """
     observables = {
         observable: ObservableDifficulty(observable, values.get(observable, math.inf), ())
@@ -201,14 +203,16 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
     faults = [_missing_value(decomposition, factor, affected) for factor, affected in needing.items()]
     if unrated:
         where = f"difficulty of {decomposition.name}: {', '.join(unrated)}"
-        faults.append(Fault(where, "no key factors, so no difficulty", "give them tables, or state difficulties with the runs"))
+        faults.append(
+            Fault(where, "no key factors, so no difficulty", "give them key factor tables, or state difficulties with the runs")
+        )
     if faults:
         raise SetupError(faults)
 
 
 def _missing_value(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
     known = FACTORS.get(factor)
-    remedy = f"it is: {known.text} Give the SimSpec what it speaks of" if known else "no SimSpec has it; correct the table"
+    remedy = f"it is: {known.text} Add that to the SimSpec" if known else "no SimSpec has this factor; correct the table"
     return Fault(
         f"difficulty of {decomposition.name}: {', '.join(observables)}",
         f"the key factor {factor!r} has no value in this situation",
@@ -218,9 +222,9 @@ def _missing_value(decomposition: Decomposition, factor: str, observables: list[
 
 def _reason(observable: ObservableDifficulty) -> str:
     if not observable.ratings:
-        return f"{observable.observable} has its difficulty stated."
+        return f"The difficulty of {observable.observable} is stated with the runs."
     if not observable.ruled_by:
-        return f"{observable.observable} has the mean of its {len(observable.ratings)} ratings."
+        return f"{observable.observable} has the mean of its {len(observable.ratings)} ratings as its difficulty."
     rulers = " and ".join(
         f"{row.factor} = {row.value:g} {row.unit}" for row in observable.ratings if row.rating == observable.difficulty
     )

@@ -1,4 +1,4 @@
-"""Why a node has the score that it has: from the mean to the runs, their ruling observables, and the moments behind those."""
+"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded evidence."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STATE_ORDER: tuple[State, ...] = ("failed", "near miss", "achieved", "not consi
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where a reviewer finds each run: recordings and why a session ended so, by realization; lines of a table's rows."""
+    """Where a reviewer finds each run: recording and reason of its end by realization; table rows by (run, observable)."""
 
     recordings: Mapping[str, str] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -34,7 +34,7 @@ class Sources:
 
 
 class FactorExplanation(Document):
-    """One key factor of an observable in a run's situation; `ruling` is whether its rating is the difficulty."""
+    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the difficulty."""
 
     factor: str
     value: float
@@ -44,7 +44,7 @@ class FactorExplanation(Document):
 
 
 class ObservableExplanation(Document):
-    """One observable in one run, with what its outcome rests on."""
+    """One observable in one run, with the evidence for its outcome."""
 
     id: str
     title: str
@@ -56,14 +56,14 @@ class ObservableExplanation(Document):
     factors: Annotated[tuple[FactorExplanation, ...], Field(description="Its key factors, the ruling ones first.")]
     credit: Annotated[float, Field(description="Points of partial credit within the score; negative on a near miss.")]
     score: float | None
-    reason: Annotated[str, Field(description="Where it was not considered: when a run considers it.")]
+    reason: Annotated[str, Field(description="For an observable that was not considered: when a run considers it.")]
     evidence: tuple[Evidence, ...]
     evidence_left_out: int
     row: Annotated[str | None, Field(description="Place in the table that the observation came from.")]
 
 
 class RunExplanation(Document):
-    """One run: what the node scored in it, the way down to what ruled that, and the observables."""
+    """One run: the node's score in it, the path down to the observable that ruled it, and the observables."""
 
     run: str
     agent: str
@@ -80,23 +80,23 @@ class RunExplanation(Document):
     achieved: int
     considered: int
     ruled_by: Annotated[
-        tuple[str, ...], Field(description="From the node down by the child with the least score; empty without a score.")
+        tuple[str, ...], Field(description="From the node down along the child with the lowest score; empty without a score.")
     ]
     observables: tuple[ObservableExplanation, ...]
     observables_left_out: int
 
 
 class AgentExplanation(Document):
-    """The node's numbers for one agent, and the runs that they are made of, failures first."""
+    """The node's numbers for one agent and the runs behind them, failures first."""
 
     summary: NodeReport
-    scored_runs: Annotated[tuple[str, ...], Field(description="The runs whose mean the score is, at most `limit` of them.")]
+    scored_runs: Annotated[tuple[str, ...], Field(description="The runs that the score is the mean of, at most `limit` of them.")]
     runs: tuple[RunExplanation, ...]
     runs_left_out: Annotated[dict[str, int], Field(description="Runs beyond the limit, by state.")]
 
 
 class Explanation(Document):
-    """What `rebar score --explain NODE --json` prints."""
+    """The document that `rebar score --explain NODE --json` prints."""
 
     format: Literal["rebar.score-explanation/1"] = "rebar.score-explanation/1"
     source: str
@@ -105,7 +105,10 @@ class Explanation(Document):
     level: Level
     title: str
     asks: str
-    limit: Annotated[int, Field(description="Most runs an agent, observables a run and moments an observable; 0 is all.")]
+    limit: Annotated[
+        int,
+        Field(description="Maximum of runs for each agent, observables for each run and evidence for each observable; 0 is all."),
+    ]
     agents: tuple[AgentExplanation, ...]
 
 
@@ -119,10 +122,10 @@ def explain(
     source: str = "",
     limit: int = 0,
 ) -> Explanation:
-    """Walk from a node's numbers to the samples behind them.
+    """Walk from a node's numbers to the evidence behind them.
 
-    `scores` is the score table of the runs, `summaries` the node's rows over all configurations, one for each agent. Raises
-    KeyError for an unknown node.
+    `scores` is the score table of the runs; `summaries` are the node's rows over all configurations, one for each agent.
+    Raises KeyError for an unknown node.
     """
     subject = decomposition.nodes[node]
     explainer = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
@@ -140,7 +143,7 @@ def explain(
 
 @dataclass(frozen=True, slots=True)
 class _Explainer:
-    """What every part of one explanation needs to know."""
+    """Builds one explanation, part by part, from what all parts share."""
 
     decomposition: Decomposition
     node: str
@@ -160,7 +163,7 @@ class _Explainer:
         )
 
     def _rank(self, run: ScoredRun) -> tuple[int, float, float]:
-        """Failures first, the worst of them before the others; then the passes that score least."""
+        """Sorting key: failures first, lowest confidence and score first; then passes from the lowest score up."""
         score = self.scored[run.realization]
         order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
         return order, score.confidence or 0.0, -1.0 if score.score is None else score.score
@@ -176,7 +179,7 @@ class _Explainer:
     def _run(self, run: ScoredRun) -> RunExplanation:
         counted = run.observations if run.outcome.counts else ()
         scores = score_run(self.decomposition, run.difficulty, counted)
-        node_score, path = scores[self.node], self._way(scores)
+        node_score, path = scores[self.node], self._ruling_path(scores)
         observed = {observation.observable: observation for observation in counted}
         leaves = [
             self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in path)
@@ -184,6 +187,7 @@ class _Explainer:
         ]
         leaves.sort(key=lambda leaf: (_STATE_ORDER.index(leaf.state), not leaf.ruling))
         limit = self.limit or len(leaves)
+        # The ruling observable is what a reviewer looks for, so it is shown beyond the limit too.
         shown = leaves[:limit] + [leaf for leaf in leaves[limit:] if leaf.ruling]
         return RunExplanation(
             run=run.realization,
@@ -202,16 +206,17 @@ class _Explainer:
             observables_left_out=len(leaves) - len(shown),
         )
 
-    def _way(self, scores: RunScores) -> tuple[str, ...]:
-        """Down from the node by the child that gives the minimum; the first of equals. A mean has no one that rules."""
-        here = self.node
-        if scores[here].score is None or self.decomposition.policies.inner_score != "minimum":
+    def _ruling_path(self, scores: RunScores) -> tuple[str, ...]:
+        """Node ids from the node down to the observable that gives the minimum, the first of equals; empty where no child rules."""
+        node = self.node
+        # A mean has no ruling child: every child moves it.
+        if scores[node].score is None or self.decomposition.policies.inner_score != "minimum":
             return ()
-        way = [here]
-        while children := self.decomposition.children(here):
-            here = next(child for child in children if scores[child].score == scores[here].score)
-            way.append(here)
-        return tuple(way)
+        path = [node]
+        while children := self.decomposition.children(node):
+            node = next(child for child in children if scores[child].score == scores[node].score)
+            path.append(node)
+        return tuple(path)
 
     def _observable(
         self, run: ScoredRun, leaf: str, observation: Observation | None, score: NodeScore, *, ruling: bool
@@ -239,7 +244,7 @@ class _Explainer:
 
 
 def _scored(scores: pl.DataFrame, node: str) -> dict[str, NodeScore]:
-    """The node in every run, from the score table."""
+    """The node's score in every run of the score table."""
     rows = scores.filter(pl.col("node").cast(pl.String) == node).select(
         "realization", "score", "confidence", "achieved", "considered"
     )

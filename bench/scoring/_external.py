@@ -1,6 +1,6 @@
 """Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (docs/rulings.md 19).
 
-Nothing is guessed and nothing is mended: whatever does not hold is a fault with its line, and all of them are told at once.
+Nothing is guessed and nothing is repaired: every violation is a fault with its line, and all faults are reported at once.
 """
 
 from __future__ import annotations
@@ -26,15 +26,18 @@ from ._table import ScoredRun, score_table
 
 REQUIRED_COLUMNS = ("run", "observable", "x")
 KNOWN_COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
-DEFAULT_AGENT = "agent"  # of a table that names none
+# The agent of a table without a column `agent`.
+DEFAULT_AGENT = "agent"
+# A table that is wrong in every row would fill the terminal; beyond this number faults are counted only. Chosen, not measured.
 MAX_LISTED_FAULTS = 200
+# Stricter than float(), which also takes "nan", "1_000" and digits of other scripts.
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
 
 @dataclass(frozen=True, slots=True)
 class ExternalTable:
-    """The runs of a table in the order in which they first come; `lines` says where each (run, observable) stands in it."""
+    """The runs of a table in the order of their first rows; `lines` has the line of each (run, observable)."""
 
     runs: tuple[ScoredRun, ...]
     lines: Mapping[tuple[str, str], int]
@@ -43,10 +46,11 @@ class ExternalTable:
 def read_table(text: str, decomposition: Decomposition, source: str = "") -> ExternalTable:
     """Read a table of observations: CSV with a header, a JSON list of objects, or one JSON object a line.
 
-    Columns: `run`, `observable`, `x`, and either `difficulty` or one for each key factor of the decomposition, in the unit
-    of its tables; optionally `considered`, `design_point` and `agent`. Raises SetupError with every fault and its line.
+    Columns: `run`, `observable`, `x`, and either `difficulty` or one column for each key factor of the decomposition, in the
+    unit of its tables; optionally `considered`, `design_point` and `agent`. Raises SetupError with every fault and its line.
     """
     faults = _FaultLog(source)
+    # Excel writes a byte order mark at the start of its CSV files.
     text = text.removeprefix("\ufeff")
     rows: Iterator[_Row]
     if text.lstrip()[:1] in ("[", "{"):
@@ -55,7 +59,8 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     else:
         columns = {}
         rows = _csv_rows(text, columns, faults)
-    first = next(rows, None)  # by then a header has told its columns
+    # `_csv_rows` fills `columns` when it reads the header, so the first row must be taken before columns are checked.
+    first = next(rows, None)
     if first is None and not faults.faults:
         faults.add(1, "the table has no rows", "give one row for each run and observable")
     reader = _TableReader(decomposition, faults, columns)
@@ -67,7 +72,7 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
 
 
 def score_external(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
-    """The score table of such runs, with null for the difficulty of a node none of whose observables has a row in the run."""
+    """The score table of these runs, with a null difficulty for a node of which no observable has a row in the run."""
     scores = score_table(decomposition, runs, study)
     if scores["difficulty"].is_finite().all():
         return scores
@@ -79,7 +84,7 @@ def score_external(decomposition: Decomposition, runs: Sequence[ScoredRun], stud
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One record: what stands in its columns (text in CSV, plain values in JSON) and the line on which it begins."""
+    """One record: its cells by column (text in CSV, plain values in JSON) and the line on which it begins."""
 
     line: int
     cells: Mapping[str, Any]
@@ -87,7 +92,7 @@ class _Row:
 
 @dataclass(slots=True)
 class _FaultLog:
-    """What is wrong so far, with lines; beyond MOST_FAULTS they are counted alone."""
+    """The faults so far, with their lines; beyond MAX_LISTED_FAULTS they are only counted."""
 
     source: str
     faults: list[Fault] = field(default_factory=list)
@@ -101,13 +106,13 @@ class _FaultLog:
 
     def raise_any(self) -> None:
         if self.more:
-            self.faults.append(Fault(self.source, f"{self.more} more faults", "mend these first"))
+            self.faults.append(Fault(self.source, f"{self.more} more faults", "correct these first"))
         if self.faults:
             raise SetupError(self.faults)
 
 
 def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator[_Row]:
-    """The records, and the header's names into `columns`, with its line."""
+    """The records of a CSV text. Writes the names of the header and its line into `columns`."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     header: list[str] = []
     line = 1
@@ -126,12 +131,12 @@ def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator
             else:
                 yield _Row(start_line, dict(zip(header, values, strict=True)))
     except csv.Error as error:
-        faults.add(reader.line_num, f"not valid CSV: {error}", "mend the quotes on that line")
+        faults.add(reader.line_num, f"not valid CSV: {error}", "correct the quotes on that line")
 
 
 def _check_header(header: list[str], line: int, faults: _FaultLog) -> None:
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
-        faults.add(line, f"the column {name!r} stands here twice", "keep one")
+        faults.add(line, f"the column {name!r} appears twice", "keep one")
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         faults.add(line, "the columns are not separated by commas", "write commas")
 
@@ -150,7 +155,9 @@ def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
         try:
             value, position = decoder.raw_decode(text, position)
         except (ValueError, RecursionError) as error:
-            faults.add(line, f"not valid JSON: {str(error).split(': line')[0]}", "mend the syntax of the record that begins here")
+            faults.add(
+                line, f"not valid JSON: {str(error).split(': line')[0]}", "correct the syntax of the record that begins here"
+            )
             return
         if isinstance(value, dict):
             yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
@@ -161,17 +168,19 @@ def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
             list_ended = text[position : position + 1] == "]"
             if not list_ended and text[position : position + 1] != ",":
                 line += text.count("\n", counted_to, position)
-                faults.add(line, "the list does not go on with a comma, nor end", "divide the records by commas, close with ]")
+                faults.add(
+                    line, "a comma or ] is missing after a record", "separate the records by commas and close the list with ]"
+                )
                 return
             position = _after_blanks(text, position + 1)
     if is_list and position < len(text):
-        faults.add(line + text.count("\n", counted_to, position), "something stands behind the list", "remove it")
+        faults.add(line + text.count("\n", counted_to, position), "text follows after the end of the list", "remove it")
     elif is_list and not list_ended:
         faults.add(line + text.count("\n", counted_to, position), "the list does not end", "close it with ]")
 
 
 def _after_blanks(text: str, position: int) -> int:
-    """The next place that is no blank of JSON."""
+    """The next position that is not JSON whitespace."""
     while position < len(text) and text[position] in " \t\r\n":
         position += 1
     return position
@@ -180,16 +189,16 @@ def _after_blanks(text: str, position: int) -> int:
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     record = dict(pairs)
     if len(record) != len(pairs):
-        raise ValueError("a name stands twice in one object")
+        raise ValueError("a name appears twice in one object")
     return record
 
 
 def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _first_lines(rows: Sequence[_Row]) -> dict[str, int]:
-    """Every column, with the line on which it first comes."""
+    """Every column with the line of its first appearance."""
     columns: dict[str, int] = {}
     for row in rows:
         for name in row.cells:
@@ -199,7 +208,7 @@ def _first_lines(rows: Sequence[_Row]) -> dict[str, int]:
 
 @dataclass(slots=True)
 class _RunRows:
-    """What is known of one run so far: what its rows must agree in (values by column), and its observations."""
+    """One run so far: the values in which all of its rows must agree, by column, and its observations."""
 
     line: int
     common: dict[str, Any]
@@ -208,7 +217,7 @@ class _RunRows:
 
 
 class _TableReader:
-    """Takes rows one by one, keeps what is sound, and notes what is not."""
+    """Takes rows one by one, keeps the valid ones, and logs the faults of the others."""
 
     def __init__(self, decomposition: Decomposition, faults: _FaultLog, columns: Mapping[str, int]) -> None:
         self._decomposition = decomposition
@@ -220,7 +229,7 @@ class _TableReader:
         self._lines: dict[tuple[str, str], int] = {}
 
     def check_columns(self) -> None:
-        """Whether the table has the columns that it needs, and no others."""
+        """Log missing and unknown columns."""
         if not self._columns:
             return
         known, first = (*KNOWN_COLUMNS, *self._decomposition.factors()), min(self._columns.values())
@@ -237,20 +246,24 @@ class _TableReader:
         given = "difficulty" in self._columns
         if given and self._factors:
             also = ", ".join(self._factors)
-            self._faults.add(first, f"there is a difficulty and factor columns beside it: {also}", "keep the one or the others")
+            self._faults.add(
+                first, f"the table has a difficulty and factor columns too: {also}", "keep either the difficulty or the factors"
+            )
         if given:
             return
         if not self._factors:
             remedy = (
                 f"add it, or the key factors of {self._decomposition.name}: {needed}"
                 if needed
-                else "add it; no tables rate it here"
+                else "add it; the decomposition has no key factor tables"
             )
             self._faults.add(first, "the column 'difficulty' is missing", remedy)
         else:
             for name in self._decomposition.factors():
                 if name not in self._columns:
-                    self._faults.add(first, f"the factor column {name!r} is missing", f"all are needed: {needed}")
+                    self._faults.add(
+                        first, f"the factor column {name!r} is missing", f"add it; every key factor is needed: {needed}"
+                    )
             for name in self._decomposition.observables:
                 if not self._decomposition.key_factors(name):
                     self._faults.add(
@@ -258,7 +271,7 @@ class _TableReader:
                     )
 
     def take(self, row: _Row) -> None:
-        """One row into its run."""
+        """Add one row to its run."""
         name, observable = self._id(row, "run"), self._id(row, "observable")
         considered = self._considered(row)
         x = self._number(row, "x", 0.0, 1.0, needed=considered is True) if "x" in self._columns else None
@@ -290,7 +303,7 @@ class _TableReader:
             run.observations.append(Observation(observable=observable, considered=considered, x=x if considered else None))
 
     def table(self) -> ExternalTable:
-        """All runs; to be asked when no fault was found."""
+        """All runs. Call it only when no fault was logged."""
         shared: dict[object, Difficulty] = {}
         replicates: dict[str, int] = {}
         runs = []
@@ -311,7 +324,7 @@ class _TableReader:
         return ExternalTable(tuple(runs), self._lines)
 
     def _difficulty(self, run: _RunRows, shared: dict[object, Difficulty]) -> Difficulty:
-        """Equal situations share one object, as replicates of a campaign do."""
+        """The difficulty of a run; equal situations share one object, which makes scoring faster."""
         values = {name: run.common[name] for name in self._factors} or run.difficulties
         rate: Callable[[Decomposition, Mapping[str, float]], Difficulty] = (
             difficulty_of_values if self._factors else stated_difficulty
@@ -326,10 +339,10 @@ class _TableReader:
             stated = run.common[column]
             if value is not None and stated is not None and value != stated:
                 what = f"run {name!r} has {column} {value!r} here and {stated!r} on line {run.line}"
-                self._faults.add(row.line, what, "one run has one; give another run another id")
+                self._faults.add(row.line, what, "give all rows of a run the same value, or the other run another id")
 
     def _id(self, row: _Row, column: str) -> str | None:
-        """The text of an id; None where it is faulty, or its column missing."""
+        """The text of an id; None where it is invalid or its column is missing."""
         if column not in self._columns:
             return None
         value = row.cells.get(column)
@@ -342,7 +355,7 @@ class _TableReader:
         return None
 
     def _number(self, row: _Row, column: str, low: float, high: float, *, needed: bool = True) -> float | None:
-        """A number within bounds; None where it is faulty, or empty and may be."""
+        """A number within bounds; None where it is invalid, or empty and not needed."""
         value = row.cells.get(column)
         if value is None or value == "":
             if needed:
@@ -354,7 +367,7 @@ class _TableReader:
         else:
             number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
         if not math.isfinite(number):
-            self._faults.add(row.line, f"{column} is {value!r}, which is no number", "write a decimal number with a point")
+            self._faults.add(row.line, f"{column} is {value!r}, which is not a number", "write a decimal number with a point")
             return None
         if not low <= number <= high:
             self._faults.add(row.line, f"{column} {number:g} lies outside {low:g} to {high:g}", f"keep it in [{low:g}, {high:g}]")
@@ -362,7 +375,7 @@ class _TableReader:
         return number
 
     def _considered(self, row: _Row) -> bool | None:
-        """Whether the run exercised the observable; None where that cannot be read."""
+        """Whether the run exercised the observable; None where the cell is invalid."""
         value = row.cells.get("considered")
         if value is None:
             return True

@@ -1,8 +1,8 @@
-"""What a situation would have to become for a node to be harder: which factor rules, which follows, and the values to reach.
+"""How to make a node harder: which factor rules its difficulty, which comes next, and the values to reach.
 
-A node's difficulty is the least rating over all rows of all key factor tables under it. So each factor has one rating under
-a node, the least that its value has there; the factor with the least of these rules, and raising it alone helps until it
-meets the next. Under the policy `factor_rule: mean` no factor rules, and nothing is said here.
+A node's difficulty is the lowest rating over all rows of all key factor tables under it. Each factor thus has one rating under
+a node: the lowest one of its value there. The factor with the lowest of these rules the difficulty, and raising it alone helps until
+it reaches the next one. Under the policy `factor_rule: mean` no factor rules, and the answer is empty.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ HIGHEST_TENSION = 5
 
 @dataclass(frozen=True, slots=True)
 class FactorChange:
-    """What one factor must come to, in `unit`; `past` says that it must lie beyond `to`, in the direction that is harder.
+    """The value that one factor must reach, in `unit`; `past` means that it must lie beyond `to`, on the harder side.
 
-    `to` is None where no value is enough: its tables end at the rating `most`, or run in opposite directions.
+    `to` is None where no value is enough: the factor's tables end at the rating `most`, or run in opposite directions.
     """
 
     factor: str
@@ -39,7 +39,7 @@ class FactorChange:
 
 @dataclass(frozen=True, slots=True)
 class DifficultyGoal:
-    """A difficulty, whether it has to be exceeded, and every change that it takes together."""
+    """A difficulty, whether it must be exceeded, and all changes that are needed together to get there."""
 
     difficulty: float
     exceeded: bool
@@ -52,11 +52,11 @@ class DifficultyGoal:
 
 @dataclass(frozen=True, slots=True)
 class DifficultyIncrease:
-    """How one node could be harder.
+    """What it takes to make one node harder.
 
-    `ruled_by` are the factors that have the node's difficulty as their rating, `following` those that come next, `margin`
-    points above. `takeover` is what it takes until they rule, None where none follows; `tension` what it takes to enter the
-    next tension, None at the highest.
+    `ruled_by` are the factors whose rating is the node's difficulty; `following` are the next ones, `margin` points above.
+    `takeover` is the goal at which these rule too, None where no factor follows. `tension` is the goal of the next tension,
+    None at the highest.
     """
 
     node: str
@@ -68,7 +68,7 @@ class DifficultyIncrease:
 
 
 def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, node: str) -> DifficultyIncrease:
-    """How `node` could be harder than in the situation that `found` rates. KeyError for an unknown node."""
+    """What it takes to make `node` harder than in the situation that `difficulty` rates. Raises KeyError for an unknown node."""
     observables = decomposition.observables_under(node)
     if decomposition.policies.factor_rule != "minimum" or not all(
         difficulty.observables[factor].ratings for factor in observables
@@ -93,9 +93,9 @@ def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, no
 def value_for_rating(
     table: KeyFactor, rating: float, policies: Policies | None = None, *, exceeded: bool = False
 ) -> tuple[float, bool] | None:
-    """The easiest value that a table rates at `rating` or more, or above it where it is to be exceeded; the inverse of `rate`.
+    """The easiest value that a table rates at `rating` or more, or above it with `exceeded`; the inverse of `rate`.
 
-    With it whether the value itself is not enough, and what lies beyond it is. None where the table ends before.
+    The second item is true where the value itself is not enough, but every harder one is. None where the table ends below the rating.
     """
     rules = policies or Policies()
     column = bisect_right(table.ratings, rating) if exceeded else bisect_left(table.ratings, rating)
@@ -105,7 +105,8 @@ def value_for_rating(
     if column == 0:
         return value, False
     low, high, previous_value = table.ratings[column - 1], table.ratings[column], table.values[column - 1]
-    if value == previous_value:  # one value in two columns: the policy says which of them it has
+    # One value in two columns (ruling 2): under `lower` the value itself keeps the lower rating, so it must be passed.
+    if value == previous_value:
         return value, rules.shared_value == "lower"
     if table.mapping == "step" or (rating == high and not exceeded):
         return value, False
@@ -114,7 +115,7 @@ def value_for_rating(
 
 @dataclass(frozen=True, slots=True)
 class _FactorUnder:
-    """One factor under one node: its value, the rows that rate it there, and the least of their ratings."""
+    """One factor under one node: its value, the table rows that rate it there, and the lowest of their ratings."""
 
     name: str
     value: float
@@ -144,19 +145,23 @@ class _FactorUnder:
 
 
 def _factors(decomposition: Decomposition, difficulty: Difficulty, under: Iterable[str]) -> list[_FactorUnder]:
-    """The distinct rows of every factor under a node, the lowest rated factor first."""
-    values: Mapping[str, float] = {row.factor: row.value for one in under for row in difficulty.observables[one].ratings}
-    rows = sorted((row for one in under for row in decomposition.key_factors(one)), key=lambda row: row.factor)
+    """Every factor under a node with its distinct table rows, the lowest rated factor first."""
+    values: Mapping[str, float] = {
+        row.factor: row.value for observable in under for row in difficulty.observables[observable].ratings
+    }
+    # groupby needs equal factors side by side.
+    rows = sorted((row for observable in under for row in decomposition.key_factors(observable)), key=lambda row: row.factor)
     factors = []
     for name, group in groupby(rows, key=lambda row: row.factor):
+        # Several observables may share a table; each row counts once.
         distinct = tuple(dict.fromkeys(group))
         rating = min(rate(row, values[name], decomposition.policies) for row in distinct)
         factors.append(_FactorUnder(name, values[name], distinct, rating, decomposition.policies))
-    return sorted(factors, key=lambda one: one.rating)
+    return sorted(factors, key=lambda factor: factor.rating)
 
 
 def _goal(factors: Iterable[_FactorUnder], rating: float, *, exceeded: bool) -> DifficultyGoal:
-    """Every factor that is short of the rating."""
+    """The changes of every factor that is below the rating."""
     short = [
         factor
         for factor in factors

@@ -1,4 +1,4 @@
-"""Scores as one document for a machine: the same for a run, a campaign, and a table from elsewhere."""
+"""Scores as one JSON document: the same for a run, a campaign and a table from elsewhere."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class NodeReport(Document):
     id: str
     level: Literal["principle", "ka", "vab", "observable"]
     title: str
-    difficulty_low: Annotated[Points | None, Field(description="Least difficulty among the runs; null where none is known.")]
-    difficulty_high: Annotated[Points | None, Field(description="Greatest difficulty among the runs.")]
+    difficulty_low: Annotated[Points | None, Field(description="Lowest difficulty among the runs; null where none is known.")]
+    difficulty_high: Annotated[Points | None, Field(description="Highest difficulty among the runs.")]
     runs: Annotated[Count, Field(description="Runs whose outcome the agent answers for.")]
-    excluded: Annotated[Count, Field(description="Runs that the bench itself spoilt.")]
+    excluded: Annotated[Count, Field(description="Runs that the bench spoilt; no other number counts them.")]
     design_points: Annotated[Count, Field(description="Distinct design points of the considered runs.")]
     considered: Annotated[Count, Field(description="Runs in which the node was considered.")]
     passed: Annotated[Count, Field(description="Considered runs in which every considered observable was achieved.")]
@@ -37,19 +37,21 @@ class NodeReport(Document):
     score_low: Annotated[Points | None, Field(description="Lower end of the interval of the score, where there is one.")] = None
     score_high: Annotated[Points | None, Field(description="Upper end of that interval.")] = None
     raised_by_failure: Annotated[
-        bool, Field(description="The score exceeds what it would be had every failed observable passed at its threshold.")
+        bool, Field(description="The score is higher than if every failed observable had passed at its threshold.")
     ]
     confidence: Annotated[Share | None, Field(description="Mean over the considered runs. Null: never considered.")]
     confidence_low: Annotated[Share, Field(description="Lower end of its two-sided 95 % interval.")]
     confidence_high: Annotated[Share, Field(description="Upper end of that interval.")]
-    method: Annotated[str, Field(description="How the interval of the confidence was found.")]
+    method: Annotated[str, Field(description="Method of the interval of the confidence.")]
     competence_50: Annotated[
         Points | None,
-        Field(description="Highest tested difficulty at which half of such runs pass; in `all` alone. Failing never raises it."),
+        Field(description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it."),
     ] = None
-    competence_50_low: Annotated[Points | None, Field(description="One-sided 95 % lower bound of it.")] = None
-    competence_50_at_least: Annotated[bool | None, Field(description="It is the highest difficulty that was tested.")] = None
-    competence_90: Annotated[Points | None, Field(description="As competence_50, for nine in ten.")] = None
+    competence_50_low: Annotated[Points | None, Field(description="One-sided 95 % lower bound of competence_50.")] = None
+    competence_50_at_least: Annotated[
+        bool | None, Field(description="True where competence_50 is the highest difficulty that was tested.")
+    ] = None
+    competence_90: Annotated[Points | None, Field(description="Like competence_50, for nine runs in ten.")] = None
     competence_90_low: Points | None = None
     competence_90_at_least: bool | None = None
 
@@ -64,7 +66,7 @@ class RunNode(Document):
     confidence: Annotated[Share | None, Field(description="Null: not considered.")]
     achieved: Annotated[Count, Field(description="Distinct descendant observables that were achieved.")]
     considered: Annotated[Count, Field(description="Distinct descendant observables that were considered.")]
-    x: Annotated[Share | None, Field(description="Measured value; of considered observables alone.")]
+    x: Annotated[Share | None, Field(description="Measured value, for considered observables only.")]
 
 
 class RunReport(Document):
@@ -76,39 +78,43 @@ class RunReport(Document):
     replicate: int
     configuration: str
     outcome: Outcome
-    recording: Annotated[str | None, Field(description="Path of its recording, where there is one.")]
+    recording: Annotated[str | None, Field(description="Path of the recording, where there is one.")]
     nodes: tuple[RunNode, ...]
 
 
 class ScoreReport(Document):
-    """What `rebar score --json` prints."""
+    """The document that `rebar score --json` prints."""
 
     format: Literal["rebar.score-report/1"] = "rebar.score-report/1"
     kind: Literal["campaign", "run", "observations"]
-    source: Annotated[str, Field(description="The folder or file that was scored, as it was named.")]
+    source: Annotated[str, Field(description="The folder or file that was scored, as the user named it.")]
     fidelity: Annotated[
         Literal["full", "overhead"] | None,
-        Field(description="overhead: surrogates on a ground plan, not the agents themselves. Null where nobody says."),
+        Field(description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known."),
     ] = None
     decomposition: str
-    decomposition_sha256: Annotated[str, Field(description="Digest of the decomposition: scores compare where it is equal.")]
+    decomposition_sha256: Annotated[
+        str, Field(description="Digest of the decomposition: scores are comparable where it is equal.")
+    ]
     study: Annotated[tuple[str, ...], Field(description="Key attributes whose difficulties make a configuration.")]
-    absent: Annotated[Count, Field(description="Pairs of run and observable without an observation; they are not considered.")]
+    absent: Annotated[
+        Count, Field(description="Pairs of run and observable without an observation: they count as not considered.")
+    ]
     nodes: tuple[NodeReport, ...]
-    runs: Annotated[tuple[RunReport, ...] | None, Field(description="With --per-run, and where a single run was named.")] = None
+    runs: Annotated[tuple[RunReport, ...] | None, Field(description="With --per-run, or where a single run was named.")] = None
 
 
 _FIELD_OF_COLUMN = {"node": "id", "score_mean": "score", "confidence_mean": "confidence"}
 
 
 def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeReport, ...]:
-    """The rows of a summary, with the number of runs passed from the score table beside them."""
+    """The rows of a summary, each with the number of passed runs from the score table."""
     passed = _passed(scores)
     return tuple(NodeReport.model_validate(_node(row, passed)) for row in summary.iter_rows(named=True))
 
 
 def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = None) -> tuple[RunReport, ...]:
-    """The rows of a score table, run by run in its order."""
+    """The runs of a score table, in its order."""
     reports = []
     for frame in scores.partition_by("realization", maintain_order=True):
         rows: Sequence[dict[str, Any]] = frame.to_dicts()
@@ -139,7 +145,7 @@ def score_report(
     runs: tuple[RunReport, ...] | None = None,
     fidelity: Literal["full", "overhead"] | None = None,
 ) -> ScoreReport:
-    """The whole document over a score table and its summary."""
+    """The document over a score table and its summary."""
     return ScoreReport(
         kind=kind,
         source=source,
@@ -165,7 +171,7 @@ def _run_node(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
-    """Runs that passed by agent, configuration (and `all`) and node."""
+    """Number of passed runs by agent, configuration (and `all`) and node."""
     key = [pl.col(name).cast(pl.String) for name in ("agent", "configuration", "node")]
     whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(key)
     both = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])

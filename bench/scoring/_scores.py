@@ -1,6 +1,6 @@
 """ARL scores and confidences of runs, as published (docs/rulings.md 6 to 12).
 
-Inside, "not scored" is a mask beside the numbers; at the face it is None. It is never NaN and never zero.
+Inside, "not scored" is a mask beside the numbers; in results it is None. It is never NaN and never zero.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from decompositions import Decomposition
 from ._arrays import DecompositionArrays, arrays_of
 from ._difficulty import Difficulty
 
-NEAR_MISS_SLACK = 1e-12  # slack at the edge of a near miss alone, where tau - near_miss is a rounded number
+# Ruling 8: tau - near_miss is a rounded number. Nothing else has a slack, least of all x >= tau (ruling 7).
+NEAR_MISS_SLACK = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
 class NodeScore:
-    """One node in one run. `score` is None where it is not scored, `confidence` None where it is not considered.
+    """One node in one run. `score` is None where the node is not scored, `confidence` is None where it is not considered.
 
     `achieved` and `considered` count the node's distinct descendant observables (0 or 1 for an observable itself).
     """
@@ -36,7 +37,7 @@ class NodeScore:
 
 @dataclass(frozen=True, slots=True)
 class RunScores:
-    """Every node in one run, in the decomposition's order."""
+    """Every node in one run, in the order of the decomposition."""
 
     nodes: Mapping[str, NodeScore]
 
@@ -46,7 +47,7 @@ class RunScores:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRuns:
-    """Runs as arrays (leaves, runs): difficulty; measured x, 0 where not considered; and where considered."""
+    """Runs as arrays (leaves, runs): difficulty, measured x (0 where not considered), and whether considered."""
 
     difficulty: Floats
     x: Floats
@@ -57,9 +58,9 @@ class MeasuredRuns:
 class ScoreArrays:
     """Every node in every run, as arrays (nodes, runs).
 
-    `score` is 0 where `scored` is false, `confidence` 0 where `considered` is 0. `passed_score` is what the score would
-    have been had every failed observable passed with x at its threshold; it stands wherever the node is considered.
-    `difficulty` is the node's, over all its leaves.
+    `score` is 0 where `scored` is false, `confidence` is 0 where `considered` is 0. `passed_score` is the score that the node
+    would have if every failed observable had passed with x at its threshold; it is valid wherever the node is
+    considered. `difficulty` is the minimum over all leaves of the node.
     """
 
     difficulty: Floats
@@ -125,11 +126,12 @@ def difficulty_column(arrays: DecompositionArrays, difficulties: Difficulty | Ma
 
 
 def measured_column(arrays: DecompositionArrays, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
-    """Measured value and consideration of every leaf in one run. Raises ValueError as `score_run` says."""
+    """Measured x of every leaf in one run, and whether it is considered. Raises as `score_run`."""
     x, considered = np.zeros(len(arrays.leaves)), np.zeros(len(arrays.leaves), dtype=np.bool_)
     given = tuple(observations)
     values = {observation.observable: observation.x if observation.considered else None for observation in given}
     places = [arrays.number.get(name) for name in values]
+    # The slow search for the fault runs only where there is one: this function runs once for every run.
     if len(values) < len(given) or None in places:
         raise ValueError(_first_fault(arrays, given))
     numbers = np.array(places, dtype=np.int64)
@@ -141,20 +143,20 @@ def measured_column(arrays: DecompositionArrays, observations: Iterable[Observat
 
 
 def _first_fault(arrays: DecompositionArrays, observations: Iterable[Observation]) -> str:
-    seen = set()
+    observables: set[str] = set()
     for observation in observations:
         if observation.observable not in arrays.number:
-            return f"there is an observation of {observation.observable!r}, which is no observable of this decomposition"
-        if observation.observable in seen:
+            return f"there is an observation of {observation.observable!r}, which is not an observable of this decomposition"
+        if observation.observable in observables:
             return f"there are two observations of {observation.observable} in one run"
         if observation.considered and observation.x is None:
-            return f"the observation of {observation.observable} is considered and has no value"
-        seen.add(observation.observable)
+            return f"the observation of {observation.observable} is considered but has no value"
+        observables.add(observation.observable)
     raise AssertionError("these observations have no fault")
 
 
 def _inner_scores(arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
-    """Carry scores from the leaves up: the minimum (or mean) over the children that have one."""
+    """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score (ruling 9)."""
     shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     score[arrays.leaf_rows] = np.where(leaf_scored, leaf_score, 0.0)
@@ -172,22 +174,24 @@ def _inner_scores(arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: 
 
 
 def _node_difficulty(arrays: DecompositionArrays, leaf_difficulty: Floats) -> Floats:
-    """Minimum over all distinct descendant leaves, considered or not; carried up, for a minimum of minima is one."""
+    """Minimum over all distinct descendant leaves, considered or not (ruling 14)."""
     lowest = np.zeros((len(arrays.nodes), leaf_difficulty.shape[1]))
     lowest[arrays.leaf_rows] = leaf_difficulty
+    # The minimum over children equals that over distinct leaves, whatever leaves the children share.
     for row, children in arrays.inner:
         lowest[row] = lowest[children].min(axis=0)
     return lowest
 
 
 def _leaf_counts(arrays: DecompositionArrays, leaves: Bools) -> Counts:
-    """How many of its distinct leaves each node has in each run; exact, for float64 counts far beyond any decomposition."""
+    """Number of each node's distinct leaves that are true in each run (ruling 10)."""
+    # Products of floats use BLAS, products of integers do not; counts below 2**53 are exact in float64.
     counted: Counts = (arrays.under.astype(np.float64) @ leaves.astype(np.float64)).astype(np.int64)
     return counted
 
 
 def _confidence(arrays: DecompositionArrays, achieved: Counts, considered: Counts, scored: Bools) -> Floats:
-    """Achieved over considered leaves; by the policy `children`, scored over considered children of inner nodes."""
+    """Achieved over considered leaves; under the policy `children`, scored over considered children for inner nodes."""
     if arrays.policies.confidence == "children":
         leaves_considered, achieved, considered = considered, achieved.copy(), considered.copy()
         for row, children in arrays.inner:

@@ -1,4 +1,4 @@
-"""Nodes over many runs: the means as published, the counts beside them, and how sure they are (docs/rulings.md 13, 16, 18)."""
+"""Nodes over many runs: the published means, their counts and their intervals (docs/rulings.md 13, 16, 18)."""
 
 from __future__ import annotations
 
@@ -63,16 +63,19 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
 }
 """Columns of the summary: one row for each agent, configuration (and `all` of them together) and node.
 
-`runs` are distinct realizations whose outcome the agent answers for, `excluded` the others; `considered` and `scored` count
-runs, `design_points` the considered runs' distinct design points. `difficulty` is null where it differs among the runs.
-`raised_by_failure` flags a mean score above `passed_score_mean`, the mean had every failed observable passed at its
-threshold. `score_low` and `score_high` are null below five design points with a score. `method` names the interval of the
-confidence. `competence_*` is over difficulties: it stands in the rows of `all`
-alone, and is null where the node was never considered (see `_competence`)."""
+`runs` are distinct realizations whose outcome is the agent's responsibility, `excluded` those that the bench spoilt. `considered`
+and `scored` count runs, `design_points` counts the distinct design points of the considered runs. `difficulty` is null where it
+differs among the runs. `raised_by_failure` flags a mean score above `passed_score_mean`, the mean that the runs would have if every
+failed observable had passed at its threshold. `score_low` and `score_high` are null below five design points with a score.
+`method` names the interval of the confidence. `competence_*` is over all difficulties: only the rows of `all` have it, and it is
+null where the node was never considered."""
 
 NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL = "none considered", "clopper-pearson", "korn-graubard"
+# With early stopping the results decide how many runs there are, and exact intervals for a fixed number do not hold.
 ANYTIME_PASS_RATE, ANYTIME_MEAN = "anytime-valid (pass rate)", "anytime-valid (mean)"
-"""Of runs until settled: exact intervals do not hold where the trials decided how many they would be."""
+
+# Both means come from different sums of the same numbers, so equal ones differ in their last bits.
+RAISED_SLACK = 1e-9
 
 _METHODS = (NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL, ANYTIME_PASS_RATE, ANYTIME_MEAN)
 
@@ -80,8 +83,8 @@ _METHODS = (NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL, ANYTIME_PASS_RATE, 
 def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = None) -> pl.DataFrame:
     """Summarise a score table into the columns SUMMARY_COLUMNS.
 
-    Rows come by agent, then configuration with `all` first, then node, each in the order in which the table first has
-    them. `decomposition` gives the titles and the policies; without it titles are empty and the published rules hold.
+    Rows are sorted by agent, then configuration with `all` first, then node, each in the order of first appearance in the
+    table. `decomposition` gives titles and policies; without it titles are empty and the published rules hold.
     """
     if scores.is_empty():
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
@@ -89,17 +92,19 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     titles = {node.id: node.title for node in decomposition.nodes.values()} if decomposition else {}
     scenes = _scene_sums(scores)
     by_configuration = _summary_rows(scenes.configured(), policies, titles)
-    scenes = scenes.together()  # and nothing of the others is kept, for they may be large
+    # The name is reused to free the sums of the configurations, which may be large.
+    scenes = scenes.together()
     overall = _summary_rows(scenes, policies, titles).with_columns(**_competence(scenes, scores))
     frame = pl.concat([overall, by_configuration], how="diagonal")
     flown = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
-    flown = flown.sort("_agent", "_place", maintain_order=True)  # `all` is 0 too, and comes before the first as it did here
+    # `all` has number 0 like the first configuration; it stays before it because it comes first in the concatenation.
+    flown = flown.sort("_agent", "_place", maintain_order=True)
     return flown.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
 
 
 @dataclass(frozen=True, slots=True)
 class _TextCodes:
-    """A column of texts as numbers in the order of first appearance, -1 where there is none."""
+    """A column of texts as numbers in the order of first appearance, -1 where a text is null."""
 
     names: tuple[str, ...]
     numbers: NDArray[np.int32]
@@ -115,8 +120,8 @@ class _TextCodes:
 class _SceneSums:
     """A score table summed over the runs of each scene: an agent in a design point of a configuration.
 
-    Scenes come by agent, configuration and design point, whose numbers stand beside them (-1: none). `sums` are (scenes,
-    nodes), made in the table's own order: the same on any number of cores. `low` and `high` are the ends of difficulty.
+    Scenes are sorted by the numbers of agent, configuration and design point (-1: none). `sums` are (scenes, nodes), added in the
+    order of the table, so that they are the same on any number of cores. `low` and `high` are the lowest and highest difficulty.
     """
 
     agents: tuple[str, ...]
@@ -132,7 +137,7 @@ class _SceneSums:
     high: Floats
 
     def together(self) -> _SceneSums:
-        """All configurations in one."""
+        """The same with all configurations merged into one."""
         order = np.lexsort((self.point, self.agent))
         agent, point = self.agent[order], self.point[order]
         first = np.flatnonzero((np.diff(agent, prepend=-2) != 0) | (np.diff(point, prepend=-2) != 0))
@@ -148,7 +153,7 @@ class _SceneSums:
         )
 
     def configured(self) -> _SceneSums:
-        """Those that have a configuration."""
+        """The scenes that have a configuration."""
         has = self.configuration >= 0
         if has.all():
             return self
@@ -164,11 +169,11 @@ class _SceneSums:
 
     @property
     def starts(self) -> Counts:
-        """Where the scenes of each agent and configuration begin: a block."""
+        """Index of the first scene of each block: the scenes of one agent in one configuration."""
         return np.flatnonzero((np.diff(self.agent, prepend=-2) != 0) | (np.diff(self.configuration, prepend=-2) != 0))
 
     def total(self, name: str) -> NDArray[Any]:
-        """Sums over each block, (blocks, nodes)."""
+        """Sums over each block, as (blocks, nodes)."""
         values = self.sums[name]
         return np.add.reduceat(values, self.starts, dtype=np.float64 if values.dtype.kind == "f" else np.int64)
 
@@ -178,7 +183,8 @@ def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
     places, points = len(configuration.names) + 1, len(point.names) + 1
     keys, scene = _dense_codes(((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1)
     names = {"agents": agent.names, "configurations": configuration.names, "design_points": point.names}
-    del agent, configuration, point  # arrays as long as the table, which may be large
+    # Arrays as long as the table, which may be large.
+    del agent, configuration, point
     node = _TextCodes.of(scores["node"])
     shape = (keys.size, len(node.names))
     slot = scene * shape[1] + node.numbers
@@ -199,7 +205,7 @@ def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
 
 
 def _ends(scores: pl.DataFrame, slot: Counts, size: int) -> tuple[Floats, Floats]:
-    """Least and greatest difficulty of each slot; infinite where there is none."""
+    """Lowest and highest difficulty of each slot; infinite where it has none."""
     low, high = np.full(size, np.inf), np.full(size, -np.inf)
     rated, known = _column(scores, "difficulty")
     if not known.all():
@@ -210,10 +216,11 @@ def _ends(scores: pl.DataFrame, slot: Counts, size: int) -> tuple[Floats, Floats
 
 
 def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Runs counted and values summed in each slot; one column at a time, for a table may be large."""
+    """Counts of runs and sums of values in each slot, one column at a time, because a table may be large."""
 
     def count_rows(where: NDArray[Any]) -> NDArray[np.int32]:
-        return np.bincount(slot, weights=where, minlength=size).astype(np.int32)  # whole numbers: exact
+        # bincount adds in float64, which is exact for whole numbers.
+        return np.bincount(slot, weights=where, minlength=size).astype(np.int32)
 
     is_counted = (~scores["outcome"].is_in(EXCLUDED_OUTCOMES)).to_numpy()
     yield "runs", count_rows(is_counted)
@@ -232,7 +239,7 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
 
 
 def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int) -> NDArray[np.int32]:
-    """How many of the runs of each slot belong to a question that was looked at until it was settled."""
+    """Number of runs of each slot whose design point stopped early."""
     if "until_settled" not in scores.columns or not scores["until_settled"].any():
         return np.zeros(size, dtype=np.int32)
     looked = counts & scores["until_settled"].fill_null(value=False).to_numpy()
@@ -240,7 +247,7 @@ def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int)
 
 
 def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
-    """Values of a column, 0 where null, and where they are known; a column that the table lacks is null throughout."""
+    """Values of a column (0 where null) and whether they are known; a column that the table lacks is null in every row."""
     if name not in scores.columns:
         return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
     column = scores[name]
@@ -259,7 +266,7 @@ def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
 
 
 def _mean(total: Floats, count: Counts) -> Floats:
-    """NaN where there is none; made null before it leaves this module."""
+    """Mean, NaN where the count is 0; NaN becomes null before it leaves this module."""
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -299,7 +306,7 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
         "score_low": np.minimum(score_low, score),
         "score_high": np.maximum(score_high, score),
         "passed_score_mean": passed,
-        "raised_by_failure": score > passed + 1e-9,
+        "raised_by_failure": score > passed + RAISED_SLACK,
         "confidence_mean": confidence,
         "confidence_low": confidence_low,
         "confidence_high": confidence_high,
@@ -329,7 +336,7 @@ def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
 
 
 def _spread(scenes: _SceneSums) -> Floats:
-    """Sum over the design points of (summed deviations of their ratios from the block's mean) squared."""
+    """Sum over design points of the squared sum of the deviations of their ratios from the mean of the block."""
     mean = np.nan_to_num(_mean(scenes.total("confidence"), scenes.total("considered")))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
     deviation = scenes.sums["confidence"] - scenes.sums["considered"] * mean[block]
@@ -347,14 +354,14 @@ def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
 
 
 def _interval(mean: Floats, considered: Counts, points: Counts, squared: Floats, plain: Bools) -> tuple[Floats, Floats]:
-    """Exact on the counts where it is `plain`: observables whose runs share no design point; else on effective counts."""
+    """Exact on the counts where `plain` (observables whose runs share no design point), else on effective counts (ruling 18)."""
     runs, share = considered.astype(np.float64), np.nan_to_num(mean)
     tried = np.where(plain, runs, effective_size(share, runs, points, squared))
     return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
 
 
 def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:
-    """Of a pass rate for observables that are `alone` with one design point; else of the mean of the expectations."""
+    """Of the pass rate where `alone` (an observable with a single design point), else of the mean of the expectations."""
     runs = considered.astype(np.float64)
     total = np.nan_to_num(mean) * runs
     rate, expected = pass_rate_bounds(np.round(total), runs), mean_bounds(total, runs)
@@ -362,7 +369,7 @@ def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[F
 
 
 def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
-    """The columns of competence for an agent's every node over all configurations, null in groups without a trial."""
+    """The columns of competence of every agent and node over all configurations, null without a trial (ruling 17)."""
     groups = len(scenes.agents) * len(scenes.nodes)
     has_trials_in_scene = scenes.sums["trials"] > 0
     one_difficulty_per_point = np.array_equal(scenes.low[has_trials_in_scene], scenes.high[has_trials_in_scene])
@@ -386,13 +393,16 @@ def _tally(scenes: _SceneSums, groups: int) -> TrialCounts:
 
 
 def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
-    """Of runs until settled, each design point's first alone: that it is there hangs on nothing that happened."""
+    """The scores with only the first replicate considered where design points stop early.
+
+    Only that replicate is there whatever the results were.
+    """
     first = pl.col("replicate") == pl.col("replicate").min().over("agent", "design_point")
     return scores.with_columns(considered=pl.when(first | ~pl.col("until_settled")).then("considered").otherwise(0))
 
 
 def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
-    """Run by run: a table from elsewhere may vary the difficulty within a design point."""
+    """Trials counted run by run, for a table from elsewhere whose difficulty varies within a design point."""
     agent, node, point = (_TextCodes.of(scores[name]) for name in ("agent", "node", "design_point"))
     considered = _column(scores, "considered")[0]
     is_trial = (considered > 0) & ~scores["outcome"].is_in(EXCLUDED_OUTCOMES).to_numpy()

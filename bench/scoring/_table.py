@@ -1,4 +1,4 @@
-"""The score table: one row for each realization and node, from which every mean, figure and report is made."""
+"""The score table: one row for each realization and node. Every mean, figure and report is made from it."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "passed_score": pl.Float64,
     "until_settled": pl.Boolean,
 }
-"""Columns of the score table. Null in `score` is "not scored", in `confidence` and `passed_score` "not considered", in `x`
-"no observable, or not considered". `achieved` and `considered` count distinct descendant observables. `passed_score` is the
-score that the node would have had, had every failed observable passed with x at its threshold. `until_settled`: how many
-replicates its design point has hung on how they went, so that only intervals that hold at every look hold."""
+"""Columns of the score table. Null means "not scored" in `score`, "not considered" in `confidence` and `passed_score`, and "not an
+observable, or not considered" in `x`. `achieved` and `considered` count distinct descendant observables. `passed_score` is the
+score that the node would have if every failed observable had passed with x at its threshold. `until_settled` is true where the
+results decided how many replicates the design point has (early stopping), so that only anytime-valid intervals hold."""
 
 
 EXCLUDED_OUTCOMES = tuple(str(outcome) for outcome in Outcome if not outcome.counts)
@@ -47,7 +47,7 @@ EXCLUDED_OUTCOMES = tuple(str(outcome) for outcome in Outcome if not outcome.cou
 
 @dataclass(frozen=True, slots=True)
 class ScoredRun:
-    """One realization as scoring takes it: which it was, how it ended, how hard it was, and what was observed."""
+    """One realization as input of scoring: its ids, outcome, difficulty and observations."""
 
     realization: str
     design_point: str
@@ -62,9 +62,9 @@ class ScoredRun:
 def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
     """Score runs into a frame with the columns SCORE_COLUMNS, in the order of the runs and of the decomposition.
 
-    A run whose outcome the agent does not answer for (a fault of the bench) has its rows, with nothing considered in them.
-    `study` names the key attributes that make difficulty configurations. Raises ValueError for a realization that comes
-    twice, and as `score_run` does; SetupError for a study of something else than key attributes.
+    A run that the bench spoilt has rows in which nothing is considered. `study` names the key attributes that make
+    difficulty configurations. Raises ValueError for a realization that appears twice and as `score_run`, and SetupError for
+    a `study` that names other nodes than key attributes.
     """
     arrays = arrays_of(decomposition)
     if not runs:
@@ -99,7 +99,7 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
 
 
 def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int:
-    """How many (run, observable) pairs have no observation among the runs that count; such a pair is not considered."""
+    """Number of (run, observable) pairs without an observation, over the runs that count; such a pair is not considered."""
     counted = [run for run in runs if run.outcome.counts]
     return sum(
         len(set(decomposition.observables) - {observation.observable for observation in run.observations}) for run in counted
@@ -110,7 +110,7 @@ def _require_unique(runs: Sequence[ScoredRun]) -> None:
     realizations: set[str] = set()
     for run in runs:
         if run.realization in realizations:
-            raise ValueError(f"the realization {run.realization!r} comes twice")
+            raise ValueError(f"the realization {run.realization!r} appears twice")
         realizations.add(run.realization)
 
 
@@ -128,7 +128,7 @@ def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> Measure
 
 
 def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str]) -> list[str]:
-    """Replicates and agents share their difficulty object more often than not; each is written once."""
+    """The key of each run's difficulty configuration."""
     known: dict[int, str] = {}
     for run in runs:
         if id(run.difficulty) not in known:
@@ -143,13 +143,14 @@ def _x(arrays: DecompositionArrays, measured: MeasuredRuns, scores: ScoreArrays)
 
 
 def _rows(array: np.ndarray) -> np.ndarray:
-    """(nodes, runs) as one column, run by run."""
+    """An array (nodes, runs) as one column, run by run."""
     return array.T.ravel()
 
 
 def _where(values: np.ndarray, known: np.ndarray) -> pl.Series:
-    """One column with null where nothing is known."""
-    return pl.Series(np.where(known.T, values.T, np.nan).ravel()).fill_nan(None)  # no score is NaN
+    """An array (nodes, runs) as one column, null where `known` is false."""
+    # No score is NaN, so NaN can stand for null on the way from numpy to polars.
+    return pl.Series(np.where(known.T, values.T, np.nan).ravel()).fill_nan(None)
 
 
 def _gather(texts: list[str], index: np.ndarray) -> pl.Series:

@@ -1,7 +1,7 @@
 """Intervals of mean scores by resampling design points: a cluster bootstrap, for all nodes at once.
 
 Percentile intervals of a bootstrap are too short by the factor sqrt(n / (n - 1)) and by the normal's quantiles in place of
-Student's; both are mended in the levels at which they are read, which is Hesterberg's "expanded percentile" interval.
+Student's. Hesterberg's "expanded percentile" interval corrects both in the levels at which the percentiles are read.
 Hesterberg, T. C. (2015), "What teachers should know about the bootstrap", The American Statistician 69(4), 371-386. Cameron,
 A. C., Gelbach, J. B. and Miller, D. L. (2008), "Bootstrap-based improvements for inference with clustered errors", Review of
 Economics and Statistics 90(3), 414-427.
@@ -17,23 +17,27 @@ from scipy import stats
 
 from bench.arrays import Counts, Floats
 
-LEVEL = 0.95
+from ._intervals import CONFIDENCE_LEVEL
+
+# Chosen, not measured.
 RESAMPLES = 1000
+# Below so many design points with a score a mean has no interval. With 5 of them 90 % of the intervals cover (docs/scoring.md).
 MIN_DESIGN_POINTS = 5
-"""Design points with a score below which a mean has no interval: so few say too little of how they spread."""
 
+# More design points are drawn in this many random groups: a group of clusters is a cluster too, and the work stays bounded.
 MAX_CLUSTERS = 500
-"""Design points above which they are drawn in this many groups, made at random: groups of clusters are clusters too."""
 
-_QUANTUM = 2.0**20  # sums are rounded to millionths of a point, so that products are exact in any order of adding
+# Sums are rounded to millionths of a point, so that products are exact whatever order BLAS adds them in.
+_QUANTUM = 2.0**20
 
 
-def bootstrap_means(total: Floats, count: Counts, design_points: Sequence[str], level: float = LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval for each node's mean over runs; NaN where fewer than five design points have a value.
+def bootstrap_means(
+    total: Floats, count: Counts, design_points: Sequence[str], level: float = CONFIDENCE_LEVEL
+) -> tuple[Floats, Floats]:
+    """Two-sided interval of each node's mean over runs; NaN where fewer than five design points have a value.
 
-    `total` and `count` are the sums and numbers of the values of each design point (rows) and node (columns). The draws are seeded by
-    the names of the design points: the same table has the same interval, and what is compared over the same points is
-    drawn alike.
+    `total` and `count` are the sums and numbers of the values of each design point (rows) and node (columns). The names of the
+    design points seed the draws: the same table has the same interval, and nodes over the same points have the same draws.
     """
     ends = np.full((2, total.shape[1]), np.nan)
     points = (count > 0).sum(axis=0)
@@ -45,7 +49,8 @@ def bootstrap_means(total: Floats, count: Counts, design_points: Sequence[str], 
     sums, counts = _grouped(np.rint(total[order][:, able] * _QUANTUM), count[order][:, able].astype(np.float64), rng)
     weights = _draw_counts(sums.shape[0], rng)
     drawn = weights @ counts
-    with np.errstate(invalid="ignore"):  # a draw without any value has no mean, and sorts last
+    # A draw without any value has no mean; its NaN sorts last.
+    with np.errstate(invalid="ignore"):
         means = np.sort(np.where(drawn > 0.0, weights @ sums / _QUANTUM / np.maximum(drawn, 1.0), np.nan).T, axis=1)
     known = np.isfinite(means).sum(axis=1)
     tail = _tail(points[able], level)
@@ -59,7 +64,7 @@ def _seed(names: Sequence[str]) -> int:
 
 
 def _grouped(total: Floats, count: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Design points as they are, or bound into MOST groups at random."""
+    """The design points themselves, or MAX_CLUSTERS random groups of them."""
     points = total.shape[0]
     if points <= MAX_CLUSTERS:
         return total, count
@@ -69,7 +74,7 @@ def _grouped(total: Floats, count: Floats, rng: np.random.Generator) -> tuple[Fl
 
 
 def _draw_counts(points: int, rng: np.random.Generator) -> Floats:
-    """How often each point is drawn in each resample, (resamples, points)."""
+    """How often each point is drawn in each resample, as (resamples, points)."""
     drawn = rng.integers(0, points, size=(RESAMPLES, points)) + np.arange(RESAMPLES)[:, None] * points
     return np.bincount(drawn.ravel(), minlength=RESAMPLES * points).reshape(RESAMPLES, points).astype(np.float64)
 
@@ -81,7 +86,7 @@ def _tail(points: Counts, level: float) -> Floats:
 
 
 def _quantile(ordered: Floats, known: Counts, share: Floats) -> Floats:
-    """Quantile of each row's first `known` entries, between neighbours by a line."""
+    """Quantile of the first `known` entries of each row, interpolated linearly."""
     at = share * (known - 1)
     low = np.floor(at).astype(np.int64)
     high = np.minimum(low + 1, known - 1)

@@ -16,22 +16,27 @@ from numpy.typing import ArrayLike
 
 from bench.arrays import Bools, Counts, Floats
 
-LEVEL = 0.95
+from ._intervals import CONFIDENCE_LEVEL
 
 # Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding errors.
 DIFFICULTY_DECIMALS = 6
 
+# Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
 COMPETENCE_SHARES = {"50": (1, 2), "90": (9, 10)}
-"""Pass rates that competence is asked at, as fractions, so that a pass rate of exactly nine tenths is one."""
 
+
+# Bounds the work of the lower bound; above it neighbouring difficulties are merged. Chosen, not measured.
 MAX_DIFFICULTY_CLASSES = 32
+
+# Stakes of the bets and their weights: 5 and 33 straight passes reach the shares of 50 and 90 %, where exact tests of one
+# group of runs need 5 and 29 (docs/scoring.md).
 _STEPS = np.array([0.995, 0.9, 0.75, 0.5])
-_WEIGHTS = np.array([0.4, 0.2, 0.2, 0.2])  # 5 and 33 straight passes reach the shares of 50 and 90 %; exact tests need 5 and 29
+_WEIGHTS = np.array([0.4, 0.2, 0.2, 0.2])
 
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """Trials of many groups (a node of an agent is one) as arrays with an entry for each; design points are numbers."""
+    """Trials of many groups (one group is one node of one agent) as arrays with one entry for each trial."""
 
     group: Counts
     difficulty: Floats
@@ -41,11 +46,11 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class Competence:
-    """Competence of every group, as arrays; all 0 and False where `trials` is 0, which is not a competence of 0.
+    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays hold.
 
-    `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0 where none is.
-    `at_least` says that it is the highest difficulty tested, so that nothing shows where it ends. `low` is a one-sided 95 %
-    lower bound of the largest tested difficulty at which the pass probability reaches the share.
+    `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0 where none does.
+    `at_least` is true where it is the highest difficulty tested, so that its end is not known. `low` is a one-sided 95 % lower
+    bound of the largest tested difficulty at which the pass probability reaches the share.
     """
 
     trials: Counts
@@ -56,9 +61,9 @@ class Competence:
 
 @dataclass(frozen=True, slots=True)
 class TrialCounts:
-    """Trials counted: `cells` are the difficulties (in millionths) of each group, easiest first, with their sums.
+    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest first.
 
-    `alike` are design points that had as many trials and as many passes, with the number of their cell and how many they are.
+    `alike` counts the design points of each cell that had the same number of trials and passes.
     """
 
     groups: int
@@ -67,20 +72,21 @@ class TrialCounts:
 
 
 def count_trials(trials: Trials, groups: int) -> TrialCounts:
-    """Count the trials of groups 0 to `groups` - 1; the order in which they come does not matter."""
+    """Count the trials of groups 0 to `groups` - 1, in any order."""
     hard = _millionths(trials.difficulty)
     frame = pl.DataFrame({"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed})
     points = frame.group_by("group", "difficulty", "point").agg(pl.len().alias("tried"), pl.col("passed").sum())
-    group, millionths, tried, passed = (points[name].cast(pl.Int64).to_numpy() for name in points.columns if name != "point")
-    return _counted(group, millionths, tried, passed, groups)
+    group, difficulty, tried, passed = (points[name].cast(pl.Int64).to_numpy() for name in points.columns if name != "point")
+    return _counted(group, difficulty, tried, passed, groups)
 
 
 def count_design_points(group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int) -> TrialCounts:
-    """The same from trials and passes of each design point, each of which has one difficulty in a group."""
+    """The same from the trials and passes of each design point, where a design point has one difficulty in a group."""
     return _counted(group, _millionths(difficulty), tried, passed, groups)
 
 
 def _counted(group: Counts, millionths: Counts, tried: Counts, passed: Counts, groups: int) -> TrialCounts:
+    # Difficulties in millionths are at most 1e8, so they fit below the group number in one 64-bit key.
     keys, cell = np.unique((group << 32) | millionths, return_inverse=True)
     most = int(tried.max(initial=0)) + 1
     kinds, count = np.unique((cell * most + tried) * most + passed, return_counts=True)
@@ -125,14 +131,14 @@ def competence(counted: TrialCounts, share: tuple[int, int]) -> Competence:
 def competence_of(
     difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, share: tuple[int, int] = (1, 2)
 ) -> tuple[float, float, bool]:
-    """Value, lower bound and `at least` of one list of trials; without design points each trial is its own."""
-    hard = np.asarray(difficulty, dtype=np.float64)
-    names = list(design_points) if design_points is not None else [str(number) for number in range(hard.size)]
+    """Value, lower bound and `at least` of one list of trials; without design points each trial is a design point."""
+    difficulties = np.asarray(difficulty, dtype=np.float64)
+    names = list(design_points) if design_points is not None else [str(number) for number in range(difficulties.size)]
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
     points = np.array([numbers[name] for name in names], dtype=np.int64)
-    trials = Trials(np.zeros(hard.size, dtype=np.int64), hard, np.asarray(passed, dtype=np.bool_), points)
-    found = competence(count_trials(trials, 1), share)
-    return float(found.value[0]), float(found.low[0]), bool(found.at_least[0])
+    trials = Trials(np.zeros(difficulties.size, dtype=np.int64), difficulties, np.asarray(passed, dtype=np.bool_), points)
+    result = competence(count_trials(trials, 1), share)
+    return float(result.value[0]), float(result.low[0]), bool(result.at_least[0])
 
 
 def _millionths(difficulty: Floats) -> Counts:
@@ -148,16 +154,16 @@ def _isotonic_value(group: Counts, difficulty: Floats, gain: Counts, groups: int
     summed = np.cumsum(gain)
     summed -= np.repeat(summed[first] - gain[first], cells)
     highest = np.maximum(np.maximum.reduceat(summed, first), 0)
-    at = np.where(summed == np.repeat(highest, cells), np.arange(group.size), -1)
-    last = np.maximum.reduceat(at, first)
-    some = last >= 0
-    value[group[first]] = np.where(some, difficulty[last], 0.0)
-    at_least[group[first]] = some & (last == first + cells - 1)
+    maximum_at = np.where(summed == np.repeat(highest, cells), np.arange(group.size), -1)
+    last = np.maximum.reduceat(maximum_at, first)
+    reached = last >= 0
+    value[group[first]] = np.where(reached, difficulty[last], 0.0)
+    at_least[group[first]] = reached & (last == first + cells - 1)
     return value, at_least
 
 
 def _classes(group: Counts, points: Counts) -> Counts:
-    """Number of each cell's class within its group: its own where there are few, else by design points."""
+    """Number of the class of each cell within its group: one class a cell, or classes of like numbers of design points."""
     if not group.size:
         return np.zeros(0, dtype=np.int64)
     first = np.flatnonzero(np.diff(group, prepend=-1))
@@ -181,17 +187,17 @@ def _lower_bound(counted: TrialCounts, group: Counts, difficulty: Floats, share:
     classes = _classes(group, counted.cells["points"].to_numpy())
     width = int(classes.max()) + 1
     slot = group * width + classes
-    easiest = np.full(counted.groups * width, np.inf)
-    np.minimum.at(easiest, slot, difficulty)
+    easiest_difficulty = np.full(counted.groups * width, np.inf)
+    np.minimum.at(easiest_difficulty, slot, difficulty)
     shape = (counted.groups, width)
-    claimed = _leading_true(_highest_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - LEVEL))
-    some = claimed > 0
-    low[some] = easiest.reshape(shape)[some, claimed[some] - 1]
+    claimed = _leading_true(_highest_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - CONFIDENCE_LEVEL))
+    any_claimed = claimed > 0
+    low[any_claimed] = easiest_difficulty.reshape(shape)[any_claimed, claimed[any_claimed] - 1]
     return low
 
 
 def _highest_wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], share: float) -> Floats:
-    """The most that bets from each class upwards ever came to, (groups, classes)."""
+    """The highest wealth that bets from each class upwards ever reach, as (groups, classes)."""
     slot, points = slot_of_cell[alike["cell"].to_numpy()], alike["points"].to_numpy()
     excess = (alike["passed"].to_numpy() / alike["tried"].to_numpy() - share) / share
     size = shape[0] * shape[1]
@@ -200,12 +206,13 @@ def _highest_wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int,
     np.cumsum(np.stack(gains).reshape(len(_STEPS), *shape), axis=2, out=summed[:, :, 1:])
     best = np.zeros(shape)
     for start in range(shape[1]):
+        # exp(600) is far above any threshold and still finite.
         gained = np.minimum(summed[:, :, start + 1 :] - summed[:, :, start : start + 1], 600.0)
         best[:, start] = np.tensordot(_WEIGHTS, np.exp(gained), axes=1).max(axis=1)
     return best
 
 
 def _leading_true(claims: Bools) -> Counts:
-    """How many of each row's first entries are true without a gap."""
+    """Length of the leading run of true entries in each row."""
     counted: Counts = np.cumprod(claims, axis=1, dtype=np.int64).sum(axis=1)
     return counted

@@ -1,9 +1,9 @@
-"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn and never to be the number.
+"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside competence.
 
 As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood, which stays finite
 where passes and failures are separated: Firth, D. (1993), "Bias reduction of maximum likelihood estimates", Biometrika 80(1),
 27-38; Heinze, G. and Schemper, M. (2002), Statistics in Medicine 21(16), 2409-2419. Its 50 % point rises when easy runs fail,
-which is why competence is another thing (docs/rulings.md 17).
+so it is never used as the number (docs/rulings.md 17).
 """
 
 from __future__ import annotations
@@ -18,23 +18,27 @@ from scipy import stats
 
 from bench.arrays import Floats
 
-LEVEL = 0.95
+from ._intervals import CONFIDENCE_LEVEL
+
+# With fewer runs no curve is drawn. Chosen, not measured.
 MIN_RUNS = 10
-"""Runs below which no curve is drawn."""
 
 _GRID_POINTS = 101
 _MAX_ROUNDS = 100
-_MAX_STEP = 5.0  # of one coefficient in one round, on the logit scale with difficulty standardised
+
+# The largest step of a coefficient in one round, on the logit scale of standardised difficulty: longer ones overshoot.
+_MAX_STEP = 5.0
 
 
 class CurveState(StrEnum):
-    """What can be said of a curve; the first two have none to draw."""
+    """How a fit came out; the first two states have no curve."""
 
     TOO_FEW = "too few runs"
     ONE_DIFFICULTY = "one difficulty only"
     ALL_PASSED = "all passed"
     NONE_PASSED = "none passed"
-    SEPARATED = "separated"  # every pass on one side of every failure: the slope is the penalty's, not the data's
+    # Every pass lies on one side of every failure: the penalty decides the slope, not the data.
+    SEPARATED = "separated"
     FITTED = "fitted"
 
 
@@ -42,8 +46,8 @@ class CurveState(StrEnum):
 class Curve:
     """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise band.
 
-    The arrays are empty where there is no curve to draw. `half_at` is the difficulty of an even chance; None where the curve does
-    not fall through it among the difficulties tested.
+    The arrays are empty where there is no curve. `half_at` is the difficulty with a pass probability of one half; None where the
+    curve does not fall through one half within the difficulties tested.
     """
 
     state: CurveState
@@ -61,9 +65,9 @@ class Curve:
 
 
 def difficulty_response(
-    difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, level: float = LEVEL
+    difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, level: float = CONFIDENCE_LEVEL
 ) -> Curve:
-    """The curve of these trials; the rule of `competence` says what a trial is.
+    """Fit the curve to trials, which are those of `competence`.
 
     The band is Wald's on the logit scale. Where design points are given and their counts scatter more than independent
     runs would (Pearson's chi-squared over its degrees of freedom above 1), the variance is multiplied by that ratio.
@@ -99,7 +103,7 @@ def _state(hard: Floats, ok: Floats) -> CurveState:
 
 
 def _fit(design: Floats, ok: Floats) -> Floats:
-    """Greatest penalised likelihood, by Fisher scoring with halved steps; it is concave enough to need few."""
+    """The coefficients of the highest penalised likelihood, by Fisher scoring with step halving."""
     beta: Floats = np.zeros(design.shape[1])
     for _ in range(_MAX_ROUNDS):
         inverse = np.linalg.inv(_information(design, beta))
@@ -129,7 +133,7 @@ def _information(design: Floats, beta: Floats) -> NDArray[np.float64]:
 
 
 def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequence[str] | None) -> float:
-    """How much more the design points' counts scatter than independent runs would; 1 where not or not told."""
+    """How much more the counts of design points scatter than those of independent runs; at least 1, and 1 without design points."""
     if design_points is None:
         return 1.0
     _, point = np.unique(np.array(list(design_points)), return_inverse=True)

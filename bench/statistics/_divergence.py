@@ -1,4 +1,4 @@
-"""Jensen-Shannon divergence between what two agents (or campaigns) came to at one node.
+"""Jensen-Shannon divergence between the results of two agents (or campaigns) at one node.
 
 A run falls into one class: not considered, failed (considered, but without a score), or a band of scores. Bands are 20
 points wide, ending where tensions end; 10 from 50 runs a side, 5 from 200. Lin, J. (1991), "Divergence measures based on the
@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 SHUFFLES = 2000
+# Bounds the memory of one matrix product; the draws do not depend on it.
 SHUFFLES_PER_BATCH = 200
+# Least number of runs a side and the width of bands from there on. Chosen, not measured.
 BAND_WIDTHS = ((200, 5.0), (50, 10.0), (0, 20.0))
 NOT_CONSIDERED, FAILED, BANDS = 0, 1, 2
 
 
 @dataclass(frozen=True, slots=True)
 class NodeOutcome:
-    """How a node came out in one run: a score, none because it failed, or not considered at all."""
+    """The result of a node in one run: a score, failed without a score, or not considered."""
 
     score: float | None
     considered: bool
@@ -29,9 +31,9 @@ class NodeOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """`value` in bits, [0, 1]; `by_chance` is its mean when labels are shuffled, which is not nought in small samples.
+    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small samples.
 
-    `p` is the share of shuffles (the data itself among them) that diverge as much. `band` is the width of score bands in points.
+    `p` is the share of shuffles (the data itself included) that diverge at least as much. `band` is the width of score bands in points.
     """
 
     value: float
@@ -48,22 +50,27 @@ def divergence(
 ) -> Divergence | None:
     """Compare two sets of runs; None where either is empty.
 
-    `paired` runs stand in the same order on both sides, and a shuffle exchanges within pairs; otherwise it mixes all runs. Raises
-    ValueError where pairs do not match up. The same seed gives the same p.
+    `paired` runs have the same order on both sides, and a shuffle swaps within pairs; otherwise it mixes all runs. Raises
+    ValueError for paired sides of different length. The same seed gives the same p.
     """
     if not first or not second:
         return None
     if paired and len(first) != len(second):
-        raise ValueError(f"{len(first)} and {len(second)} runs are no pairs")
+        raise ValueError(f"{len(first)} and {len(second)} runs cannot be paired")
     band = next(width for least, width in BAND_WIDTHS if min(len(first), len(second)) >= least)
-    kinds = [_outcome_class(one, band) for one in (*first, *second)]
-    places = {kind: place for place, kind in enumerate(sorted(set(kinds)))}
-    hot = np.eye(len(places))[[places[kind] for kind in kinds]]
-    one, other = hot[: len(first)], hot[len(first) :]
-    value = float(js_divergence(one.sum(axis=0), other.sum(axis=0)))
-    draw = np.random.Generator(np.random.PCG64(seed))
-    shuffled = _shuffled_pairs(one, other, draw, shuffles) if paired else _shuffled_runs(hot, len(first), draw, shuffles)
-    by_chance = js_divergence(shuffled, hot.sum(axis=0) - shuffled)
+    classes = [_outcome_class(first_rows, band) for first_rows in (*first, *second)]
+    columns = {kind: place for place, kind in enumerate(sorted(set(classes)))}
+    indicators = np.eye(len(columns))[[columns[kind] for kind in classes]]
+    first_rows, second_rows = indicators[: len(first)], indicators[len(first) :]
+    value = float(js_divergence(first_rows.sum(axis=0), second_rows.sum(axis=0)))
+    rng = np.random.Generator(np.random.PCG64(seed))
+    shuffled = (
+        _shuffled_pairs(first_rows, second_rows, rng, shuffles)
+        if paired
+        else _shuffled_runs(indicators, len(first), rng, shuffles)
+    )
+    by_chance = js_divergence(shuffled, indicators.sum(axis=0) - shuffled)
+    # 1e-12: equal divergences from different shuffles differ in their last bits.
     p = (1 + int((by_chance >= value - 1e-12).sum())) / (shuffles + 1)
     return Divergence(value, float(by_chance.mean()), p, band, len(first), len(second), paired)
 
@@ -81,23 +88,25 @@ def _relative_entropy(p: NDArray[np.float64], middle: NDArray[np.float64]) -> ND
     return np.asarray((p * np.log2(ratio)).sum(axis=-1))
 
 
-def _outcome_class(ended: NodeOutcome, band: float) -> int:
-    if not ended.considered:
+def _outcome_class(outcome: NodeOutcome, band: float) -> int:
+    if not outcome.considered:
         return NOT_CONSIDERED
-    if ended.score is None:
+    if outcome.score is None:
         return FAILED
-    # Bands end at 20, 40, ... inclusive, as tensions do; all below the first are one, and so are all above 100.
-    rounded = round(ended.score / band, 9)
+    # Bands end at 20, 40, ... inclusive, like tensions; scores below 0 fall into the first band, those above 100 into the last.
+    rounded = round(outcome.score / band, 9)
     return BANDS + int(min(max(np.ceil(rounded), 1), np.ceil(100 / band) + 1))
 
 
 def _shuffled_pairs(
-    one: NDArray[np.float64], other: NDArray[np.float64], draw: np.random.Generator, shuffles: int
+    first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator, shuffles: int
 ) -> NDArray[np.float64]:
-    gain, start = other - one, one.sum(axis=0)
-    parts = [min(SHUFFLES_PER_BATCH, shuffles - done) for done in range(0, shuffles, SHUFFLES_PER_BATCH)]
-    return np.vstack([start + draw.integers(0, 2, size=(count, len(one))).astype(np.float64) @ gain for count in parts])
+    swap_change, start = second - first, first.sum(axis=0)
+    batches = [min(SHUFFLES_PER_BATCH, shuffles - done) for done in range(0, shuffles, SHUFFLES_PER_BATCH)]
+    return np.vstack([start + rng.integers(0, 2, size=(count, len(first))).astype(np.float64) @ swap_change for count in batches])
 
 
-def _shuffled_runs(hot: NDArray[np.float64], first: int, draw: np.random.Generator, shuffles: int) -> NDArray[np.float64]:
-    return np.array([hot[draw.permutation(len(hot))[:first]].sum(axis=0) for _ in range(shuffles)])
+def _shuffled_runs(
+    indicators: NDArray[np.float64], first_size: int, rng: np.random.Generator, shuffles: int
+) -> NDArray[np.float64]:
+    return np.array([indicators[rng.permutation(len(indicators))[:first_size]].sum(axis=0) for _ in range(shuffles)])

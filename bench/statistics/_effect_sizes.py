@@ -1,4 +1,4 @@
-"""How large a difference is: pass rates of pairs with Tango's score interval, McNemar's exact test, Cliff's delta.
+"""Sizes of differences: pass rates of pairs with Tango's score interval, McNemar's exact test, Cliff's delta.
 
 Tango, T. (1998), "Equivalence test and confidence interval for the difference in proportions for the paired-sample design",
 Statistics in Medicine 17, 891-908. Fagerland, M. W., Lydersen, S. and Laake, P. (2014), "Recommended tests and confidence
@@ -19,7 +19,7 @@ from scipy import optimize, stats
 
 @dataclass(frozen=True, slots=True)
 class DifferenceEstimate:
-    """An estimate with its two-sided interval; all three in [-1, 1]."""
+    """An estimated difference with its two-sided interval, all in [-1, 1]."""
 
     estimate: float
     low: float
@@ -28,7 +28,7 @@ class DifferenceEstimate:
 
 @dataclass(frozen=True, slots=True)
 class PairedCounts:
-    """Pairs by who passed. Second minus first is the direction of every difference."""
+    """Pairs counted by which side passed. Every difference is second minus first."""
 
     both: int
     only_first: int
@@ -48,7 +48,7 @@ class PairedCounts:
 
     @property
     def mcnemar_p(self) -> float | None:
-        """McNemar's exact two-sided test; None where no pair differs, for then there is nothing to test."""
+        """The p value of McNemar's exact two-sided test; None where no pair differs."""
         differing = self.only_first + self.only_second
         return float(stats.binomtest(self.only_first, differing).pvalue) if differing else None
 
@@ -63,12 +63,12 @@ class PairedCounts:
         return DifferenceEstimate(estimate, float(low), float(high))
 
     def _score(self, difference: float) -> float:
-        """Tango's statistic of a supposed difference: falls from above to below nought as it rises."""
+        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference rises."""
         n, b, c = self.pairs, self.only_second, self.only_first
         distance = b - c - n * difference
         if distance == 0.0:
             return 0.0
-        # The share of pairs that only the first passes, most likely under that difference: the root of a quadratic.
+        # The most likely share of pairs that only the first side passes, given the difference: the root of a quadratic.
         half = -b - c + (2 * n - b + c) * difference
         share = (np.sqrt(max(0.0, half**2 + 8 * n * c * difference * (1 - difference))) - half) / (4 * n)
         spread = n * (2 * share + difference * (1 - difference))
@@ -76,10 +76,10 @@ class PairedCounts:
 
 
 def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> DifferenceEstimate | None:
-    """How much oftener a value of `second` exceeds one of `first` than the reverse; None where either is empty.
+    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where either is empty.
 
-    Pairs are not used: it compares the two distributions. The interval never leaves [-1, 1]; it is [-1, 1] where a side has a
-    single value, and has no width where the two do not overlap at all, about which n says more.
+    It compares two distributions and uses no pairing. The interval stays within [-1, 1]; it is [-1, 1] where a side has a
+    single value, and has no width where the sides do not overlap: there the sample sizes tell more.
     """
     if not first or not second:
         return None
@@ -95,6 +95,7 @@ def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: fl
     cells = rows * columns * (1 - delta**2) - ties
     above = columns**2 * float(((of_rows - delta) ** 2).sum()) + rows**2 * float(((of_columns - delta) ** 2).sum())
     variance = (above - cells) / (rows * columns * (rows - 1) * (columns - 1))
+    # The unbiased estimate can be negative in small samples; Cliff (1993) gives this lower limit.
     variance = max(variance, (1 - delta**2) / (rows * columns - 1))
     z2v = float(stats.norm.ppf(0.5 + confidence / 2)) ** 2 * variance
     centre, reach = delta - delta**3, np.sqrt(z2v * ((1 - delta**2) ** 2 + z2v))
@@ -103,7 +104,7 @@ def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: fl
 
 
 def _wins(values: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For each value the share of others below it less the share above."""
+    """For each value the share of `others` below it minus the share above it."""
     ordered = np.sort(others)
     below, not_above = np.searchsorted(ordered, values, "left"), np.searchsorted(ordered, values, "right")
     return np.asarray((below + not_above) / len(others) - 1.0)

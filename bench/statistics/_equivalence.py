@@ -1,8 +1,8 @@
-"""What a factor may still do where no test found it: the difference that runs do not rule out.
+"""Equivalence bounds: the largest effect of a factor that the runs do not rule out.
 
-A test that finds nothing speaks of the runs as much as of the factor. Here each difference between two levels gets a one-sided bound
-of its own; that all of them are below a limit is then as sure as the least sure one (Berger, R. L. (1982), "Multiparameter hypothesis
-testing and acceptance sampling", Technometrics 24(4), 295-300), so nothing is adjusted for their number.
+A test that finds nothing may say as much about the number of runs as about the factor. Here each difference between two levels
+gets its own one-sided bound. The claim that all of them are below a limit is as sure as the least sure one (Berger, R. L. (1982),
+"Multiparameter hypothesis testing and acceptance sampling", Technometrics 24(4), 295-300), so their number needs no adjustment.
 """
 
 from __future__ import annotations
@@ -23,42 +23,50 @@ def difference_bounds(
 ) -> dict[str, float | None]:
     """For each factor the largest difference in the mean share between two of its levels that the runs do not rule out.
 
-    Shares lie in [0, 1]; of a factor that enters as a straight line the ends are its levels. Main effects stand beside each
-    other. Errors are clustered by design point (CR2), but no bound is below that of independent runs: replicates are not less alike
-    than strangers, and where design points are few they can look so. No bound is below what as many straight passes at a level leave open. None where the design points do not carry the factor: it has one level, goes with others, or they are too few.
+    Shares lie in [0, 1]; for a factor that enters as a straight line its two ends are compared. The model has main effects only.
+    Errors are clustered by design point (CR2). No bound is below that of independent runs, because replicates of few design points
+    can look less alike than strangers by chance, and none is below what as many straight passes at a level leave open.
+    None where the design points do not carry the factor: it has one level, is aliased with others, or the points are too few.
     """
     y, clusters = np.asarray(shares, dtype=np.float64), cluster_codes(points)
     terms = terms_of(factors, int(clusters.max()) + 1 if len(y) else 0, interactions=False)
-    found: dict[str, float | None] = {one.name: None for one in factors}
-    x, places = design_matrix(terms.kept, len(y))
-    left = int(clusters.max()) + 1 - x.shape[1] if len(y) else 0
-    scaled = scaled_residuals(y, x, clusters) if left > 0 else None
+    bounds: dict[str, float | None] = dict.fromkeys(factor.name for factor in factors)
+    x, columns = design_matrix(terms.carried, len(y))
+    residual_df = int(clusters.max()) + 1 - x.shape[1] if len(y) else 0
+    scaled = scaled_residuals(y, x, clusters) if residual_df > 0 else None
     if scaled is None:
-        return found
+        return bounds
     weights = np.asarray(np.linalg.pinv(x).T, dtype=np.float64)
     effects, runs_left = weights.T @ y, len(y) - x.shape[1]
     residual, errors = y - x @ effects, clustered_errors(scaled, clusters, weights)
-    clustered = errors.T @ errors * float(stats.t.ppf(confidence, left)) ** 2
-    alone = weights.T @ weights * float(residual @ residual) / runs_left * float(stats.t.ppf(confidence, runs_left)) ** 2
-    shared = {name for kept, others in terms.shared.items() for name in (kept, *others)}
+    clustered = errors.T @ errors * float(stats.t.ppf(confidence, residual_df)) ** 2
+    unclustered = weights.T @ weights * float(residual @ residual) / runs_left * float(stats.t.ppf(confidence, runs_left)) ** 2
+    aliased = {name for term, others in terms.shared.items() for name in (term, *others)}
     for factor in factors:
-        if factor.name in places and factor.name not in shared:
-            apart, at = _contrasts(factor), places[factor.name]
-            reach = np.sqrt(np.maximum(*(np.einsum("ij,jk,ik->i", apart, one[at, at], apart) for one in (clustered, alone))))
-            bound = float((np.abs(apart @ effects[at]) + reach).max())
-            found[factor.name] = min(1.0, max(bound, 1.0 - (1.0 - confidence) ** (1.0 / _runs_per_level(factor))))
-    return found
+        if factor.name in columns and factor.name not in aliased:
+            contrasts, columns_of_factor = _contrasts(factor), columns[factor.name]
+            half_width = np.sqrt(
+                np.maximum(
+                    *(
+                        np.einsum("ij,jk,ik->i", contrasts, one[columns_of_factor, columns_of_factor], contrasts)
+                        for one in (clustered, unclustered)
+                    )
+                )
+            )
+            bound = float((np.abs(contrasts @ effects[columns_of_factor]) + half_width).max())
+            bounds[factor.name] = min(1.0, max(bound, 1.0 - (1.0 - confidence) ** (1.0 / _runs_per_level(factor))))
+    return bounds
 
 
 def _contrasts(factor: FactorColumn) -> NDArray[np.float64]:
-    """(differences, degrees of freedom): each two levels, or the two ends of a straight line."""
+    """Contrasts as (differences, degrees of freedom): every two levels, or the two ends of a straight line."""
     columns = factor.contrasts()[factor.active]
     if factor.is_line:
         return np.array([[np.ptp(columns)]])
-    first = [columns[int(np.flatnonzero(factor.codes() == code)[0])] for code in range(len(factor.levels))]
-    return np.array([one - other for one, other in itertools.combinations(first, 2)])
+    level_codings = [columns[int(np.flatnonzero(factor.codes() == code)[0])] for code in range(len(factor.levels))]
+    return np.array([first_level - second_level for first_level, second_level in itertools.combinations(level_codings, 2)])
 
 
 def _runs_per_level(factor: FactorColumn) -> int:
-    """Runs at the level that has the fewest; a third of them at an end of a straight line."""
+    """Runs at the level that has the fewest; a third of all active runs stands for an end of a straight line."""
     return max(1, int(factor.active.sum()) // 3) if factor.is_line else int(np.bincount(factor.codes()).min())

@@ -1,4 +1,4 @@
-"""How many runs would settle it: pairs for McNemar's test, runs for an interval of a wanted width, runs for a claim.
+"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width, runs for a claim.
 
 The power of McNemar's exact test is computed, not approximated: over the number of pairs that differ (binomial), the share of
 outcomes that the exact test rejects. Duffy, S. W. (1984), "Asymptotic and exact power for the McNemar test and its analogue
@@ -15,29 +15,30 @@ from scipy import stats
 
 from ._intervals import clopper_pearson
 
+# The search stops here: a difference that needs more runs than any campaign has is of no use. Chosen, not measured.
 MAX_RUNS = 10_000
-"""No number above this is worked out; a difference that needs more is as good as none."""
 
 
 def mcnemar_power(pairs: int, only_first: float, only_second: float, alpha: float = 0.05) -> float:
-    """The chance that McNemar's exact two-sided test rejects with so many pairs.
+    """The probability that McNemar's exact two-sided test rejects with this number of pairs.
 
-    `only_first` and `only_second` are the true shares of pairs that only the one passes. Raises ValueError where they are no
-    shares.
+    `only_first` and `only_second` are the true shares of pairs that only that side passes. Raises ValueError where they are not
+    shares of the same pairs.
     """
     differing = _discordant_share(only_first, only_second)
     if differing == 0.0:
         return 0.0
-    middle, reach = pairs * differing, 8 * np.sqrt(pairs * differing * (1 - differing)) + 8  # all but 1e-14 of the outcomes
+    # Eight standard deviations leave out less than 1e-14 of the outcomes.
+    middle, reach = pairs * differing, 8 * np.sqrt(pairs * differing * (1 - differing)) + 8
     counts = np.arange(max(0, int(middle - reach)), min(pairs, int(middle + reach)) + 1)
     return float(stats.binom.pmf(counts, pairs, differing) @ _rejection_chance(counts, only_second / differing, alpha))
 
 
 def pairs_for_difference(only_first: float, only_second: float, *, power: float = 0.8, alpha: float = 0.05) -> int | None:
-    """The least number of pairs from which McNemar's exact test finds such a difference with this power.
+    """The least number of pairs with which McNemar's exact test finds such a difference with this power.
 
-    Power rises in small steps back and forth; where it does, the number is that of one rising edge. None where the two shares
-    are the same, or more than MOST pairs would be needed.
+    Power does not rise evenly with the number of pairs; where it goes back and forth, the result is one of the rising edges.
+    None where the shares are equal or more than MAX_RUNS pairs are needed.
     """
     if _discordant_share(only_first, only_second) == 0.0 or only_first == only_second:
         return None
@@ -67,22 +68,21 @@ def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) ->
 
 
 def _rejection_chance(counts: NDArray[np.int64], share: float, alpha: float) -> NDArray[np.float64]:
-    """For each number of differing pairs, the chance that the exact test rejects when a pair is the second's with `share`."""
-    edge = stats.binom.ppf(alpha / 2, counts, 0.5)  # the least k whose lower tail reaches alpha / 2 ...
-    edge = np.where(
-        stats.binom.cdf(edge, counts, 0.5) > alpha / 2, edge - 1, edge
-    )  # ... and the greatest that does not exceed it
+    """For each number of differing pairs, the probability that the exact test rejects; `share` of such pairs go to the second side."""
+    # ppf gives the least k whose lower tail reaches alpha / 2; the test needs the greatest whose tail does not exceed it.
+    edge = stats.binom.ppf(alpha / 2, counts, 0.5)
+    edge = np.where(stats.binom.cdf(edge, counts, 0.5) > alpha / 2, edge - 1, edge)
     return np.asarray(stats.binom.cdf(edge, counts, share) + stats.binom.sf(counts - edge - 1, counts, share))
 
 
 def _discordant_share(only_first: float, only_second: float) -> float:
     if min(only_first, only_second) < 0.0 or only_first + only_second > 1.0 + 1e-12:
-        raise ValueError(f"{only_first} and {only_second} are no shares of the same pairs")
+        raise ValueError(f"{only_first} and {only_second} are not shares of the same pairs")
     return min(1.0, only_first + only_second)
 
 
 def _least(holds: Callable[[int], bool], least: int = 1) -> int | None:
-    """The least number for which a condition holds that, once it does, mostly goes on to."""
+    """The least number for which a condition holds that mostly keeps holding above it; None above MAX_RUNS."""
     high = least
     while not holds(high):
         high *= 2

@@ -1,6 +1,6 @@
-"""How passes and numbers go with factors: logistic regression with odds ratios, correlation, and whether a line will do.
+"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of linearity.
 
-Where factors separate passes from failures the likelihood has no maximum, and its odds ratios run off to infinity. That is found
+Where factors separate passes from failures the likelihood has no maximum, and its odds ratios grow to infinity. This is detected
 before fitting (a linear programme: Konis, K. (2007), "Linear programming algorithms for detecting separated data in binary logistic
 regression models", DPhil thesis, Oxford), and Firth's penalised likelihood is used instead (Heinze, G. and Schemper, M.
 (2002), "A solution to the problem of separation in logistic regression", Statistics in Medicine 21, 2409-2419), with its
@@ -24,17 +24,17 @@ from ._terms import FactorColumn, OmittedTerm, Term, design_matrix, terms_of
 FIRTH = "Firth's penalised likelihood"
 LIKELIHOOD = "maximum likelihood"
 CLUSTERED_LIKELIHOOD = "maximum likelihood, errors by design point"
+# Odds ratios above this, or below its inverse, are not reported: no campaign has the runs to know them. Chosen, not measured.
 MAX_ODDS_RATIO = 1000.0
-"""Odds ratios above this, or below its inverse, are not told: no campaign has the runs to know them."""
+# Fewer events of the rarer outcome for each parameter get a remark: a rule of thumb of logistic regression is 5 to 10.
 MIN_EVENTS_PER_PARAMETER = 5
-"""Fewer of the rarer outcome for each parameter than this is said to be few."""
 
 
 @dataclass(frozen=True, slots=True)
 class OddsRatio:
-    """Odds of passing at `level` against those at `base`, other factors being equal, with a 95 % interval.
+    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 % interval.
 
-    A bound is None where it lies beyond what runs can tell (MOST_ODDS), and so may be the estimate.
+    A bound or an estimate beyond MAX_ODDS_RATIO is None: runs cannot tell it.
     """
 
     factor: str
@@ -47,7 +47,7 @@ class OddsRatio:
 
 @dataclass(frozen=True, slots=True)
 class FactorTest:
-    """Whether a factor matters to passing at all, over all its levels."""
+    """Whether a factor has an effect on passing, over all of its levels."""
 
     factor: str
     df: int
@@ -57,7 +57,7 @@ class FactorTest:
 
 @dataclass(frozen=True, slots=True)
 class Logistic:
-    """Passes over factors, main effects only. `note` says what a reader must know, or why there is nothing."""
+    """Passes regressed on factors, main effects only. `note` holds warnings, or the reason why there is no fit."""
 
     n: int
     passed: int
@@ -70,10 +70,10 @@ class Logistic:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and whether a line is enough.
+    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of linearity.
 
-    `bend_p` is of `bend_test`: lack of fit against the means of the levels, or RESET where levels do not repeat. Small means
-    bent. None where two levels leave nothing to bend.
+    `bend_p` is the p value of `bend_test`: lack of fit against the means of the levels, or RESET where levels do not repeat.
+    A small one means that a straight line is not enough. None where the test is not possible, as with two levels.
     """
 
     factor: str
@@ -87,35 +87,38 @@ class Correlation:
 
 
 def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Sequence[str]) -> Logistic:
-    """Regress passes on factors: numbers as a line from their least to their greatest level, names against their first.
+    """Regress passes on factors: a numeric one as a line from its lowest to its highest level, another against its first level.
 
-    Never raises for what the data cannot carry; it is said instead.
+    Never raises for terms that the data cannot carry: they are listed in `left_out`, or `note` gives the reason.
     """
     y = np.asarray(passed, dtype=np.float64)
-    wins, count = int(y.sum()), len(set(points))
-    coded = [one for one in factors if len(one.levels) > 1]
-    constant = tuple(OmittedTerm(one.name, "has one level only") for one in factors if len(one.levels) < 2)
-    terms = terms_of(coded, count, interactions=False)
+    passes, count = int(y.sum()), len(set(points))
+    varying = [factor for factor in factors if len(factor.levels) > 1]
+    constant = tuple(OmittedTerm(factor.name, "has one level only") for factor in factors if len(factor.levels) < 2)
+    terms = terms_of(varying, count, interactions=False)
     left_out = (*constant, *terms.left_out)
-    kept = [(one, _treatment_contrasts(one)) for one in coded if one.name in {term.name for term in terms.kept}]
-    nothing = Logistic(len(y), wins, "none", (), (), left_out)
-    if wins in (0, len(y)):
-        return _without_fit(nothing, "every run passed" if wins else "no run passed")
-    if not kept:
-        return _without_fit(nothing, "no factor varies")
-    x, places = design_matrix([term for _, term in kept], len(y))
+    carried = {term.name for term in terms.carried}
+    included = [(factor, _treatment_contrasts(factor)) for factor in varying if factor.name in carried]
+    empty = Logistic(len(y), passes, "none", (), (), left_out)
+    if passes in (0, len(y)):
+        return _without_fit(empty, "every run passed" if passes else "no run passed")
+    if not included:
+        return _without_fit(empty, "no factor varies")
+    x, places = design_matrix([term for _, term in included], len(y))
     if count <= x.shape[1]:
-        return _without_fit(nothing, f"{count} design points are too few for {x.shape[1]} parameters")
+        return _without_fit(empty, f"{count} design points are too few for {x.shape[1]} parameters")
     fit = _fit(y, x, cluster_codes(points))
-    tests = tuple(FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name)) for factor, term in kept)
-    odds = tuple(one for factor, term in kept for one in _odds(factor, fit, places[term.name]))
-    return Logistic(len(y), wins, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
+    tests = tuple(
+        FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name)) for factor, term in included
+    )
+    odds = tuple(ratio for factor, term in included for ratio in _odds(factor, fit, places[term.name]))
+    return Logistic(len(y), passes, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
 
 
 def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[str]) -> Correlation | None:
-    """Correlate a numeric factor with values; None where it is no number, or either side does not vary, or runs are fewer than 4.
+    """Correlate a numeric factor with values; None where it is not numeric, either side does not vary, or there are fewer than 4 runs.
 
-    p values come from the slope, with errors by design point where runs share one; Spearman's from the ranks' slope.
+    p values are those of the slope (for Spearman's rho of the slope between ranks), with errors by design point where runs share one.
     """
     if not factor.numeric or len(values) < 4 or len(factor.levels) < 2 or len(set(values)) < 2:
         return None
@@ -139,38 +142,39 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
 
 
 def separated(y: Floats, x: Floats) -> bool:
-    """Whether some combination of columns puts every pass on one side and every failure on the other (or on the edge)."""
+    """Whether a combination of columns has every pass on one side and every failure on the other, or on the border."""
     signed = x * np.where(y > 0.5, 1.0, -1.0)[:, None]
-    found = optimize.linprog(
+    solution = optimize.linprog(
         -signed.sum(axis=0), A_ub=-signed, b_ub=np.zeros(len(y)), bounds=[(-1.0, 1.0)] * x.shape[1], method="highs"
     )
-    return found.fun is not None and bool(found.fun < -1e-7)
+    return solution.fun is not None and bool(solution.fun < -1e-7)
 
 
 @dataclass(frozen=True, slots=True)
 class _Likelihood:
-    """A maximum-likelihood fit with its covariance; where that is by design point, `left` counts the points that are left over."""
+    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design point."""
 
     method: str
     beta: Floats
     covariance: Floats
-    left: float
+    residual_df: float
 
     def p(self, place: slice) -> float | None:
         part = self.beta[place]
         statistic = float(part @ np.linalg.pinv(self.covariance[place, place]) @ part)
-        if np.isinf(self.left):  # Wald's chi squared, which F is with no end of clusters; scipy's F knows no infinity
+        # Wald's chi squared is the limit of F for infinite degrees of freedom, which scipy's F does not take.
+        if np.isinf(self.residual_df):
             return float(stats.chi2.sf(statistic, len(part)))
-        return float(stats.f.sf(statistic / len(part), len(part), self.left))
+        return float(stats.f.sf(statistic / len(part), len(part), self.residual_df))
 
     def interval(self, column: int) -> tuple[float, float]:
-        reach = float(stats.t.ppf(0.975, self.left) * np.sqrt(self.covariance[column, column]))
+        reach = float(stats.t.ppf(0.975, self.residual_df) * np.sqrt(self.covariance[column, column]))
         return float(self.beta[column]) - reach, float(self.beta[column]) + reach
 
 
 @dataclass(frozen=True, slots=True)
 class _Firth:
-    """A penalised fit; tests and intervals come from the penalised likelihood's own shape, never from a normal."""
+    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a normal."""
 
     method: str
     beta: Floats
@@ -188,41 +192,42 @@ class _Firth:
     def interval(self, column: int) -> tuple[float, float]:
         return self._bound(column, -1.0), self._bound(column, 1.0)
 
-    def _bound(self, column: int, way: float) -> float:
+    def _bound(self, column: int, direction: float) -> float:
         edge = self.likelihood - float(stats.chi2.ppf(0.95, 1)) / 2
         free = np.ones(self.x.shape[1], dtype=bool)
         free[column] = False
 
-        def above(reach: float) -> float:
+        def above(distance: float) -> float:
             start = self.beta.copy()
-            start[column] += way * reach
+            start[column] += direction * distance
             return _maximized(self.y, self.x, start, free)[1] - edge
 
-        # What lies beyond MOST_ODDS is not told, so it need not be found.
-        reach = float(np.log(MAX_ODDS_RATIO)) - way * float(self.beta[column])
-        if reach <= 0.0 or above(reach) > 0.0:
-            return way * np.inf
-        return float(self.beta[column] + way * optimize.brentq(above, 0.0, reach, xtol=1e-4))
+        # Bounds beyond MAX_ODDS_RATIO are not reported, so the search stops there.
+        distance = float(np.log(MAX_ODDS_RATIO)) - direction * float(self.beta[column])
+        if distance <= 0.0 or above(distance) > 0.0:
+            return direction * np.inf
+        return float(self.beta[column] + direction * optimize.brentq(above, 0.0, distance, xtol=1e-4))
 
 
 def _fit(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Firth:
     if not separated(y, x):
-        from statsmodels.discrete.discrete_model import Logit  # a second to import, so only who regresses pays for it
+        # Imported here because it takes a second, which only a regression should pay.
+        from statsmodels.discrete.discrete_model import Logit
 
         points = int(clusters.max()) + 1
-        shared = points < len(y)
-        how = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if shared else {}
-        fit = Logit(y, x).fit(disp=0, maxiter=100, warn_convergence=False, **how)
-        sure = bool(np.isfinite(fit.cov_params()).all()) and float(np.diag(fit.cov_params()).min()) > 0.0
-        if fit.mle_retvals["converged"] and sure:
-            method, left = (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if shared else (LIKELIHOOD, np.inf)
-            return _Likelihood(method, fit.params, fit.cov_params(), left)
+        clustered = points < len(y)
+        options = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if clustered else {}
+        fit = Logit(y, x).fit(disp=0, maxiter=100, warn_convergence=False, **options)
+        has_covariance = bool(np.isfinite(fit.cov_params()).all()) and float(np.diag(fit.cov_params()).min()) > 0.0
+        if fit.mle_retvals["converged"] and has_covariance:
+            method, residual_df = (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if clustered else (LIKELIHOOD, np.inf)
+            return _Likelihood(method, fit.params, fit.cov_params(), residual_df)
     beta, likelihood = _maximized(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))
     return _Firth(FIRTH, beta, likelihood, y, x)
 
 
 def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tuple[Floats, float]:
-    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps that are halved when they fall."""
+    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step halving."""
     beta, value = start.copy(), _penalized_likelihood(y, x, start)
     for _ in range(200):
         chance = _probability(x @ beta)
@@ -265,14 +270,14 @@ def _treatment_contrasts(factor: FactorColumn) -> Term:
     return Term((factor.name,), factor.spread_out(columns))
 
 
-def _odds(factor: FactorColumn, fit: _Likelihood | _Firth, place: slice) -> list[OddsRatio]:
+def _odds(factor: FactorColumn, fit: _Likelihood | _Firth, columns: slice) -> list[OddsRatio]:
     base, levels = str(factor.levels[0]), (factor.levels[-1:] if factor.numeric else factor.levels[1:])
-    found = []
-    for column, level in zip(range(place.start, place.stop), levels, strict=True):
+    ratios = []
+    for column, level in zip(range(columns.start, columns.stop), levels, strict=True):
         low, high = fit.interval(column)
         estimate, low_ratio, high_ratio = map(_odds_ratio, (float(fit.beta[column]), low, high))
-        found.append(OddsRatio(factor.name, base, str(level), estimate, low_ratio, high_ratio))
-    return found
+        ratios.append(OddsRatio(factor.name, base, str(level), estimate, low_ratio, high_ratio))
+    return ratios
 
 
 def _odds_ratio(log_odds: float) -> float | None:
@@ -280,20 +285,20 @@ def _odds_ratio(log_odds: float) -> float | None:
 
 
 def _remarks(fit: _Likelihood | _Firth, y: Floats, x: Floats, points: int) -> list[str]:
-    said = []
+    remarks = []
     if isinstance(fit, _Firth):
-        said.append("factors separate passes from failures, so odds are penalised (Firth)")
+        remarks.append("factors separate passes from failures, so odds are penalised (Firth)")
         if points < len(y):
-            said.append("runs of one design point are taken as independent")
+            remarks.append("runs of one design point are taken as independent")
     rarer = int(min(y.sum(), len(y) - y.sum()))
     if rarer < MIN_EVENTS_PER_PARAMETER * (x.shape[1] - 1):
-        one, many = ("pass", "passes") if y.sum() <= len(y) / 2 else ("failure", "failures")
-        said.append(f"only {rarer} {one if rarer == 1 else many} for {x.shape[1] - 1} parameters")
-    return said
+        singular, plural = ("pass", "passes") if y.sum() <= len(y) / 2 else ("failure", "failures")
+        remarks.append(f"only {rarer} {singular if rarer == 1 else plural} for {x.shape[1] - 1} parameters")
+    return remarks
 
 
-def _without_fit(nothing: Logistic, note: str) -> Logistic:
-    return Logistic(nothing.n, nothing.passed, nothing.method, (), (), nothing.left_out, note)
+def _without_fit(empty: Logistic, note: str) -> Logistic:
+    return Logistic(empty.n, empty.passed, empty.method, (), (), empty.left_out, note)
 
 
 def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
@@ -315,7 +320,7 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
 
 
 def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
-    # Over the means of design points: runs of one share its luck, which among them would look like a bend.
+    # Over means of design points: runs of one design point share its random part, which would look like a bend.
     sizes = np.bincount(clusters)
     x, y = np.bincount(clusters, x) / sizes, np.bincount(clusters, y) / sizes
     levels, codes = np.unique(np.round(x, 12), return_inverse=True)
@@ -326,16 +331,16 @@ def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[
     if len(levels) <= len(x) // 2:
         means = np.bincount(codes, y) / np.bincount(codes)
         pure = float(((y - means[codes]) ** 2).sum())
-        df, left = len(levels) - 2, len(x) - len(levels)
+        df, residual_df = len(levels) - 2, len(x) - len(levels)
         if pure <= 1e-20 * float(((y - y.mean()) ** 2).sum()):
             return "lack of fit", None
-        return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / left), df, left))
+        return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / residual_df), df, residual_df))
     if line_ss <= 1e-20 * float(((y - y.mean()) ** 2).sum()) or len(x) < 6:
         return "RESET", None
-    # The square of what a line foretells is, beside the line, the square of x; which is there where the line is flat, too.
+    # RESET adds the square of the line's prediction. Beside the line that is the square of x, which also works for a flat line.
     standard = (x - x.mean()) / x.std()
-    bent = np.column_stack([np.ones(len(x)), standard, standard**2])
-    rest = float(((y - bent @ np.linalg.lstsq(bent, y, rcond=None)[0]) ** 2).sum())
-    if rest <= 1e-20 * line_ss:
+    quadratic = np.column_stack([np.ones(len(x)), standard, standard**2])
+    quadratic_ss = float(((y - quadratic @ np.linalg.lstsq(quadratic, y, rcond=None)[0]) ** 2).sum())
+    if quadratic_ss <= 1e-20 * line_ss:
         return "RESET", 0.0
-    return "RESET", float(stats.f.sf((line_ss - rest) / (rest / (len(x) - 3)), 1, len(x) - 3))
+    return "RESET", float(stats.f.sf((line_ss - quadratic_ss) / (quadratic_ss / (len(x) - 3)), 1, len(x) - 3))

@@ -1,4 +1,4 @@
-"""Which factors matter: every node's tests over the factors of a design, in one frame, adjusted for how many there are."""
+"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their number."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ FACTOR_COLUMNS: dict[str, type[pl.DataType]] = {
     "p_holm": pl.Float64,
     "note": pl.String,
 }
-"""Columns of `factor_frame`. `of` is score, confidence or passes; `test` anova, logistic, pearson or spearman; `effect` names what
-`effect_size` is: omega2, odds_ratio (of a factor of one degree of freedom), r or rho. `p_adjusted` (Benjamini-Hochberg) and
+"""Columns of `factor_frame`. `of` is score, confidence or passes; `test` is anova, logistic, pearson or spearman; `effect` names the
+kind of `effect_size`: omega2, odds_ratio (for a factor of one degree of freedom), r or rho. `p_adjusted` (Benjamini-Hochberg) and
 `p_holm` are over all rows of the same `of` and `test`. Null in `p` is "not tested", and `note` says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeFactorAnalysis:
-    """One node of one agent over the factors of a design."""
+    """The analyses of one node of one agent over the factors of a design."""
 
     agent: str
     node: str
@@ -50,10 +50,10 @@ class NodeFactorAnalysis:
 def node_factors(
     scores: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel | None]], agent: str, node: str
 ) -> NodeFactorAnalysis | None:
-    """Analyse one node of one agent; None where none of its runs was considered at a known design point.
+    """Analyse one node of one agent; None where the node was considered in no run at a known design point.
 
-    `scores` has the columns SCORE_COLUMNS, `levels` the levels of each design point's factors. A run passed where everything
-    considered under the node was achieved.
+    `scores` has the columns SCORE_COLUMNS; `levels` has the factor levels of each design point. A run passed where every
+    considered observable under the node was achieved.
     """
     rows = scores.filter(pl.col("agent") == agent, pl.col("node") == node, pl.col("design_point").is_in(list(levels))).sort(
         "realization"
@@ -71,7 +71,7 @@ def node_factors(
         level=str(considered["level"][0]),
         score=anova(values, of_scored, scored_points),
         confidence=anova(confidences, of_considered, points),
-        passes=logistic([one >= 1.0 for one in confidences], of_considered, points),
+        passes=logistic([confidence >= 1.0 for confidence in confidences], of_considered, points),
         score_correlations=_correlations(values, of_scored, scored_points),
         confidence_correlations=_correlations(confidences, of_considered, points),
     )
@@ -79,14 +79,15 @@ def node_factors(
 
 def factor_frame(analyses: Iterable[NodeFactorAnalysis]) -> pl.DataFrame:
     """Every test of every analysis as one frame with the columns FACTOR_COLUMNS."""
-    rows = [row for one in analyses for row in _rows(one)]
+    rows = [row for analysis in analyses for row in _rows(analysis)]
     families: dict[tuple[object, object], list[dict[str, object]]] = {}
     for row in rows:
         families.setdefault((row["of"], row["test"]), []).append(row)
+    # Tests of different kinds answer different questions, so each kind is one family for the adjustment.
     for family in families.values():
-        p = [one["p"] if isinstance(one["p"], float) else None for one in family]
-        for row, adjusted, careful in zip(family, benjamini_hochberg(p), holm(p), strict=True):
-            row["p_adjusted"], row["p_holm"] = adjusted, careful
+        p = [analysis["p"] if isinstance(analysis["p"], float) else None for analysis in family]
+        for row, p_adjusted, p_holm in zip(family, benjamini_hochberg(p), holm(p), strict=True):
+            row["p_adjusted"], row["p_holm"] = p_adjusted, p_holm
     return pl.DataFrame(rows, schema=FACTOR_COLUMNS)
 
 
@@ -95,49 +96,49 @@ def _factors(rows: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel |
 
 
 def _correlations(values: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str]) -> tuple[Correlation, ...]:
-    return tuple(one for factor in factors if (one := correlation(values, factor, points)) is not None)
+    return tuple(result for factor in factors if (result := correlation(values, factor, points)) is not None)
 
 
-def _rows(one: NodeFactorAnalysis) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {"agent": one.agent, "node": one.node, "level": one.level}
-    for of, found in (("score", one.score), ("confidence", one.confidence)):
-        yield from ({**base, **row} for row in _anova_rows(of, found))
-    yield from ({**base, **row} for row in _logistic_rows(one.passes, one.confidence.points))
+def _rows(analysis: NodeFactorAnalysis) -> Iterator[dict[str, object]]:
+    base: dict[str, object] = {"agent": analysis.agent, "node": analysis.node, "level": analysis.level}
+    for of, analysis_of in (("score", analysis.score), ("confidence", analysis.confidence)):
+        yield from ({**base, **row} for row in _anova_rows(of, analysis_of))
+    yield from ({**base, **row} for row in _logistic_rows(analysis.passes, analysis.confidence.points))
     for of, points, correlations in (
-        ("score", one.score.points, one.score_correlations),
-        ("confidence", one.confidence.points, one.confidence_correlations),
+        ("score", analysis.score.points, analysis.score_correlations),
+        ("confidence", analysis.confidence.points, analysis.confidence_correlations),
     ):
-        for each in correlations:
-            common = {**base, "of": of, "factor": each.factor, "n": each.n, "points": points, "note": _linearity_note(each)}
-            yield {**common, "test": "pearson", "effect": "r", "effect_size": each.pearson, "p": each.pearson_p}
-            yield {**common, "test": "spearman", "effect": "rho", "effect_size": each.spearman, "p": each.spearman_p}
+        for result in correlations:
+            common = {**base, "of": of, "factor": result.factor, "n": result.n, "points": points, "note": _linearity_note(result)}
+            yield {**common, "test": "pearson", "effect": "r", "effect_size": result.pearson, "p": result.pearson_p}
+            yield {**common, "test": "spearman", "effect": "rho", "effect_size": result.spearman, "p": result.spearman_p}
 
 
-def _anova_rows(of: str, found: Anova) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {"of": of, "test": "anova", "n": found.n, "points": found.points, "effect": "omega2"}
-    for effect in found.effects:
-        note = "; ".join(filter(None, (effect.note, found.note)))
+def _anova_rows(of: str, analysis: Anova) -> Iterator[dict[str, object]]:
+    base: dict[str, object] = {"of": of, "test": "anova", "n": analysis.n, "points": analysis.points, "effect": "omega2"}
+    for effect in analysis.effects:
+        note = "; ".join(filter(None, (effect.note, analysis.note)))
         yield {**base, "factor": effect.term, "effect_size": effect.omega2, "p": effect.p, "note": note}
-    if not found.effects:
-        yield {**base, "factor": "all", "effect_size": None, "p": None, "note": found.note}
-    yield from (_left_out_row(base, each) for each in found.left_out)
+    if not analysis.effects:
+        yield {**base, "factor": "all", "effect_size": None, "p": None, "note": analysis.note}
+    yield from (_left_out_row(base, omitted) for omitted in analysis.left_out)
 
 
-def _logistic_rows(found: Logistic, points: int) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {"of": "passes", "test": "logistic", "n": found.n, "points": points, "effect": "odds_ratio"}
-    for test in found.tests:
-        odds = [one.estimate for one in found.odds if one.factor == test.factor]
-        note = "; ".join(filter(None, (test.note, found.note)))
+def _logistic_rows(fit: Logistic, points: int) -> Iterator[dict[str, object]]:
+    base: dict[str, object] = {"of": "passes", "test": "logistic", "n": fit.n, "points": points, "effect": "odds_ratio"}
+    for test in fit.tests:
+        odds = [ratio.estimate for ratio in fit.odds if ratio.factor == test.factor]
+        note = "; ".join(filter(None, (test.note, fit.note)))
         size = odds[0] if len(odds) == 1 else None
         yield {**base, "factor": test.factor, "effect_size": size, "p": test.p, "note": note}
-    if not found.tests:
-        yield {**base, "factor": "all", "effect_size": None, "p": None, "note": found.note}
-    yield from (_left_out_row(base, each) for each in found.left_out)
+    if not fit.tests:
+        yield {**base, "factor": "all", "effect_size": None, "p": None, "note": fit.note}
+    yield from (_left_out_row(base, omitted) for omitted in fit.left_out)
 
 
-def _left_out_row(base: Mapping[str, object], left: OmittedTerm) -> dict[str, object]:
-    return {**base, "factor": left.term, "effect_size": None, "p": None, "note": f"left out: {left.reason}"}
+def _left_out_row(base: Mapping[str, object], omitted: OmittedTerm) -> dict[str, object]:
+    return {**base, "factor": omitted.term, "effect_size": None, "p": None, "note": f"left out: {omitted.reason}"}
 
 
-def _linearity_note(found: Correlation) -> str:
-    return "not a straight line" if found.bend_p is not None and found.bend_p < 0.05 else ""
+def _linearity_note(correlation: Correlation) -> str:
+    return "not a straight line" if correlation.bend_p is not None and correlation.bend_p < 0.05 else ""

@@ -1,5 +1,4 @@
-"""Intervals that hold at every look, so that one may look after each run and stop: confidence sequences for a pass rate,
-and for a mean of trials that differ.
+"""Anytime-valid intervals, which allow a look after every run and a stop: confidence sequences for a pass rate and a mean.
 
 Robbins' mixture of binomial likelihoods under a uniform prior. For the true rate p the ratio of the mixture's likelihood to
 p's is a non-negative martingale of mean 1, so by Ville's inequality it ever reaches 1 / (1 - level) with probability at most
@@ -21,17 +20,19 @@ from scipy import special
 
 from bench.arrays import Bools, Floats
 
-LEVEL = 0.95
+from ._intervals import CONFIDENCE_LEVEL
+
+# 2**-40 is below any difference that a report shows.
 _BISECTION_STEPS = 40
+# Exponents of the mixture in `mean_bounds`. Any fixed ones are valid; these are near the best for 5 to 100,000 trials.
 _TILTS = 2.0 ** np.arange(-5, 5)
-"""Exponents that `mean_bounds` bets with; any fixed ones hold, these are near the best for 5 to 100,000 trials."""
 
 
-def confidence_sequence(passed: ArrayLike, level: float = LEVEL) -> tuple[Floats, Floats]:
+def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
     """Two-sided interval after each trial, in order, along the last axis; never wider than after the trial before.
 
-    With probability `level` all of them hold the true rate at once, for independent trials of one pass probability. (Where
-    they do not, the lower end may come to lie above the upper.)
+    With probability `level` all of them contain the true rate at once, for independent trials of one pass probability. (Where
+    they do not, the lower end may lie above the upper one.)
     """
     ok = np.asarray(passed, dtype=np.float64)
     passes = np.cumsum(ok, axis=-1)
@@ -43,11 +44,11 @@ def confidence_sequence(passed: ArrayLike, level: float = LEVEL) -> tuple[Floats
     return np.maximum.accumulate(low, axis=-1), np.minimum.accumulate(high, axis=-1)
 
 
-def pass_rate_bounds(passes: ArrayLike, trials: ArrayLike, level: float = LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval of a pass rate from counts, whenever and for whatever reason the trials ended; without any, [0, 1].
+def pass_rate_bounds(passes: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
+    """Two-sided interval of a pass rate from counts, valid whenever and for whatever reason the trials ended; [0, 1] without any.
 
-    For independent trials of one pass probability. It is the member of `confidence_sequence` at that trial, which may be
-    narrower, for it cuts with those before.
+    For independent trials of one pass probability. The interval of `confidence_sequence` at the same trial may be narrower,
+    because it is intersected with all earlier ones.
     """
     k, n = np.asarray(passes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     limit = special.betaln(1.0 + k, 1.0 + n - k) + np.log(1.0 - level)
@@ -57,11 +58,11 @@ def pass_rate_bounds(passes: ArrayLike, trials: ArrayLike, level: float = LEVEL)
     return low, high
 
 
-def mean_bounds(total: ArrayLike, trials: ArrayLike, level: float = LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval of a mean of values in [0, 1], whenever and for whatever reason the trials ended.
+def mean_bounds(total: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
+    """Two-sided interval of a mean of values in [0, 1], valid whenever and for whatever reason the trials ended.
 
-    The trials may be of different situations and depend on those before: what is held is the mean of what each was to be
-    expected to give before it began. For independent replicates of design points it is the mean over the design points
+    Trials may have different situations and depend on earlier ones: the interval is for the mean of the expectations that the
+    trials had before they began. For independent replicates of design points it is the mean over the design points
     of their expectations, weighted by the trials that each has. `total` is the sum of the values.
 
     For X in [0, 1] of expectation mu, E exp(tX) <= 1 - mu + mu exp(t); the logarithm of the right side is concave in mu. So
@@ -73,7 +74,7 @@ def mean_bounds(total: ArrayLike, trials: ArrayLike, level: float = LEVEL) -> tu
 
 
 def _mean_lower_bound(total: Floats, trials: Floats, level: float) -> Floats:
-    """Below which no mean can lie any more; by halving, for the mixture falls with the mean."""
+    """The lower bound of the mean, by bisection, as the mixture falls with the mean."""
     limit = np.log(2.0 / (1.0 - level)) + np.log(_TILTS.size)
     outside, inside = np.zeros_like(trials), total / np.maximum(trials, 1.0)
     for _ in range(_BISECTION_STEPS):
@@ -85,7 +86,7 @@ def _mean_lower_bound(total: Floats, trials: Floats, level: float) -> Floats:
 
 
 def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Floats, inside: Floats) -> Floats:
-    """Where the likelihood falls to `limit` between a rate that it rules out and the best one, by halving."""
+    """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best one."""
     for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
         holds = special.xlogy(passes, middle) + special.xlog1py(fails, -middle) > limit
@@ -94,7 +95,7 @@ def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Float
 
 
 class PassRateVerdict(StrEnum):
-    """Where a pass rate lies, as far as trials tell."""
+    """On which side of a threshold the pass rate lies; OPEN while the trials do not tell."""
 
     ABOVE = "above"
     BELOW = "below"
@@ -103,37 +104,37 @@ class PassRateVerdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StoppingRule:
-    """Trials may end when the sequence of their pass rate lies wholly on one side of `threshold`.
+    """Trials may stop when the confidence sequence of their pass rate lies entirely on one side of `threshold`.
 
-    Whatever the rule, and whoever looks how often, a verdict is wrong with probability at most 1 - `level`. Raises ValueError
-    for a threshold or level that is not between 0 and 1.
+    A verdict is wrong with probability at most 1 - `level`, however often somebody looks. Raises ValueError for a threshold or
+    a level that is not between 0 and 1.
     """
 
     threshold: float
-    level: float = LEVEL
+    level: float = CONFIDENCE_LEVEL
 
     def __post_init__(self) -> None:
         if not (0.0 < self.threshold < 1.0 and 0.0 < self.level < 1.0):
             raise ValueError(f"threshold {self.threshold:g} and level {self.level:g} must lie between 0 and 1")
 
-    def settled_after(self, passed: ArrayLike) -> int | None:
-        """After how many of these trials, taken in order, the verdict stood; None while it is open.
+    def decided_after(self, passed: ArrayLike) -> int | None:
+        """Number of trials, taken in order, after which the verdict was final; None while it is open.
 
-        It depends on nothing but the trials up to there: hand them over in the order of the plan, not in that of their ending.
+        It depends on the trials up to that one only. Pass them in the order of the plan, not in the order of their completion.
         """
         ruled_out = self._ruled_out(passed)
         return int(np.argmax(ruled_out)) + 1 if ruled_out.any() else None
 
     def verdict(self, passed: ArrayLike) -> PassRateVerdict:
-        """On which side the pass rate lies."""
-        after = self.settled_after(passed)
+        """The side on which the pass rate lies."""
+        after = self.decided_after(passed)
         if after is None:
             return PassRateVerdict.OPEN
         rate = float(np.mean(np.asarray(passed, dtype=np.float64)[:after]))
         return PassRateVerdict.ABOVE if rate > self.threshold else PassRateVerdict.BELOW
 
     def _ruled_out(self, passed: ArrayLike) -> Bools:
-        ok = np.asarray(passed, dtype=np.float64)
-        passes, fails = np.cumsum(ok), np.cumsum(1.0 - ok)
-        own = passes * np.log(self.threshold) + fails * np.log1p(-self.threshold)
-        return np.asarray(special.betaln(1.0 + passes, 1.0 + fails) - own >= -np.log(1.0 - self.level), dtype=np.bool_)
+        results = np.asarray(passed, dtype=np.float64)
+        passes, fails = np.cumsum(results), np.cumsum(1.0 - results)
+        log_likelihood = passes * np.log(self.threshold) + fails * np.log1p(-self.threshold)
+        return np.asarray(special.betaln(1.0 + passes, 1.0 + fails) - log_likelihood >= -np.log(1.0 - self.level), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""What a regression over factors is made of: columns of factors, the terms that a design can carry, what must stay out and why."""
+"""Parts of a regression over factors: factor columns, the terms that a design can carry, and those that it must leave out."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 FactorLevel = bool | int | float | str
+# A numeric factor with more levels enters as a straight line, because a campaign has too few runs to estimate each level.
 MAX_CATEGORIES = 6
-"""A numeric factor with more levels than this enters as a straight line, since its levels could not each be estimated."""
+# Interactions enter only where so many degrees of freedom remain for the error. Chosen, not measured.
 MIN_RESIDUAL_DF = 8
-"""Degrees of freedom that must be left once interactions are in; with fewer, none is carried."""
+# Contrasts are of order 1, so a smaller singular value is rounding.
 RANK_TOLERANCE = 1e-8
 
 
@@ -21,7 +22,7 @@ RANK_TOLERANCE = 1e-8
 class FactorColumn:
     """The level of one factor in every run under analysis, None in runs in which it is inactive.
 
-    Such a run tells nothing of the factor's effect: what differs between active and inactive is due to what switches it.
+    An inactive run says nothing about the factor's effect: its difference from active runs is due to the factor that switches it.
     """
 
     name: str
@@ -29,46 +30,46 @@ class FactorColumn:
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """(runs,) where it has a level."""
-        return np.array([one is not None for one in self.values], dtype=np.bool_)
+        """Mask (runs,) of the runs in which it has a level."""
+        return np.array([level is not None for level in self.values], dtype=np.bool_)
 
     @property
     def numeric(self) -> bool:
-        """Whether its levels are numbers; true and false are names."""
-        return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.values if one is not None)
+        """Whether its levels are numbers; true and false count as names."""
+        return all(isinstance(level, int | float) and not isinstance(level, bool) for level in self.values if level is not None)
 
     @property
     def levels(self) -> tuple[FactorLevel, ...]:
-        """Each level once: numbers rising, names in the order of the runs."""
-        seen = dict.fromkeys(one for one in self.values if one is not None)
-        return tuple(sorted(seen, key=float)) if self.numeric else tuple(seen)
+        """Each level once: numbers in ascending order, names in the order of the runs."""
+        distinct = dict.fromkeys(level for level in self.values if level is not None)
+        return tuple(sorted(distinct, key=float)) if self.numeric else tuple(distinct)
 
     @property
     def is_line(self) -> bool:
-        """Whether an analysis of variance takes it as a straight line."""
+        """Whether it enters an analysis of variance as a straight line."""
         return self.numeric and len(self.levels) > MAX_CATEGORIES
 
     def among(self, rows: NDArray[np.bool_]) -> FactorColumn:
-        """The same in some of the runs."""
-        return FactorColumn(self.name, tuple(one for one, kept in zip(self.values, rows, strict=True) if kept))
+        """The same factor in a selection of the runs."""
+        return FactorColumn(self.name, tuple(level for level, selected in zip(self.values, rows, strict=True) if selected))
 
     def numbers(self) -> NDArray[np.float64]:
         """Its values where it is active; only for a numeric factor."""
-        return np.array([float(one) for one in self.values if one is not None])
+        return np.array([float(level) for level in self.values if level is not None])
 
     def codes(self) -> NDArray[np.int64]:
-        """The place of each run's level among `levels`, where it is active."""
+        """Index of the level of each active run among `levels`."""
         place = {level: number for number, level in enumerate(self.levels)}
-        return np.array([place[one] for one in self.values if one is not None], dtype=np.int64)
+        return np.array([place[value] for value in self.values if value is not None], dtype=np.int64)
 
     def spread_out(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(runs, k) columns of the active runs, 0 elsewhere."""
+        """Columns of the active runs as (runs, k), 0 in inactive runs."""
         whole = np.zeros((len(self.values), columns.shape[1]))
         whole[self.active] = columns
         return whole
 
     def contrasts(self) -> NDArray[np.float64]:
-        """(runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0 where it is inactive."""
+        """Contrasts as (runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0 where inactive."""
         if self.is_line:
             numbers = self.numbers()
             return self.spread_out(((numbers - numbers.mean()) / numbers.std())[:, None])
@@ -102,14 +103,14 @@ class OmittedTerm:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """The terms that a design carries, those that it cannot, and for kept terms what they cannot be told from."""
+    """The terms that a design carries, those that it cannot, and for each carried term its aliases."""
 
-    kept: tuple[Term, ...]
+    carried: tuple[Term, ...]
     left_out: tuple[OmittedTerm, ...]
     shared: Mapping[str, tuple[str, ...]]
 
     def note(self, term: str) -> str:
-        """What a reader of this term's numbers must know; empty when there is nothing."""
+        """A warning for the reader of this term's numbers; empty where there is none."""
         others = self.shared.get(term, ())
         return f"cannot be told from {', '.join(others)}" if others else ""
 
@@ -120,16 +121,16 @@ def factor_columns(levels: Sequence[Mapping[str, FactorLevel | None]]) -> tuple[
     Raises ValueError where runs have different factors.
     """
     names = tuple(levels[0]) if levels else ()
-    if any(set(one) != set(names) for one in levels):
+    if any(set(run_levels) != set(names) for run_levels in levels):
         raise ValueError("every run must have a level of every factor")
-    return tuple(FactorColumn(name, tuple(one[name] for one in levels)) for name in names)
+    return tuple(FactorColumn(name, tuple(run_levels[name] for run_levels in levels)) for name in names)
 
 
 def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool = True) -> Terms:
     """Main effects in the given order, then two-way interactions, as far as the design determines them.
 
-    `points` is the number of independent units (design points, or runs where none is repeated). Of factors that vary
-    together the first is kept, and says what it cannot be told from.
+    `points` is the number of independent units (design points, or runs where none is repeated). Of factors that vary together
+    the first is carried, and its note names the others.
     """
     sorter = _TermSelection(factors)
     for factor in factors:
@@ -139,7 +140,7 @@ def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool
             sorter.take(Term((factor.name,), factor.contrasts()))
     if not interactions:
         return sorter.sorted()
-    mains = {term.name: term for term in sorter.kept}
+    mains = {term.name: term for term in sorter.carried}
     crossed = [_interaction(a, b) for a, b in itertools.combinations(mains.values(), 2)]
     room = points - 1 - sum(term.df for term in mains.values()) - MIN_RESIDUAL_DF
     if crossed and sum(term.df for term in crossed) > room:
@@ -151,10 +152,10 @@ def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool
 
 
 class _TermSelection:
-    """Keeps a term when its columns are not a combination of those that are kept already."""
+    """Carries a term when its columns are not a combination of those that are carried already."""
 
     def __init__(self, factors: Sequence[FactorColumn]) -> None:
-        self.kept: list[Term] = []
+        self.carried: list[Term] = []
         self._runs = len(factors[0].values) if factors else 0
         self._out: list[OmittedTerm] = []
         self._shared: dict[str, tuple[str, ...]] = {}
@@ -163,30 +164,30 @@ class _TermSelection:
         self._out.append(OmittedTerm(term, reason))
 
     def take(self, term: Term) -> None:
-        used = _columns_of(self._runs, self.kept)
+        used = _columns_of(self._runs, self.carried)
         if _rank(np.hstack([used, term.columns])) == used.shape[1] + term.df:
-            self.kept.append(term)
+            self.carried.append(term)
             return
         partners = self._partners(term)
-        names = ", ".join(one.name for one in partners)
-        whole = _rank(np.hstack([used, term.columns])) == used.shape[1]
-        self.out(term.name, f"{'aliased' if whole else 'in part aliased'} with {names}")
-        for one in partners:
-            self._shared[one.name] = (*self._shared.get(one.name, ()), term.name)
+        names = ", ".join(partner.name for partner in partners)
+        fully_aliased = _rank(np.hstack([used, term.columns])) == used.shape[1]
+        self.out(term.name, f"{'aliased' if fully_aliased else 'in part aliased'} with {names}")
+        for partner in partners:
+            self._shared[partner.name] = (*self._shared.get(partner.name, ()), term.name)
 
     def sorted(self) -> Terms:
-        return Terms(tuple(self.kept), tuple(self._out), dict(self._shared))
+        return Terms(tuple(self.carried), tuple(self._out), dict(self._shared))
 
-    def _partners(self, term: Term) -> list[Term]:
-        """The kept terms without which this one would be determined; all of them where no single one would do."""
+    def _partners(self, candidate: Term) -> list[Term]:
+        """The carried terms that the candidate is aliased with; all of them where no single one is responsible."""
 
         def free(others: Iterable[Term]) -> int:
             base = _columns_of(self._runs, others)
-            return _rank(np.hstack([base, term.columns])) - _rank(base)
+            return _rank(np.hstack([base, candidate.columns])) - _rank(base)
 
-        least = free(self.kept)
-        without = [one for one in self.kept if free([other for other in self.kept if other is not one]) > least]
-        return without or self.kept
+        lowest = free(self.carried)
+        partners = [term for term in self.carried if free([other for other in self.carried if other is not term]) > lowest]
+        return partners or self.carried
 
 
 def _interaction(first: Term, second: Term) -> Term:
@@ -199,7 +200,7 @@ def _columns_of(runs: int, terms: Iterable[Term]) -> NDArray[np.float64]:
 
 
 def design_matrix(terms: Sequence[Term], runs: int) -> tuple[NDArray[np.float64], dict[str, slice]]:
-    """The regression's columns, a constant first, and where each term's columns stand."""
+    """The columns of the regression, a constant first, and the slice of each term."""
     places, start = {}, 1
     for term in terms:
         places[term.name] = slice(start, start + term.df)
@@ -213,9 +214,9 @@ def _rank(columns: NDArray[np.float64]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class FactorIndependence:
-    """How far a design's factors vary together: the largest |Pearson r| of numeric ones, the largest Cramér's V of any two.
+    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest Cramér's V.
 
-    None where there are no two such factors. 0 is a balanced design; at 1 two factors cannot be told apart.
+    None where there are no two such factors. 0 means a balanced design; at 1 two factors cannot be told apart.
     """
 
     max_r: float | None
@@ -225,22 +226,22 @@ class FactorIndependence:
 
 
 def independence(factors: Sequence[FactorColumn]) -> FactorIndependence:
-    """Check a design's factors against each other, over the runs given."""
-    varied = [one for one in factors if len(one.levels) > 1]
-    lines = _varied_pairs([one for one in varied if one.numeric])
-    classed = _varied_pairs([one for one in varied if not one.is_line])
+    """Measure how far factors vary together over the given runs."""
+    varied = [factor for factor in factors if len(factor.levels) > 1]
+    lines = _varied_pairs([factor for factor in varied if factor.numeric])
+    classed = _varied_pairs([factor for factor in varied if not factor.is_line])
     r, r_pair = _largest((abs(float(np.corrcoef(a.numbers(), b.numbers())[0, 1])), (a.name, b.name)) for a, b in lines)
     v, v_pair = _largest((cramers_v(a, b), (a.name, b.name)) for a, b in classed)
     return FactorIndependence(r, r_pair, v, v_pair)
 
 
 def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColumn, FactorColumn]]:
-    """Each two over the runs in which both are active, where both vary there."""
+    """Every two factors over the runs in which both are active, where both vary there."""
     for a, b in itertools.combinations(factors, 2):
-        both = a.active & b.active
-        one, other = a.among(both), b.among(both)
-        if len(one.levels) > 1 and len(other.levels) > 1:
-            yield one, other
+        both_active = a.active & b.active
+        first, second = a.among(both_active), b.among(both_active)
+        if len(first.levels) > 1 and len(second.levels) > 1:
+            yield first, second
 
 
 def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
@@ -252,6 +253,6 @@ def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
     return float(np.sqrt(chi2 / (table.sum() * (min(table.shape) - 1))))
 
 
-def _largest(found: Iterable[tuple[float, tuple[str, str]]]) -> tuple[float | None, tuple[str, str] | None]:
-    pairs = list(found)
-    return max(pairs, key=lambda one: one[0]) if pairs else (None, None)
+def _largest(values: Iterable[tuple[float, tuple[str, str]]]) -> tuple[float | None, tuple[str, str] | None]:
+    pairs = list(values)
+    return max(pairs, key=lambda value: value[0]) if pairs else (None, None)

@@ -58,7 +58,7 @@ def scored(folder: Path) -> pl.DataFrame:
 def expected_stop(point: str, replicates: int, threshold: float = 0.5) -> int | None:
     """The rule applied to the lots themselves; the second replicate is never considered."""
     order = [replicate for replicate in range(1, replicates + 1) if replicate != 2]
-    after = StoppingRule(threshold).settled_after([passes(f"{point}-r{replicate}-fake") for replicate in order])
+    after = StoppingRule(threshold).decided_after([passes(f"{point}-r{replicate}-fake") for replicate in order])
     return None if after is None else order[after - 1]
 
 

@@ -123,10 +123,10 @@ def test_the_digest_follows_the_meaning(good: dict[str, Any]) -> None:
         (lambda d: d["observables"].append(leaf("O-1")), "O-1", "used twice"),
         (lambda d: d["key_attributes"][0]["children"].append("V-3"), "KA-1", "does not exist"),
         (lambda d: d["key_attributes"][0]["children"].append("V-1"), "KA-1", "2 times"),
-        (lambda d: d["key_attributes"][0]["children"].append("O-1"), "KA-1", "names observable O-1 as a child"),
+        (lambda d: d["key_attributes"][0]["children"].append("O-1"), "KA-1", "lists observable O-1 as a child"),
         (lambda d: d["vabs"][0].update(children=[]), "V-1", "has no children"),
         (lambda d: d["vabs"][1]["children"].append("KA-1"), "V-2", "key attribute KA-1 as a child"),
-        (lambda d: d["vabs"][1]["children"].append("KA-1"), "KA-1", "in a ring"),
+        (lambda d: d["vabs"][1]["children"].append("KA-1"), "KA-1", "form a cycle"),
         (lambda d: d["observables"][1].update(threshold=1.5), "O-2", "outside 0 to 1"),
         (lambda d: d["observables"][1].update(near_miss=-0.1, partial_credit=True), "O-2", "outside 0 to 1"),
         (lambda d: d["observables"][1].update(near_miss=0.1), "O-2", "without partial_credit"),
@@ -141,7 +141,7 @@ def test_the_digest_follows_the_meaning(good: dict[str, Any]) -> None:
         (lambda d: d["tables"].update(fog=row(ratings=[20, 20])), "fog", "do not rise"),
         (lambda d: d["tables"].update(fog=row(ratings=[0, 101])), "fog", "outside 0 to 100"),
         (lambda d: d["observables"][1].update(key_factors=[row(factor="snow")]), "O-2", "no key factor 'snow'"),
-        (lambda d: d["observables"][1].update(key_factors=[row(unit="m")]), "O-2", "is not that of the key factor"),
+        (lambda d: d["observables"][1].update(key_factors=[row(unit="m")]), "O-2", "is not the unit of the key factor"),
         (lambda d: d.update(study=["KA-3"]), "study", "no key attribute 'KA-3'"),
         (lambda d: d.update(study=["KA-1", "KA-1"]), "study", "studied twice"),
         (lambda d: d["observables"][0].update(measures="x"), "observables[0]", "unknown field"),
@@ -192,7 +192,7 @@ observables:
 
 
 def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() -> None:
-    """Rings, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node and mend of each."""
+    """Cycles, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node and remedy of each."""
     from bench.campaign import check_options
     from bench.simspec import FACTORS
 
@@ -203,16 +203,16 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
     expected = [
         ("bad.yaml:4: study", "no key attribute 'KA-9'"),
         ("bad.yaml:6: fog", "is not monotone"),
-        ("bad.yaml:6: fog", "the unit 'm' is not that"),
+        ("bad.yaml:6: fog", "the unit 'm' is not the unit"),
         ("bad.yaml:7: snow", "ratings of snow_level do not rise"),
         ("bad.yaml:7: snow", "no key factor 'snow_level'"),
-        ("bad.yaml:9: P", "P names VAB V-1 as a child"),
+        ("bad.yaml:9: P", "P lists VAB V-1 as a child"),
         ("bad.yaml:12: KA-2", "has no children"),
         ("bad.yaml:12: KA-2", "is an orphan"),
-        ("bad.yaml:14: V-1", "V-1 names VAB V-2 as a child"),
+        ("bad.yaml:14: V-1", "V-1 lists VAB V-2 as a child"),
         ("bad.yaml:15: V-2", "key attribute KA-1 as a child"),
-        ("bad.yaml", "in a ring: KA-1 -> V-1 -> V-2 -> KA-1"),
-        ("bad.yaml", "in a ring: V-1 -> V-2 -> V-1"),
+        ("bad.yaml", "form a cycle: KA-1 -> V-1 -> V-2 -> KA-1"),
+        ("bad.yaml", "form a cycle: V-1 -> V-2 -> V-1"),
         ("bad.yaml:17: O-1", "threshold 1.5"),
         ("bad.yaml:17: O-1", "'mood'"),
         ("bad.yaml:18: O-1", "used twice"),
@@ -226,7 +226,7 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
     assert all(fault.remedy for fault in caught.value.faults)
     lines = [int(where.split(":")[1]) for where, _ in told]
     assert lines == sorted(lines)
-    skipped = next(fault for fault in caught.value.faults if "names VAB V-1" in fault.what)
+    skipped = next(fault for fault in caught.value.faults if "lists VAB V-1" in fault.what)
     assert "put a key attribute between them" in skipped.remedy
 
 

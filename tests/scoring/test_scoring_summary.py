@@ -211,7 +211,7 @@ def test_nothing_flown_is_an_empty_table(asked: Decomposition) -> None:
 def test_a_realization_counts_once(asked: Decomposition) -> None:
     """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to mend."""
     found = hard(asked)
-    with pytest.raises(ValueError, match="'a' comes twice"):
+    with pytest.raises(ValueError, match="'a' appears twice"):
         score_table(asked, [run("a", found, {}), run("a", found, {})])
     with pytest.raises(SetupError, match="KA-77"):
         score_table(asked, [run("a", found, {})], study=["KA-77"])

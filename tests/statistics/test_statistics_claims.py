@@ -70,5 +70,5 @@ def test_what_is_no_count() -> None:
     """More passes than trials, and a share that no number of passes claims."""
     with pytest.raises(ValueError, match="3 of 2"):
         claim(3, 2)
-    with pytest.raises(ValueError, match="share of 1"):
+    with pytest.raises(ValueError, match="claim of 1"):
         further_passes_for_claim(1, 1, 1.0)

@@ -166,7 +166,7 @@ def test_the_number_of_pairs_has_its_power_and_no_more_than_needed() -> None:
     assert needed < smaller
     assert pairs_for_difference(0.1, 0.1) is None
     assert pairs_for_difference(0.0, 1.0) == 6  # 2 / 2**6 is the first below 0.05
-    with pytest.raises(ValueError, match="no shares"):
+    with pytest.raises(ValueError, match="not shares"):
         pairs_for_difference(0.7, 0.7)
 
 

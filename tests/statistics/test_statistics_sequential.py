@@ -40,8 +40,8 @@ def test_the_sequence_narrows_and_holds_the_exact_interval_of_its_end() -> None:
 def test_straight_runs_settle_it() -> None:
     """2^n / (n + 1) first reaches 20 at n = 8: so many straight passes, or failures, settle a threshold of one half."""
     rule = StoppingRule(0.5)
-    assert rule.settled_after([True] * 7) is None
-    assert rule.settled_after([True] * 30) == rule.settled_after([False] * 30) == 8
+    assert rule.decided_after([True] * 7) is None
+    assert rule.decided_after([True] * 30) == rule.decided_after([False] * 30) == 8
     assert (rule.verdict([True] * 8), rule.verdict([False] * 8), rule.verdict([True, False] * 20)) == (
         PassRateVerdict.ABOVE,
         PassRateVerdict.BELOW,
@@ -54,9 +54,9 @@ def test_straight_runs_settle_it() -> None:
 def test_a_verdict_rests_on_the_trials_up_to_it(first: list[bool], later: list[bool], threshold: float) -> None:
     """What comes after changes nothing, and the rule is that the sequence lies wholly on one side."""
     rule = StoppingRule(threshold)
-    after = rule.settled_after(first)
+    after = rule.decided_after(first)
     if after is not None:
-        assert rule.settled_after(first + later) == after
+        assert rule.decided_after(first + later) == after
         assert rule.verdict(first + later) == rule.verdict(first[:after])
     if first:
         low, high = confidence_sequence(first)
@@ -95,7 +95,7 @@ def test_after_stopping_the_exact_interval_misses_where_these_hold() -> None:
     """Points whose pass rate is the threshold, ended once settled at 80 % or after 300: how often their own trials deny the rate."""
     passed = np.random.default_rng(32).random((1000, 300)) < 0.5
     rule = StoppingRule(0.5, level=0.8)
-    ends = np.array([rule.settled_after(row) or 300 for row in passed])
+    ends = np.array([rule.decided_after(row) or 300 for row in passed])
     passes = np.cumsum(passed, axis=1)[np.arange(1000), ends - 1]
 
     def missed(low: np.ndarray, high: np.ndarray) -> float:
@@ -124,7 +124,7 @@ def test_a_point_that_stopped_lies_on_the_side_that_was_said() -> None:
     rng = np.random.default_rng(33)
     for rate, threshold in ((0.95, 0.7), (0.2, 0.5), (1.0, 0.9)):
         passed = rng.random(400) < rate
-        after = StoppingRule(threshold).settled_after(passed)
+        after = StoppingRule(threshold).decided_after(passed)
         assert after is not None
         low, high = pass_rate_bounds(passed[:after].sum(), after)
         assert threshold < low or high < threshold

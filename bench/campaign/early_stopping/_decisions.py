@@ -129,7 +129,7 @@ class StoppingDecisions:
             if passed is not None:
                 trials.append(passed)
                 trial_positions.append(position)
-        after = self._rule.settled_after(trials) if trials else None
+        after = self._rule.decided_after(trials) if trials else None
         if after is None:
             return None
         position = trial_positions[after - 1]
