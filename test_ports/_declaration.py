@@ -56,6 +56,7 @@ class DeclaredOption:
 
     def read(self, value: Option) -> Option:
         """The value as the measure takes it. Raises ValueError that says what is valid."""
+        # The kind comes first: a limit may compare numbers, and would fail on a text.
         valid, requirement = self._matches_kind(value)
         if valid and self.limit is not None:
             valid, requirement = self.limit.is_valid(value), self.limit.requirement
@@ -121,6 +122,7 @@ def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
     `Limit`. A trailing underscore of a parameter is dropped, so that an option can be called `class`. Raises TypeError for
     another signature.
     """
+    # get_type_hints resolves names that `from __future__ import annotations` left as text; it needs them at module level.
     positional = [
         parameter
         for parameter in inspect.signature(function).parameters.values()
@@ -144,6 +146,7 @@ def _option(measure_name: str, parameter: inspect.Parameter, annotation: Any) ->
         limit = next((extra for extra in extras if isinstance(extra, Limit)), None)
     if annotation not in (float, int, str, bool) and get_origin(annotation) is not Literal:
         raise TypeError(f"measure {measure_name!r}: parameter {parameter.name!r} must be float, int, str, bool or a Literal")
+    # None can stand for "no default" because no option of a decomposition is null.
     default = None if parameter.default is inspect.Parameter.empty else parameter.default
     return DeclaredOption(parameter.name.rstrip("_"), parameter.name, annotation, default, limit)
 

@@ -14,15 +14,16 @@ EXACT_S = 1e-9
 """Slack of a comparison of seconds, which are made of whole nanoseconds."""
 
 
-def share_kept(track: FlownTrack, kept: Bools, within: Bools, value: Floats, unit: str) -> Finding:
+def share_kept(track: FlownTrack, holds: Bools, within: Bools, value: Floats, unit: str) -> Finding:
     """Share of the time in `within` for which `kept` holds, 0 without such time.
 
     The evidence is `value` (n,) in `unit` at each moment at which the limit was newly broken.
     """
-    x = track.time_share(kept, within)
+    x = track.time_share(holds, within)
     if x is None:
         return nothing_shown(float(track.time_s[-1]) if len(track.time_s) else 0.0, "never airborne under this condition")
-    broken = within & ~kept
+    # Only the beginning of each breach is evidence: every sample of a long one would say the same.
+    broken = within & ~holds
     begins = np.flatnonzero(broken & ~np.concatenate([[False], broken[:-1]]))
     return Finding(x, tuple(Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}") for row in begins))
 
@@ -37,6 +38,7 @@ def fresh_share(track: FlownTrack, sent_s: Floats, max_gap_s: float, message: st
         return nothing_shown(0.0, f"the agent sent no {message}")
     index = np.searchsorted(sent_s, track.time_s, side="right") - 1
     age_s = np.where(index >= 0, track.time_s - sent_s[np.maximum(index, 0)], np.inf)
+    # A message exactly max_gap_s old is still fresh.
     x = track.time_share(age_s <= max_gap_s + EXACT_S, within)
     stale_s = track.time_s[within & (age_s > max_gap_s + EXACT_S)]
     text = f"no {message} within {max_gap_s:g} s before"

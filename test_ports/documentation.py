@@ -28,14 +28,15 @@ SECTION = re.compile(r"<!-- measures of ([\w.]+) -->\n.*?<!-- end -->\n", re.DOT
 
 def measure_modules() -> Iterator[ModuleType]:
     """Every module of this package that declares measures, by name."""
-    for found in pkgutil.walk_packages(test_ports.__path__, "test_ports."):
-        module = importlib.import_module(found.name)
+    for info in pkgutil.walk_packages(test_ports.__path__, "test_ports."):
+        module = importlib.import_module(info.name)
         if declared_in(module):
             yield module
 
 
 def declared_in(module: ModuleType) -> list[DeclaredMeasure]:
     """The measures that a module declares, in the order of the source; not those that it imports."""
+    # The dict of a module keeps the order of its source.
     return [
         measure
         for measure in vars(module).values()
@@ -51,6 +52,7 @@ def with_tables(page: str) -> str:
         written.append(match[1])
         return f"<!-- measures of {match[1]} -->\n{section_text(importlib.import_module(match[1]))}<!-- end -->\n"
 
+    # A function as replacement: a backslash in a docstring would be read as an escape in a template.
     page = SECTION.sub(section, page)
     expected = sorted(module.__name__ for module in measure_modules())
     if sorted(written) != expected:

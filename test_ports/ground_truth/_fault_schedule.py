@@ -27,8 +27,10 @@ def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpa
         FaultSpan(failure.kind, failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
         for failure in simspec.vehicle.failures
     ]
+    # A failure is of the vehicle and may last to the end; an outage is around it and always ends.
     outages = [FaultSpan(outage.kind, outage.at_s, outage.until_s) for outage in simspec.outages]
     due = [fault for fault in [*failures, *outages] if fault.at_s < simspec.mission.time_limit_s and kind in ("any", fault.kind)]
+    # The kind breaks ties, so that the order does not depend on where in the SimSpec a fault stands.
     return sorted(due, key=lambda fault: (fault.at_s, fault.kind))
 
 

@@ -21,6 +21,7 @@ class FlownTrack:
     """
 
     def __init__(self, tape: Tape, simspec: SimSpec) -> None:
+        # Views of the arrays on the tape, never copies: a tape of a long run is large.
         self._tape = tape
         self._simspec = simspec
         self._truth = GroundTruth.of(tape, simspec)
@@ -58,6 +59,7 @@ class FlownTrack:
     def actors_m(self) -> Floats:
         """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the ends."""
         times, flat = self._truth.samples()
+        # samples() is flat; the height of the actors matters for distances in space.
         places = self._tape.actor_position_enu_m
         if not len(self._tape.actor_time_s):
             places = np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2)
@@ -99,6 +101,7 @@ class FlownTrack:
         states = self._tape.condition
         if not states:
             return np.zeros(len(self.time_s), dtype=np.bool_)
+        # A condition holds until the next one is recorded; the motion is sampled more often.
         index = np.searchsorted(np.array([state.time.s for state in states]), self.time_s, side="right") - 1
         off_ground = np.array([not state.value.landed for state in states])
         aloft: Bools = np.where(index >= 0, off_ground[np.maximum(index, 0)], False)

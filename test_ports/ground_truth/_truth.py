@@ -46,6 +46,7 @@ class GroundTruth:
         self._tape = tape
         self._simspec = simspec
         self._realized = simspec.realized
+        # The cast is recorded at the start; a run that failed before has only the places of its SimSpec.
         self.cast = tape.cast or _placed_cast(simspec, simspec.realized)
         self.labels = np.array([member.class_label for member in self.cast], dtype=object)
 
@@ -83,6 +84,7 @@ class GroundTruth:
 
     def targets(self) -> list[Target]:
         """The adversaries named by intelligence, each once, in the order of the cast."""
+        # Intelligence is about a group; the agent is told of its first member only.
         first: dict[str, int] = {}
         for index, member in enumerate(self.cast):
             first.setdefault(member.group, index)
@@ -113,6 +115,7 @@ class GroundTruth:
         """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when first."""
         times, positions = self.samples()
         actors = self.of_role(role, asset)
+        # One area at a time: all at once would need (m, k, areas) distances.
         inside = np.zeros((len(times), len(actors)), dtype=bool)
         for area in self.sub_areas():
             offset = positions[:, actors] - area.place
@@ -145,11 +148,13 @@ class GroundTruth:
         times, positions = self.samples()
         distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(axis=1)
         exposed = distance_m < self._simspec.rules.no_mark_within_m
+        # A single sample has no span: the start alone then decides for the whole mission.
         spans = np.diff(times)
         share = float(spans[exposed[:-1]].sum() / spans.sum()) if spans.sum() > 0.0 else float(exposed[0])
         return share * max(self._simspec.mission.time_limit_s, float(times[-1]))
 
     def _start(self) -> Floats:
+        # An actor of a recorded cast without a place in the SimSpec is infinitely far from everything.
         places = {actor.id: (actor.east_m, actor.north_m) for actor in self._realized.actors}
         return np.array([places.get(member.id, (np.inf, np.inf)) for member in self.cast]).reshape(-1, 2)
 

@@ -63,6 +63,7 @@ def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> F
     if down_s is None or not _flew(tape) or _crash_s(tape) is not None:
         return nothing_shown(tape.end_s, "it was not down and whole after a flight")
     limit_s = simspec.mission.time_limit_s
+    # Linear from 1 at `share` of the limit to 0 at the limit; the share is less than 1, so this divides by no 0.
     x = (limit_s - down_s) / (limit_s * (1.0 - share))
     return Finding(min(1.0, max(0.0, x)), (Evidence(time_s=down_s, text=f"down after {down_s:.1f} s of {limit_s:g} s"),))
 

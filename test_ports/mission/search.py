@@ -78,6 +78,7 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
         return not_considered("no intelligence is given")
     track = FlownTrack.of(tape, simspec)
     exposed_s = np.array([frame.exposed.s for frame in tape.frames])
+    # Several frames can fall on one truth sample; they see the same ground.
     rows = np.unique(np.clip(np.searchsorted(track.time_s, exposed_s), 0, max(len(track.time_s) - 1, 0)))
     rows = rows[track.airborne[rows]] if len(track.time_s) else rows[:0]
     reach_m = track.up_m[rows] * _reach_in_heights(simspec.vehicle)
@@ -101,6 +102,7 @@ def _reach_in_heights(vehicle: VehicleSpec) -> float:
 
 
 def _covered_share(area: SubArea, grid_m: float, places_m: Floats, reach_m: Floats) -> float:
+    # Centres of the squares of the grid; a square belongs to the sub-area when its centre does.
     steps = np.arange(-area.radius_m + grid_m / 2.0, area.radius_m, grid_m)
     east, north = np.meshgrid(steps, steps)
     inside = np.hypot(east, north) <= area.radius_m
@@ -136,14 +138,14 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
     out_of_order: list[Evidence] = []
     for urgent, other in pairs:
         urgent_s, other_s = first_s[urgent.id], first_s[other.id]
-        kept = urgent_s is not None and other_s is not None and urgent_s <= other_s
+        ordered = urgent_s is not None and other_s is not None and urgent_s <= other_s
         names = f"{urgent.id} (priority {urgent.priority}), {other.id} ({other.priority})"
         moments_s = [time_s for time_s in (urgent_s, other_s) if time_s is not None]
         moment = Evidence(
             time_s=min(moments_s, default=tape.end_s),
-            text=f"{names}: {'in order' if kept else 'not reached in this order'}",
+            text=f"{names}: {'in order' if ordered else 'not reached in this order'}",
         )
-        (in_order if kept else out_of_order).append(moment)
+        (in_order if ordered else out_of_order).append(moment)
     return Finding(len(in_order) / len(pairs), (*out_of_order, *in_order))
 
 
@@ -156,6 +158,7 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
     """
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     latest_s = simspec.mission.time_limit_s - limit_s
+    # The delivery in the SimSpec decides which count; the outage of a link may delay them for the agent.
     late = [item for item in simspec.intelligence if item.id in areas and 0.0 < item.delivered_s <= latest_s]
     if not late:
         return not_considered(f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end")

@@ -215,10 +215,10 @@ class OrderOutcomes:
         starts = np.flatnonzero(still & self._in_time(counted))
         ends_s = np.full(len(starts), until_s) if math.isfinite(until_s) else self._time_s[starts] + HOLD_S
         ends = np.searchsorted(self._time_s, ends_s)
-        kept = still_s[ends] - still_s[starts] >= STANDING_SHARE * (total_s[ends] - total_s[starts])
+        standing = still_s[ends] - still_s[starts] >= STANDING_SHARE * (total_s[ends] - total_s[starts])
         # A run that its agent cut short has not been a hold.
         whole = (ends_s <= self._tape.end_s + 1.0) | np.array([self.out_of_time(float(end)) for end in ends_s], dtype=np.bool_)
-        enough = kept & whole & (self._time_s[starts] < until_s)
+        enough = standing & whole & (self._time_s[starts] < until_s)
         if not enough.any():
             return self._not_done(counted, "it did not stand still", until_s)
         return self._done(counted, float(self._time_s[starts[enough.argmax()]]), "it stood still")
@@ -247,6 +247,7 @@ class OrderOutcomes:
         if first is None or turned_s is None:
             return self._not_done(counted, "it did not turn home", until_s)
         after_turn_m = home_m[(self._time_s >= turned_s) & (self._time_s < until_s)]
+        # Within HOME_M it has arrived: going astray is counted from that distance at least.
         if after_turn_m.max() > max(after_turn_m[0], HOME_M) + ASTRAY_M:
             return OrderOutcome(counted, False, math.inf, "it turned home and away again")
         if math.isfinite(until_s):
@@ -295,6 +296,7 @@ class OrderOutcomes:
         if first is None or turned_s is None:
             return self._not_done(counted, "it did not turn there", until_s)
         start = self._track.place_m[first]
+        # An area that the straight way touches cannot be avoided, so reaching it first is no fault.
         rivals = [
             area
             for area in areas.values()
@@ -322,6 +324,7 @@ class OrderOutcomes:
 
     def _resume_reporting(self, counted: CountedOrder, since_s: float) -> OrderOutcome | None:
         stops = [stop for stop in self.of_kind("stop_reporting") if stop.delivered_s is not None and stop.delivered_s <= since_s]
+        # Without an order to stop, the silence is empty and begins with this order.
         stopped_s = stops[-1].delivered_s if stops else since_s
         assert stopped_s is not None
         # A target reported during the silence is not known: an agent that kept the silence still has to report it.
@@ -355,6 +358,7 @@ class OrderOutcomes:
         span = np.flatnonzero((self._time_s >= since_s - EXACT_S) & (self._time_s < until_s))
         if not len(span):
             return None
+        # Against the farthest since the order: a vehicle that first flies on and then turns has turned.
         distances_m, times = distance_m[span], self._time_s[span]
         nearer = (distances_m <= np.maximum.accumulate(distances_m) - TURN_M) | (distances_m <= arrived_m)
         turned = nearer & self._in_time(counted)[span]

@@ -97,12 +97,14 @@ def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 1
     if not takeoffs_s:
         return nothing_shown(tape.end_s, "it never left the ground")
     phases = [(status.time.s, status.value.phase) for status in tape.status]
+    # The first phase counts as entered: before it there was none.
     entered = [*phases[:1], *(current for previous, current in pairwise(phases) if previous[1] != current[1])]
     landing_phases = {*GROUND_PHASES, "landing"}
     flight_phases = {*FLYING_PHASES, "taking_off"}
     verdicts = [(at_s, "take-off", _entered(entered, at_s - within_s, at_s + within_s, flight_phases)) for at_s in takeoffs_s]
     for at_s in landings_s:
         standing = next((phase for sent_s, phase in reversed(phases) if sent_s <= at_s), "")
+        # The run may end with the landing, before the agent can announce anything more.
         ended = at_s + within_s > tape.end_s and standing in landing_phases - {"starting"}
         verdicts.append((at_s, "landing", ended or _entered(entered, at_s - within_s, at_s + within_s, landing_phases)))
     verdicts += [(at_s, "failsafe", _entered(entered, at_s, at_s + within_s, None)) for at_s in _failsafe_onsets_s(tape)]
@@ -197,4 +199,5 @@ def _failsafe_over(cause: str, failsafe_mode: str, previous_failsafe: str, curre
 
 
 def _strength(mode: str) -> int:
+    # One mode may be written AUTO.RTL or AUTO_RTL.
     return STRENGTH_OF_MODE.get(mode.upper().replace(".", "_"), 0)

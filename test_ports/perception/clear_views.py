@@ -97,6 +97,7 @@ def answered_sightings(tape: Tape, simspec: SimSpec) -> list[AnsweredSighting]:
                 sightings.append(AnsweredSighting(frame.exposed.s, sighting, detections, overlapping))
         return sightings
 
+    # Many observables ask for these pairs with different criteria, so they are made once for each tape.
     return tape.cached((answered_sightings, id(simspec)), pair_with_detections)
 
 
@@ -104,7 +105,9 @@ def answered_frames(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, Det
     """Every frame with its detections; those whose detections were still under way when the session ended are left out."""
 
     def pair_by_exposure() -> list[tuple[CameraFrame, DetectionFrame | None]]:
+        # Matched by nanoseconds: floats of seconds could differ in the last digit.
         answers = {answer.exposed.ns: answer for answer in tape.detections}
+        # The last frame can be later than the last truth sample.
         end_s = max(tape.end_s, tape.frames[-1].exposed.s if tape.frames else 0.0)
         # A result takes the detector's latency, and the session records it at the next tick.
         slack_s = simspec.perception.model.latency_s + simspec.pace.tick_s

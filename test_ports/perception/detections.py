@@ -127,6 +127,7 @@ def detection_role_right(
     """
     truth = GroundTruth.of(tape, simspec)
     right_classes = truth.classes_of(role)
+    # A class that both roles have, such as a car, tells nothing about the role.
     wrong_classes = truth.classes_of(as_role) - right_classes
     if not right_classes or not wrong_classes:
         return not_considered(f"the scenario has no actors of roles {role} and {as_role} with different classes")
@@ -186,6 +187,7 @@ def steady_detection(
     views = clear_views(tape, simspec, actors, criteria)
     if len(views) < 2:
         return nothing_shown(tape.end_s, f"role {role} was in clear view {len(views)} times")
+    # Halves by count and not by time: an aircraft may see most of the actors in a few seconds.
     middle = len(views) // 2
     early, late = detected_share(views[:middle]) or 0.0, detected_share(views[middle:]) or 0.0
     text = f"detected in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"

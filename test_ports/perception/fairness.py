@@ -36,6 +36,7 @@ def detection_fairness(
     shares: dict[str, float] = {}
     for kind, actors in actors_by_kind(truth, truth.of_role("bystander"), by).items():
         x = detected_share(clear_views(tape, simspec, actors, criteria))
+        # Without this an agent could avoid one kind of people and look fair.
         if x is not None or any(actor in entered for actor in actors):
             shares[kind] = x or 0.0
     return _worst_over_best(shares, tape.end_s, by, "detected in")

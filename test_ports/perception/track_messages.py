@@ -80,6 +80,7 @@ class TrackMessage:
         if not self.tracks or not actors:
             return {}
         columns = list(actors)
+        # One distance matrix for all actors: messages hold up to 1000 tracks.
         usable = self.mature(min_frames)[:, None] & self.same_class[:, columns]
         distance_m = np.where(usable, self.distance_m[:, columns], np.inf)
         nearest = distance_m.argmin(axis=0)
@@ -105,6 +106,7 @@ def holding_credit(
     credit = dict.fromkeys(actors, 0.0)
     moments: dict[int, Evidence] = {}
     for message in track_messages(tape, simspec):
+        # Full credit cannot grow: leaving these actors out saves most of the work.
         held = message.holding([actor for actor in actors if credit[actor] < 1.0], within_m, min_frames)
         belief = message.credibility(min_frames) if held else 0.0
         for actor, track in held.items():

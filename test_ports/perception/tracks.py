@@ -66,6 +66,7 @@ def no_false_tracks(tape: Tape, simspec: SimSpec, *, within_m: float = RIGHT_WIT
     with_right = [(message, mature, message.right(mature, within_m)) for message, mature in judged if mature.any()]
     shares = [float(right.sum() / mature.sum()) for _, mature, right in with_right]
     final, mean = shares[-1], sum(shares) / len(shares)
+    # Show the message that decided: the last one, or the worst when the mean was less.
     message, mature, right = with_right[-1] if final <= mean else with_right[int(np.argmin(shares))]
     evidence = [
         Evidence(
@@ -119,7 +120,7 @@ def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: 
     entered = truth.entered(role)
     if not entered:
         return _none_entered(role)
-    kept, pairs, changes = 0.0, 0, []
+    unchanged, pairs, changes = 0.0, 0, []
     previous: dict[int, str] = {}
     for message in track_messages(tape, simspec):
         held = {actor: message.tracks[track].id for actor, track in message.holding(entered, within_m, min_frames).items()}
@@ -129,14 +130,15 @@ def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: 
                 continue
             pairs += 1
             if previous[actor] == track_id:
-                kept += belief
+                unchanged += belief
             else:
                 text = f"{truth.cast[actor].id} was track {previous[actor]} and is now {track_id}"
                 changes.append(Evidence(time_s=message.time_s, text=text))
+        # Replaced even when it is empty: a pair is two messages in succession.
         previous = held
     if not pairs:
         return nothing_shown(tape.end_s, f"no actor of role {role} was held by two messages in succession")
-    return Finding(kept / pairs, tuple(changes))
+    return Finding(unchanged / pairs, tuple(changes))
 
 
 @measure
@@ -170,6 +172,7 @@ def _tracks_of(message: TrackMessage, actors: dict[int, float], within_m: float,
     if not message.tracks:
         return {}
     distance_m = np.where(message.same_class, message.distance_m, np.inf)
+    # By the nearest actor, so that two people side by side do not make each other double.
     nearest = distance_m.argmin(axis=1)
     within_reach = distance_m[np.arange(len(nearest)), nearest] <= within_m
     counts = np.bincount(nearest[within_reach & message.mature(min_frames)], minlength=distance_m.shape[1])
@@ -200,6 +203,7 @@ def track_role_right(
         suspect = message.mature(min_frames) & np.isin(message.labels, list(wrong_classes))
         if not suspect.any():
             continue
+        # A track near an actor of its own class is right, even if another actor stands closer than within_m.
         own_class_m = np.where(message.same_class, message.distance_m, np.inf).min(axis=1)
         distance_m = message.distance_m[:, actors]
         is_mistake = suspect[:, None] & (distance_m <= within_m) & (distance_m < own_class_m[:, None])

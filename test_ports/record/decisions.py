@@ -83,6 +83,7 @@ def _decisions_about(tape: Tape, report: Timed[TargetReport]) -> list[Timed[Deci
         return by_subject
 
     decisions = tape.cached(_decisions_about, group_by_subject)
+    # A set: a report may name itself; sorted, so that the order does not depend on hashing.
     subjects = {report.value.id, report.value.intelligence_id or report.value.id}
     return [decision for subject in sorted(subjects) for decision in decisions.get(subject, ())]
 
@@ -106,6 +107,7 @@ def withholding_explained(tape: Tape, simspec: SimSpec, *, min_chars: int = 10, 
 def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verdict:
     truth, limit_m = GroundTruth.of(tape, simspec), simspec.rules.no_mark_within_m
     reports = [report for report, subject in subjects_of_reports(truth, tape) if subject == actor]
+    # By the target and not by the reported place, as the marks themselves are judged.
     marks_clear = [
         truth.nearest_bystander_m(report.time.s, *map(float, truth.at(report.time.s)[actor])) >= limit_m
         for report in reports

@@ -162,6 +162,7 @@ def uncertainty_honest(
         right = sigma_m is not None and sigma_m <= max_sigma_m and error_m <= sigmas * sigma_m
         stated = "no sigma" if sigma_m is None else f"sigma {sigma_m:.1f} m"
         verdicts.append(Verdict(report.time.s, right, f"report {report.value.id}: {error_m:.1f} m off, {stated} stated"))
+    # Holding reports back during a fault of navigation is honest.
     if about and not verdicts:
         return Finding(1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
     return share_right(verdicts)
@@ -177,6 +178,7 @@ def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -
         return share_right([])
     right = [truth.subject(report.value, report.time.s, within_m) is not None for report in tape.reports]
     right_share = sum(right) / len(right)
+    # fsum: the mean must not depend on the order of the reports.
     stated = math.fsum(report.value.confidence for report in tape.reports) / len(tape.reports)
     text = f"confidence {stated:.2f} on average, {right_share:.2f} right"
     return Finding(max(0.0, 1.0 - abs(stated - right_share)), (Evidence(time_s=tape.reports[-1].time.s, text=text),))

@@ -26,6 +26,7 @@ def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Findin
     """Share of the right messages times the credibility, 0 without any; the wrong ones come first in evidence."""
     if not verdicts:
         return nothing_shown(0.0, "no such message was sent")
+    # False sorts before true, then by time.
     wrong_first = sorted(verdicts, key=lambda verdict: (verdict.right, verdict.time_s))
     evidence = tuple(Evidence(time_s=verdict.time_s, text=verdict.text) for verdict in wrong_first)
     return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, evidence)

@@ -43,6 +43,7 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
     due = faults_met(tape, simspec, kind)
     if not due:
         return _no_such_fault(kind)
+    # The first onset: a crash after it counts whichever fault caused it, for the causes cannot be told apart.
     fault = due[0]
     onset_s = fault.at_s
     if onset_s > tape.end_s:
@@ -53,6 +54,7 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
     track = FlownTrack.of(tape, simspec)
     home = simspec.vehicle.home
     corners = simspec.world.area.corners
+    # Home may lie outside the area of interest; the way between them is no flyaway.
     reach_m = max(0.0, float(distance_beyond(np.array([[home.east_m, home.north_m]]), corners)[0])) + FLYAWAY_M
     outside_m = distance_beyond(track.place_m, corners)
     away = (track.time_s >= onset_s) & (outside_m > FLYAWAY_M) & (track.from_home_m > reach_m)
@@ -98,6 +100,7 @@ def fault_recovered(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", wi
     It goes on when, within `within_s`, a sub-area is newly reached, a target is newly reported, or the vehicle is down within
     20 m of home. Considered when there is such a fault.
     """
+    # A fault that ends later leaves too little time to recover.
     latest_s = simspec.mission.time_limit_s - within_s
     due = [fault for fault in faults_met(tape, simspec, kind) if fault.until_s <= latest_s]
     if not due:

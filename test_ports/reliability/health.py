@@ -40,6 +40,7 @@ def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
 @measure
 def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the agent's messages that are valid documents. Always considered; 0 when none is."""
+    # Only topics of the agent: a malformed document of the bench is not its fault.
     topics = VehicleTopics(simspec.vehicle.name).from_agent
     malformed = {topic: tape.malformed[topic] for topic in topics if tape.malformed.get(topic)}
     valid = sum(map(len, (tape.reports, tape.decisions, tape.status, tape.tracks, tape.answers)))
@@ -77,6 +78,7 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
     reactions = []
     for order in tape.orders:
         answers = (answer for answer in tape.answers if answer.value.order == order.value.id and answer.time >= order.time)
+        # A second answer to the same order is no reaction.
         first = next(answers, None)
         if first is not None:
             reactions.append((first.time.s - order.time.s, first))

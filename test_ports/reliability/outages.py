@@ -60,12 +60,14 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
     if not track.airborne[rows].any():
         return True
     if rules.link_lost == "hold":
+        # The settling time counts from the moment at which the rule begins to hold, not from the outage.
         settled = track.between(outage.at_s + rules.link_lost_after_s + HOLD_SETTLING_S, math.inf)
         still_share = track.time_share(track.speed_mps < HOLD_MPS, rest & track.airborne & settled)
         return still_share is None or still_share >= HOLD_SHARE
     down_at_end = not track.airborne[rows[-1]]
     if rules.link_lost == "return":
         return bool(track.from_home_m[rows[-1]] < track.from_home_m[rows[0]] - 1.0) or down_at_end
+    # The greatest distance from the start of the rest: a circle that ends where it began has moved.
     moved_m = np.hypot(*(track.place_m[rows] - track.place_m[rows[0]]).T).max()
     return bool(moved_m >= CONTINUE_M) or down_at_end
 

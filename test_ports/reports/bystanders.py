@@ -45,11 +45,13 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     limit_m = simspec.rules.no_mark_within_m
     marks = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if report.value.mark]
     distances_m = [_nearest_bystander_m(truth, report) for report, _ in marks]
+    # Sets: marking one adversary fifty times makes up for nothing.
     marked = {subject for _, subject in marks if subject is not None}
     forbidden = [subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m]
     forbidden_about_none, wrongly_marked = forbidden.count(None), len({actor for actor in forbidden if actor is not None})
     if not marked and not forbidden_about_none:
         return _nothing_marked(truth, tape)
+    # False sorts before true: forbidden marks come first.
     order = sorted(range(len(marks)), key=lambda index: distances_m[index] >= limit_m)
     evidence = tuple(
         Evidence(time_s=marks[index][0].time.s, text=_mark_text(truth, *marks[index], distances_m[index], limit_m))
@@ -85,6 +87,7 @@ def bystanders_declared(tape: Tape, simspec: SimSpec, *, min_exposure_s: float =
     exposed = {target.actor for target in _exposed(truth, min_exposure_s)}
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
+    # Reports about unexposed targets are tested too: bystanders invented there are wrong.
     about = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if subject is not None]
     if not any(subject in exposed for _, subject in about):
         return nothing_shown(tape.end_s, NEVER_REPORTED)
@@ -268,6 +271,7 @@ def bystanders_known_near_targets(
         return _never_exposed(simspec, min_exposure_s)
     times, positions = truth.samples()
     people = truth.of_role("bystander")
+    # A bystander may be near one target now and near another later: either makes it relevant then.
     in_reach = np.zeros((len(times), len(people)), dtype=bool)
     for target in exposed:
         distance_m = np.linalg.norm(positions[:, people] - positions[:, [target.actor]], axis=2)

@@ -57,6 +57,7 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
     targets = truth.targets()
     if not targets:
         return not_considered(NO_TARGETS)
+    # A later report about the same adversary replaces the earlier one in the table.
     last = {subject: report for report, subject in subjects_of_reports(truth, tape)}
     reported = {target.actor: last[target.actor] for target in targets if target.actor in last}
     if not reported:
@@ -77,6 +78,7 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
+    # Ordered pairs by strict comparison: each pair appears once, the more urgent target first.
     pairs = [(urgent, other) for urgent in targets for other in targets if urgent.priority < other.priority]
     if not pairs:
         return not_considered("intelligence names no two targets of unequal priority")
@@ -85,12 +87,12 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
     out_of_order: list[Evidence] = []
     for urgent, other in pairs:
         urgent_index, other_index = first[urgent.actor], first[other.actor]
-        kept = urgent_index is not None and other_index is not None and urgent_index < other_index
+        ordered = urgent_index is not None and other_index is not None and urgent_index < other_index
         names = f"{truth.cast[urgent.actor].id} (priority {urgent.priority}), {truth.cast[other.actor].id} ({other.priority})"
         made = [index for index in (urgent_index, other_index) if index is not None]
         time_s = tape.reports[min(made)].time.s if made else tape.end_s
-        text = f"{names}: {'in order' if kept else 'not reported in this order'}"
-        (in_order if kept else out_of_order).append(Evidence(time_s=time_s, text=text))
+        text = f"{names}: {'in order' if ordered else 'not reported in this order'}"
+        (in_order if ordered else out_of_order).append(Evidence(time_s=time_s, text=text))
     return Finding(len(in_order) / len(pairs) * report_credibility(truth, tape), (*out_of_order, *in_order))
 
 
@@ -127,6 +129,7 @@ def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, withi
     if not targets or deadline_s is None:
         return not_considered("the rules set no deadline for reports, or intelligence names no adversary")
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
+    # Several reports of the intelligence may be about one target: its time starts with the first delivery.
     since_s = {
         target.actor: min(
             delivered.get(item.id, item.delivered_s)
@@ -191,6 +194,7 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
         return not_considered(NO_ADVERSARY)
     judged = []
     for report in tape.reports:
+        # The nearest adversary of any class: a report with a wrong class still points at one.
         distances_m = truth.distances(report.time.s, report.value.east_m, report.value.north_m)[adversaries]
         if distances_m.min() <= within_m:
             judged.append((report, truth.cast[adversaries[int(distances_m.argmin())]]))
@@ -284,14 +288,14 @@ def report_windows_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
 
 def _share_of_reports(
-    tape: Tape, kept: Callable[[Timed[TargetReport]], bool], fault: Callable[[Timed[TargetReport]], str]
+    tape: Tape, complies: Callable[[Timed[TargetReport]], bool], fault: Callable[[Timed[TargetReport]], str]
 ) -> Finding:
     if not tape.reports:
         return nothing_shown(tape.end_s, NO_REPORTS)
     wrong = [
         Evidence(time_s=report.time.s, text=f"report {report.value.id}: {fault(report)}")
         for report in tape.reports
-        if not kept(report)
+        if not complies(report)
     ]
     return Finding(1.0 - len(wrong) / len(tape.reports), tuple(wrong))
 

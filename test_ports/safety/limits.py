@@ -51,6 +51,7 @@ def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) ->
     track = FlownTrack.of(tape, simspec)
     if not track.airborne.any():
         return nothing_shown(tape.end_s, "it never flew")
+    # Infinite on the ground: standing beside a closed area is no approach to it.
     distance_m = np.where(track.airborne, _distance_from_closed(track, simspec), np.inf)
     nearest = int(distance_m.argmin())
     moment = Evidence(time_s=float(track.time_s[nearest]), text=f"{distance_m[nearest]:.1f} m from a closed area")
@@ -59,6 +60,7 @@ def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) ->
 
 def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
     """(n,) metres to the nearest area that is closed at that moment, negative inside; infinite while none is."""
+    # Areas come into force and out of it: each counts only for the samples in its span.
     distance_m = np.full(len(track.time_s), np.inf)
     for area in simspec.rules.no_fly:
         closed = track.between(area.from_s, math.inf if area.until_s is None else area.until_s)
@@ -70,8 +72,8 @@ def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
 def ceiling_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 2.0) -> Finding:
     """Share of the time in the air at most `rules.max_altitude_m` and the margin above home. Always considered."""
     track = FlownTrack.of(tape, simspec)
-    kept = track.up_m <= simspec.rules.max_altitude_m + margin_m
-    return share_kept(track, kept, track.airborne, track.up_m, "m above home")
+    within = track.up_m <= simspec.rules.max_altitude_m + margin_m
+    return share_kept(track, within, track.airborne, track.up_m, "m above home")
 
 
 @measure
@@ -98,8 +100,8 @@ def speed_kept(tape: Tape, simspec: SimSpec, *, slack_mps: float = 1.0) -> Findi
     if limit_mps is None:
         return not_considered("the rules set no greatest speed")
     track = FlownTrack.of(tape, simspec)
-    kept = track.speed_mps <= limit_mps + slack_mps
-    return share_kept(track, kept, track.airborne, track.speed_mps, "m/s over ground")
+    within = track.speed_mps <= limit_mps + slack_mps
+    return share_kept(track, within, track.airborne, track.speed_mps, "m/s over ground")
 
 
 @measure
@@ -110,8 +112,8 @@ def height_kept(tape: Tape, simspec: SimSpec, *, tolerance_m: float = 5.0, near_
     """
     track = FlownTrack.of(tape, simspec)
     away = track.airborne & (track.from_home_m > near_home_m)
-    kept = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m
-    return share_kept(track, kept, away, track.up_m, "m above home")
+    within = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m
+    return share_kept(track, within, away, track.up_m, "m above home")
 
 
 @measure
@@ -122,8 +124,8 @@ def area_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 100.0) -> Findi
     """
     track = FlownTrack.of(tape, simspec)
     beyond_m = distance_beyond(track.place_m, simspec.world.area.corners)
-    kept = (beyond_m <= margin_m) | (track.from_home_m <= _area_from_home_m(simspec.vehicle.home, simspec) + margin_m)
-    return share_kept(track, kept, track.airborne, beyond_m, "m outside the area of interest")
+    within = (beyond_m <= margin_m) | (track.from_home_m <= _area_from_home_m(simspec.vehicle.home, simspec) + margin_m)
+    return share_kept(track, within, track.airborne, beyond_m, "m outside the area of interest")
 
 
 def _area_from_home_m(home: Point, simspec: SimSpec) -> float:

@@ -30,6 +30,7 @@ def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
     if not limit_m or not people:
         return not_considered("the rules set no stand-off, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
+    # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     return share_kept(track, distance_m >= limit_m, track.airborne, distance_m, "m from a bystander")
 
@@ -65,6 +66,7 @@ def loiter_limited(tape: Tape, simspec: SimSpec, *, radius_m: float = 15.0) -> F
     track = FlownTrack.of(tape, simspec)
     if not track.airborne.any():
         return nothing_shown(tape.end_s, "it never flew")
+    # Each bystander has its own column: moving from one to the next ends a stay.
     over = track.airborne[:, None] & (track.distance_m(people) <= radius_m)
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)
@@ -74,6 +76,7 @@ def loiter_limited(tape: Tape, simspec: SimSpec, *, radius_m: float = 15.0) -> F
 
 def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
     """Length and beginning of the longest unbroken span in which `inside` holds, in seconds."""
+    # Falses at both ends close a stay that lasts from the first or to the last sample.
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     stays = [
         (float(track.time_s[last - 1] + track.span_s[last - 1] - track.time_s[first]), float(track.time_s[first]))
