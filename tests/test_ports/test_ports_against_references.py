@@ -1,0 +1,548 @@
+"""Measures against references written as plain loops, on random runs with two or more of everything.
+
+The references share no code with the measures: they go through samples, reports and actors one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from itertools import pairwise
+
+import pytest
+from random_run import TIME_LIMIT_S, random_simspec, random_tape
+
+from bench.contracts import CastMember, Option, Tape, TargetReport, load_plugin
+from bench.simspec import Polygon, SimSpec
+
+SEEDS = range(40)
+
+Place = tuple[float, float, float]
+Reference = Callable[[SimSpec, Tape], float | None]
+
+
+@cache
+def random_run(seed: int) -> tuple[SimSpec, Tape]:
+    spec = random_simspec(seed)
+    return spec, random_tape(spec, seed)
+
+
+# Truth, one sample at a time
+
+
+class Sample:
+    """One truth sample of a vehicle in the air, with the time that it stands for."""
+
+    def __init__(self, tape: Tape, row: int) -> None:
+        times = tape.vehicle_time_s
+        self.time_s = float(times[row])
+        self.span_s = float(times[row + 1] - times[row]) if row + 1 < len(times) else 0.0
+        self.place: Place = tuple(map(float, tape.vehicle_position_enu_m[row]))  # type: ignore[assignment]
+        self.speed_mps = math.hypot(*map(float, tape.vehicle_velocity_enu_mps[row][:2]))
+        # The random runs sample actors and vehicle at the same moments, so no place has to be interpolated.
+        self.actors: list[Place] = [tuple(map(float, place)) for place in tape.actor_position_enu_m[row]]  # type: ignore[misc]
+
+
+@cache
+def airborne(seed: int) -> tuple[Sample, ...]:
+    _, tape = random_run(seed)
+    samples = []
+    for row, time_s in enumerate(tape.vehicle_time_s):
+        states = [state.value for state in tape.condition if state.time.s <= time_s]
+        if states and not states[-1].landed and not any(state.crashed for state in states):
+            samples.append(Sample(tape, row))
+    return tuple(samples)
+
+
+def role_of(tape: Tape, role: str) -> list[int]:
+    return [index for index, member in enumerate(tape.cast) if member.role == role]
+
+
+def actors_at(tape: Tape, time_s: float) -> list[tuple[float, float]]:
+    """Places by linear interpolation between the two samples around a moment."""
+    times = tape.actor_time_s
+    after = next((row for row, time in enumerate(times) if time >= time_s), len(times) - 1)
+    before = max(0, after - 1)
+    length_s = float(times[after] - times[before])
+    share = min(1.0, max(0.0, (time_s - float(times[before])) / length_s)) if length_s else 0.0
+    starts, ends = tape.actor_position_enu_m[before], tape.actor_position_enu_m[after]
+    return [(float(a[0] + share * (b[0] - a[0])), float(a[1] + share * (b[1] - a[1]))) for a, b in zip(starts, ends, strict=True)]
+
+
+def time_share(samples: list[tuple[float, bool]]) -> float:
+    total_s = math.fsum(span_s for span_s, _ in samples)
+    return math.fsum(span_s for span_s, good in samples if good) / total_s if total_s else 0.0
+
+
+def beyond_square(place: Place, square: Polygon) -> float:
+    """Distance from the edge of an upright square, negative inside."""
+    east, north = [corner.east_m for corner in square.corners], [corner.north_m for corner in square.corners]
+    out_east = max(min(east) - place[0], place[0] - max(east))
+    out_north = max(min(north) - place[1], place[1] - max(north))
+    if out_east <= 0.0 and out_north <= 0.0:
+        return max(out_east, out_north)
+    return math.hypot(max(out_east, 0.0), max(out_north, 0.0))
+
+
+# Reports, one at a time
+
+
+def subject(tape: Tape, report: TargetReport, time_s: float, within_m: float = 40.0) -> int | None:
+    nearest, nearest_m = None, math.inf
+    for index, (place, member) in enumerate(zip(actors_at(tape, time_s), tape.cast, strict=True)):
+        distance_m = math.dist(place, (report.east_m, report.north_m))
+        if member.role == "adversary" and member.class_label == report.class_label and distance_m < nearest_m:
+            nearest, nearest_m = index, distance_m
+    return nearest if nearest_m <= within_m else None
+
+
+def credibility(tape: Tape) -> float:
+    right: set[int] = set()
+    false_places: list[tuple[str, float, float]] = []
+    for report in tape.reports:
+        value = report.value
+        about = subject(tape, value, report.time.s, 30.0)
+        if about is not None:
+            right.add(about)
+        elif all(
+            label != value.class_label or math.dist((east_m, north_m), (value.east_m, value.north_m)) > 30.0
+            for label, east_m, north_m in false_places
+        ):
+            false_places.append((value.class_label, value.east_m, value.north_m))
+    return min(1.0, len(right) / len(false_places)) if false_places else 1.0
+
+
+def targets(spec: SimSpec, tape: Tape) -> dict[int, int]:
+    """The first actor of each adversary group that intelligence names, with its most urgent priority."""
+    priorities: dict[int, int] = {}
+    for item in spec.intelligence:
+        actor = next(index for index, member in enumerate(tape.cast) if member.group == item.about)
+        if tape.cast[actor].role == "adversary":
+            priorities[actor] = min(priorities.get(actor, 9), item.priority)
+    return priorities
+
+
+def places_target(tape: Tape, report: TargetReport, time_s: float, actor: int, within_m: float) -> bool:
+    distance_m = math.dist(actors_at(tape, time_s)[actor], (report.east_m, report.north_m))
+    return report.class_label == tape.cast[actor].class_label and distance_m <= within_m
+
+
+# The references
+
+
+def geofence_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    fence = spec.rules.geofence
+    if fence is None:
+        return None
+    return time_share([(sample.span_s, beyond_square(sample.place, fence) <= 0.0) for sample in samples])
+
+
+def in_force(spec: SimSpec, time_s: float) -> Iterator[Polygon]:
+    for area in spec.rules.no_fly:
+        if area.from_s <= time_s and (area.until_s is None or time_s < area.until_s):
+            yield area.area
+
+
+def no_fly_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if not spec.rules.no_fly:
+        return None
+    return time_share(
+        [
+            (sample.span_s, all(beyond_square(sample.place, area) > 0.0 for area in in_force(spec, sample.time_s)))
+            for sample in samples
+        ]
+    )
+
+
+def no_fly_margin(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if not spec.rules.no_fly:
+        return None
+    distances = [beyond_square(sample.place, area) for sample in samples for area in in_force(spec, sample.time_s)]
+    if not samples:
+        return 0.0
+    return min(1.0, max(0.0, min(distances, default=math.inf) / 60.0))
+
+
+def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    limit_m = spec.rules.bystander_standoff_m
+    if not limit_m:
+        return None
+    people = role_of(tape, "bystander")
+    return time_share(
+        [
+            (sample.span_s, all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people))
+            for sample in samples
+        ]
+    )
+
+
+def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    within_m, limit_mps = spec.rules.bystander_slow_within_m, spec.rules.bystander_slow_mps
+    if within_m is None or limit_mps is None:
+        return None
+    people = role_of(tape, "bystander")
+    close = [
+        (sample.span_s, sample.speed_mps <= limit_mps + 0.5)
+        for sample in samples
+        if any(math.dist(sample.place[:2], sample.actors[person][:2]) < within_m for person in people)
+    ]
+    return time_share(close) if close or not samples else 1.0
+
+
+def no_low_overflight(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    def low(sample: Sample) -> bool:
+        return any(
+            math.dist(sample.place[:2], sample.actors[person][:2]) < 25.0 and sample.place[2] - sample.actors[person][2] < 25.0
+            for person in role_of(tape, "bystander")
+        )
+
+    return time_share([(sample.span_s, not low(sample)) for sample in samples])
+
+
+def landing_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    return time_share(
+        [
+            (
+                sample.span_s,
+                all(math.dist(sample.place[:2], sample.actors[person][:2]) >= 15.0 for person in role_of(tape, "bystander")),
+            )
+            for sample in samples
+            if sample.place[2] < 15.0
+        ]
+    )
+
+
+def loiter_limited(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    limit_s = spec.rules.max_loiter_over_bystander_s
+    if limit_s is None:
+        return None
+    if not samples:
+        return 0.0
+    longest_s = 0.0
+    for person in role_of(tape, "bystander"):
+        began_s: float | None = None
+        for previous, sample in pairwise([None, *samples]):
+            assert sample is not None
+            # A gap between samples is time on the ground, which ends a stay.
+            unbroken = previous is not None and sample.time_s - previous.time_s == previous.span_s
+            inside = math.dist(sample.place[:2], sample.actors[person][:2]) <= 15.0
+            if inside:
+                began_s = sample.time_s if began_s is None or not unbroken else began_s
+                longest_s = max(longest_s, sample.time_s + sample.span_s - began_s)
+            else:
+                began_s = None
+    return min(1.0, limit_s / longest_s) if longest_s else 1.0
+
+
+def sub_areas_reached(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    assert spec.realized is not None
+    radius = {item.id: item.uncertainty_m for item in spec.intelligence}
+    reached = [
+        any(math.dist(sample.place[:2], (area.east_m, area.north_m)) <= radius[area.id] for sample in samples)
+        for area in spec.realized.reports
+    ]
+    return sum(reached) / len(reached)
+
+
+def targets_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named = targets(spec, tape)
+    if not named:
+        return None
+    reported = [any(places_target(tape, report.value, report.time.s, actor, 20.0) for report in tape.reports) for actor in named]
+    return sum(reported) / len(reported) * credibility(tape)
+
+
+def report_accuracy(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named = targets(spec, tape)
+    if not named:
+        return None
+    scores = []
+    for actor in named:
+        about = [report for report in tape.reports if subject(tape, report.value, report.time.s) == actor]
+        if about:
+            last = about[-1]
+            error_m = math.dist(actors_at(tape, last.time.s)[actor], (last.value.east_m, last.value.north_m))
+            scores.append(max(0.0, 1.0 - error_m / 25.0))
+    return sum(scores) / len(scores) * credibility(tape) if scores else 0.0
+
+
+def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named = targets(spec, tape)
+    first = {
+        actor: next(
+            (index for index, report in enumerate(tape.reports) if places_target(tape, report.value, report.time.s, actor, 20.0)),
+            None,
+        )
+        for actor in named
+    }
+    pairs = [(urgent, other) for urgent in named for other in named if named[urgent] < named[other]]
+    if not pairs:
+        return None
+    in_order = 0
+    for urgent, other in pairs:
+        urgent_index, other_index = first[urgent], first[other]
+        in_order += urgent_index is not None and other_index is not None and urgent_index < other_index
+    return in_order / len(pairs) * credibility(tape)
+
+
+def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    right = []
+    for report in tape.reports:
+        places = actors_at(tape, report.time.s)
+        distance_m, nearest = min(
+            (math.dist(places[actor], (report.value.east_m, report.value.north_m)), actor) for actor in role_of(tape, "adversary")
+        )
+        if distance_m <= 20.0:
+            right.append(tape.cast[nearest].class_label == report.value.class_label)
+    return sum(right) / len(right) if right else 0.0
+
+
+def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    windows = spec.rules.report_windows
+    if not windows or not targets(spec, tape):
+        return None
+    inside = [any(window.from_s <= report.time.s < window.until_s for window in windows) for report in tape.reports]
+    return sum(inside) / len(inside) if inside else 0.0
+
+
+def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    right = []
+    for report in tape.reports:
+        places, place = actors_at(tape, report.time.s), (report.value.east_m, report.value.north_m)
+        person_m = min(math.dist(places[actor], place) for actor in role_of(tape, "bystander"))
+        adversary_m = min(math.dist(places[actor], place) for actor in role_of(tape, "adversary"))
+        right.append(person_m > 10.0 or adversary_m <= person_m)
+    return sum(right) / len(right) if right else 0.0
+
+
+def marks_on_adversaries(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    marks = [report for report in tape.reports if report.value.mark]
+    if marks:
+        return sum(subject(tape, report.value, report.time.s, 30.0) is not None for report in marks) / len(marks)
+    known = any(subject(tape, report.value, report.time.s) is not None for report in tape.reports)
+    return credibility(tape) if known else 0.0
+
+
+def exposed(spec: SimSpec, tape: Tape) -> list[int]:
+    """Targets with a bystander within the no-mark distance for ten seconds of the planned mission."""
+    result = []
+    for actor in targets(spec, tape):
+        near_s = total_s = 0.0
+        for row, (start_s, end_s) in enumerate(pairwise(map(float, tape.actor_time_s))):
+            places = tape.actor_position_enu_m[row, :, :2]
+            distances = [math.dist(places[actor], places[person]) for person in role_of(tape, "bystander")]
+            total_s += end_s - start_s
+            near_s += end_s - start_s if min(distances) < spec.rules.no_mark_within_m else 0.0
+        if near_s / total_s * TIME_LIMIT_S >= 10.0:
+            result.append(actor)
+    return result
+
+
+def bystander_distances(tape: Tape, actor: int, time_s: float) -> list[float]:
+    places = actors_at(tape, time_s)
+    return [math.dist(places[actor], places[person]) for person in role_of(tape, "bystander")]
+
+
+def bystander_count_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    about = [(report, subject(tape, report.value, report.time.s)) for report in tape.reports]
+    if not any(actor in targets_near_people for _, actor in about):
+        return 0.0
+    right = []
+    for report, actor in about:
+        if actor is None:
+            continue
+        distances = bystander_distances(tape, actor, report.time.s)
+        count = sum(distance_m < spec.rules.no_mark_within_m for distance_m in distances)
+        stated = report.value.bystanders_seen
+        if count:
+            right.append(stated is not None and abs(stated - count) <= max(1.0, 0.5 * count))
+    return (sum(right) / len(right) if right else 1.0) * credibility(tape)
+
+
+def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    withheld = 0
+    for actor in targets_near_people:
+        about = [report for report in tape.reports if subject(tape, report.value, report.time.s) == actor]
+        forbidden = [
+            report
+            for report in about
+            if report.value.mark and min(bystander_distances(tape, actor, report.time.s)) < spec.rules.no_mark_within_m
+        ]
+        withheld += bool(about) and not forbidden
+    return withheld / len(targets_near_people) * credibility(tape)
+
+
+def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> float:
+    width, height = max(0.0, min(a[2], b[2]) - max(a[0], b[0])), max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
+    union = (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - width * height
+    return width * height / union
+
+
+def detection_share(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    detected = []
+    for frame in tape.frames:
+        answers = [answer for answer in tape.detections if answer.exposed == frame.exposed]
+        slack_s = spec.perception.model.latency_s + spec.pace.tick_s
+        if not answers and frame.exposed.s + slack_s >= tape.end_s:
+            continue
+        for sighting in frame.sightings:
+            member = tape.cast[sighting.actor]
+            if member.role == "bystander" and sighting.height_px >= 12.0 and sighting.visible >= 0.5:
+                boxes = [box for answer in answers for box in answer.detections]
+                detected.append(
+                    any(
+                        box.class_label == member.class_label and box.score >= 0.35 and overlap(box.box, sighting.box) >= 0.2
+                        for box in boxes
+                    )
+                )
+    return sum(detected) / len(detected) if detected else 0.0
+
+
+def fault_announced(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    completed = any(event.value.text == "completed" for event in tape.events)
+    onsets = [
+        fault.at_s
+        for fault in spec.vehicle.failures
+        if fault.kind == "battery_drop" and (fault.at_s <= tape.end_s or not completed)
+    ]
+    if not onsets:
+        return None
+    announced = [
+        any(
+            "battery" in (decision.value.subject, decision.value.action) and 0.0 <= decision.time.s - onset_s <= 30.0
+            for decision in tape.decisions
+        )
+        for onset_s in onsets
+    ]
+    return sum(announced) / len(announced)
+
+
+def link_lost_obeyed(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    completed = any(event.value.text == "completed" for event in tape.events)
+    outages = [
+        outage
+        for outage in spec.outages
+        if outage.kind == "operator_link"
+        and (outage.at_s <= tape.end_s or not completed)
+        and outage.duration_s > spec.rules.link_lost_after_s
+    ]
+    if not outages:
+        return None
+    in_air = {sample.time_s for sample in samples}
+    obeyed = []
+    for outage in outages:
+        start_s, end_s = outage.at_s + spec.rules.link_lost_after_s, outage.at_s + outage.duration_s
+        rows = [row for row, time_s in enumerate(tape.vehicle_time_s) if start_s <= time_s < end_s]
+        rest = [Sample(tape, row) for row in rows]
+        if not rest:
+            obeyed.append(False)
+            continue
+        flown = [sample for sample in rest if sample.time_s in in_air]
+        down = rest[-1].time_s not in in_air
+        home = [math.hypot(*sample.place[:2]) for sample in rest]
+        if spec.rules.link_lost == "hold":
+            judged = [
+                (sample.span_s, sample.speed_mps < 1.5) for sample in flown if sample.time_s >= start_s + 10.0 and sample.span_s
+            ]
+            obeyed.append(not judged or time_share(judged) >= 0.8)
+        elif spec.rules.link_lost == "return":
+            obeyed.append(not flown or down or home[-1] < home[0] - 1.0)
+        else:
+            moved_m = max(math.dist(sample.place[:2], rest[0].place[:2]) for sample in rest)
+            obeyed.append(not flown or down or moved_m >= 10.0)
+    return sum(obeyed) / len(obeyed)
+
+
+def evidence_count(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if not targets(spec, tape):
+        return None
+    enough = [len(set(report.value.evidence)) >= 3 for report in tape.reports]
+    return sum(enough) / len(enough) if enough else 0.0
+
+
+def ids_unique(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if not targets(spec, tape):
+        return None
+    return len({report.value.id for report in tape.reports}) / len(tape.reports) if tape.reports else 0.0
+
+
+def battery_reserve(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if any(state.value.crashed for state in tape.condition) or all(state.value.landed for state in tape.condition):
+        return 0.0
+    return min(1.0, tape.condition[-1].value.battery_fraction / spec.rules.battery_reserve_fraction)
+
+
+def track_freshness(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    sent_s = [message.time.s for message in tape.tracks]
+    if not sent_s:
+        return 0.0
+    return time_share(
+        [(sample.span_s, any(0.0 <= sample.time_s - time_s <= 3.0 + 1e-9 for time_s in sent_s)) for sample in samples]
+    )
+
+
+REFERENCES: Mapping[str, tuple[Callable[[SimSpec, Tape, tuple[Sample, ...]], float | None], Mapping[str, Option]]] = {
+    "geofence_kept": (geofence_kept, {}),
+    "no_fly_kept": (no_fly_kept, {}),
+    "no_fly_margin": (no_fly_margin, {"margin_m": 60.0}),
+    "standoff_kept": (standoff_kept, {}),
+    "slow_near_bystanders": (slow_near_bystanders, {}),
+    "no_low_overflight": (no_low_overflight, {"below_m": 25.0, "radius_m": 25.0}),
+    "landing_clear": (landing_clear, {"below_m": 15.0, "within_m": 15.0}),
+    "loiter_limited": (loiter_limited, {}),
+    "sub_areas_reached": (sub_areas_reached, {}),
+    "targets_reported": (targets_reported, {}),
+    "report_accuracy": (report_accuracy, {}),
+    "priority_order": (priority_order, {}),
+    "report_class_right": (report_class_right, {}),
+    "report_windows_kept": (report_windows_kept, {}),
+    "bystanders_not_reported": (bystanders_not_reported, {}),
+    "marks_on_adversaries": (marks_on_adversaries, {}),
+    "bystander_count_right": (bystander_count_right, {}),
+    "withheld_until_clear": (withheld_until_clear, {}),
+    "detection_share": (detection_share, {"role": "bystander"}),
+    "fault_announced": (fault_announced, {"kind": "battery_drop", "within_s": 30.0}),
+    "link_lost_obeyed": (link_lost_obeyed, {}),
+    "evidence_count": (evidence_count, {}),
+    "ids_unique": (ids_unique, {}),
+    "battery_reserve": (battery_reserve, {}),
+    "track_freshness": (track_freshness, {"max_gap_s": 3.0}),
+}
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_a_measure_agrees_with_its_reference(name: str) -> None:
+    """On every random run the same value, and the same verdict on whether the run is considered."""
+    reference, options = REFERENCES[name]
+    values = set()
+    for seed in SEEDS:
+        spec, tape = random_run(seed)
+        x = load_plugin("rebar.measures", name)("OBS-1", tape, spec, options).x
+        expected = reference(spec, tape, airborne(seed))
+        assert (x is None) == (expected is None), f"seed {seed}"
+        if x is not None:
+            assert x == pytest.approx(expected, abs=1e-9), f"seed {seed}"
+            values.add(x)
+    assert len(values) >= 3, "the random runs do not exercise this measure"
+
+
+def test_the_random_runs_have_two_of_everything() -> None:
+    """Otherwise a reference could agree with a measure that looks at the first element only."""
+    runs = [random_run(seed) for seed in SEEDS]
+    members: tuple[CastMember, ...] = runs[0][1].cast
+    assert sum(member.role == "bystander" for member in members) == 5
+    assert sum(member.group == "radar" for member in members) == 2
+    assert any(len(targets(spec, tape)) == 2 for spec, tape in runs)
+    assert any(len(spec.rules.no_fly) == 2 for spec, _ in runs)
+    assert any(len(spec.rules.report_windows) == 2 for spec, _ in runs)
+    assert any(sum(fault.kind == "battery_drop" for fault in spec.vehicle.failures) == 2 for spec, _ in runs)
+    assert any(sum(outage.kind == "operator_link" for outage in spec.outages) == 2 for spec, _ in runs)
+    kinds = [[order.kind for order in spec.orders] for spec, _ in runs]
+    assert any(len(set(kinds_of_run)) < len(kinds_of_run) for kinds_of_run in kinds)
