@@ -1,8 +1,7 @@
-"""The air network as the session uses it: what the agent hears, and what it says."""
+"""The air network as the session uses it: recorded publishers towards the agent, and subscriptions to what it sends."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -24,84 +23,83 @@ from bench.streams import (
     RosMessage,
     Router,
     String,
-    Subscription,
     TFMessage,
     encode,
     open_router,
 )
 
 from ._ending import StopSession
+from ._host_clock import HOST_CLOCK, HostClock
 
-DOMAIN = 1  # each session has a router of its own, so every one may use the same ROS domain
+# Every session has a router of its own, so all of them may use the same ROS domain.
+DOMAIN = 1
+# Host time until a subscription that the agent declared is matched. Chosen, not measured.
 MATCH_BUDGET_S = 5.0
-ALLOWED_SAMPLES = (1000, 100.0)  # of the agent, on all topics: at once, and more for each simulated second
+MATCH_POLL_S = 0.001
+# What the agent may send on all topics together: at once, and more for each simulated second. An agent that floods would
+# fill the disk, and the time that its measures take.
+ALLOWED_SAMPLES = (1000, 100.0)
 ALLOWED_BYTES = (32 * 1024 * 1024, 1024.0 * 1024)
-MAX_DOCUMENT_BYTES = 256 * 1024  # the longest valid document, a thousand tracks, and some air
+# The longest valid document is AgentTracks with a thousand tracks; this leaves room above it.
+MAX_DOCUMENT_BYTES = 256 * 1024
 
 
 @dataclass(slots=True)
 class RecordedPublisher:
-    """One topic towards the agent: every message is recorded, and published while `heard`."""
+    """One topic towards the agent. Every message is recorded, and published once the topic is `opened` or latched."""
 
     topic: str
     kind: type[RosMessage]
     tap: Tap
     publisher: Publisher | None
     latched: bool = False
-    heard: bool = False
+    opened: bool = False
 
     def publish(self, time: SimTime, message: RosMessage) -> None:
-        """Encode once, record, publish."""
+        """Encode a message once, record it and publish it."""
         data = encode(message)
         self.tap(Record(time, self.topic, self.kind.TYPE, data))
-        if self.publisher is not None and (self.heard or self.latched):
+        if self.publisher is not None and (self.opened or self.latched):
             self.publisher.put_bytes(data)
 
     def publish_document(self, time: SimTime, document: Document) -> None:
-        """A JSON document as std_msgs/String."""
+        """Publish a JSON document as std_msgs/String."""
         self.publish(time, String(document.model_dump_json()))
 
     @property
     def sent(self) -> int:
-        """Samples that went out so far."""
+        """Samples published so far."""
         return self.publisher.sequence if self.publisher is not None else 0
 
 
-@dataclass(slots=True)
-class Ear:
-    """One topic from the agent."""
-
-    topic: str
-    subscription: Subscription
-
-
 class AirNetwork:
-    """Outlets and ears of one session by topic. Without a router (the agent wants none) outlets only record."""
+    """Publishers and subscriptions of one session. Without a router (the agent wants none) publishers only record."""
 
-    def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap) -> None:
+    def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap, clock: HostClock) -> None:
         self._tap = tap
-        self._heard_samples = 0
-        self._heard_bytes = 0
+        self._clock = clock
+        self._received_samples = 0
+        self._received_bytes = 0
         self.access: AirAccess | None = router.access if router else None
         topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        def outlet(topic: str, kind: type[RosMessage], qos: QoS = RELIABLE_10, *, depth: int = 0) -> RecordedPublisher:
+        def recorded(topic: str, kind: type[RosMessage], qos: QoS = RELIABLE_10, *, depth: int = 0) -> RecordedPublisher:
             publisher = None
             if node is not None:
                 publisher = node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind, qos)
             return RecordedPublisher(topic, kind, tap, publisher, latched=depth > 0)
 
-        self.clock = outlet(CLOCK, Clock, CLOCK_QOS)
-        self.tf = outlet(TF, TFMessage, TF_QOS)
-        self.tf_static = outlet(TF_STATIC, TFMessage, depth=1)
-        self.mission = outlet(topics.mission, String, depth=1)
-        self.intelligence = outlet(topics.intelligence, String, depth=32)
-        self.orders = outlet(topics.orders, String, depth=32)
-        self.operator_link = outlet(topics.operator_link, String, depth=1)
-        self.camera_info = outlet(topics.camera_info(simspec.vehicle.camera.name), CameraInfo)
-        self.detections = outlet(topics.detections, Detection2DArray)
-        self._outlets = (
+        self.clock = recorded(CLOCK, Clock, CLOCK_QOS)
+        self.tf = recorded(TF, TFMessage, TF_QOS)
+        self.tf_static = recorded(TF_STATIC, TFMessage, depth=1)
+        self.mission = recorded(topics.mission, String, depth=1)
+        self.intelligence = recorded(topics.intelligence, String, depth=32)
+        self.orders = recorded(topics.orders, String, depth=32)
+        self.operator_link = recorded(topics.operator_link, String, depth=1)
+        self.camera_info = recorded(topics.camera_info(simspec.vehicle.camera.name), CameraInfo)
+        self.detections = recorded(topics.detections, Detection2DArray)
+        self._publishers = (
             self.clock,
             self.tf,
             self.tf_static,
@@ -112,76 +110,81 @@ class AirNetwork:
             self.camera_info,
             self.detections,
         )
-        self._ears = tuple(Ear(topic, node.subscribe(topic, String)) for topic in sorted(topics.from_agent)) if node else ()
+        # Sorted, because the order in which topics are read is the order of their records within a moment.
+        names = sorted(topics.from_agent) if node else ()
+        self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
 
     def open_for(self, subscribes: Iterable[str]) -> None:
-        """Publish to the topics that the agent says it subscribes to, once the network knows of each subscription."""
-        wanted = set(subscribes)
-        deadline = time.monotonic() + MATCH_BUDGET_S
-        for outlet in self._outlets:
-            if outlet.topic in wanted:
-                outlet.heard = True
-                while outlet.publisher is not None and not outlet.publisher.matched:
-                    if time.monotonic() > deadline:
-                        raise StopSession(Outcome.AGENT_PROTOCOL, f"the agent says it subscribes to {outlet.topic}, but does not")
-                    time.sleep(0.001)
+        """Publish from now on to the topics that the agent declares, once the network knows of each of its subscriptions."""
+        declared = set(subscribes)
+        deadline_s = self._clock.now() + MATCH_BUDGET_S
+        for recorded in self._publishers:
+            if recorded.topic in declared:
+                recorded.opened = True
+                while recorded.publisher is not None and not recorded.publisher.matched:
+                    if self._clock.now() > deadline_s:
+                        raise StopSession(
+                            Outcome.AGENT_PROTOCOL, f"the agent says it subscribes to {recorded.topic}, but does not"
+                        )
+                    self._clock.sleep(MATCH_POLL_S)
 
     def open_for_all(self) -> None:
-        """Publish on every topic, heard or not: the realtime pace, in which nobody introduces himself."""
-        for outlet in self._outlets:
-            outlet.heard = True
+        """Publish on every topic, subscribed or not: at the realtime pace an agent sends no hello that names its topics."""
+        for recorded in self._publishers:
+            recorded.opened = True
 
     def sent(self) -> dict[str, int]:
-        """Samples sent so far on every topic that the agent listens to."""
-        return {outlet.topic: outlet.sent for outlet in self._outlets if outlet.heard}
+        """Samples published so far on every topic that the agent subscribes to."""
+        return {recorded.topic: recorded.sent for recorded in self._publishers if recorded.opened}
 
-    def gather(self, time: SimTime, stated: Mapping[str, int] | None, budget_s: float) -> dict[str, list[str | bytes]]:
-        """Take in what the agent has said, record it, and return its documents by topic.
+    def receive(self, time: SimTime, stated: Mapping[str, int] | None, budget_s: float) -> dict[str, list[str | bytes]]:
+        """Record what the agent has sent and return its documents by topic.
 
-        With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what is here.
-        Raises StopSession for an agent that states what does not come, or that floods.
+        With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what has arrived.
+        Raises StopSession for an agent that states samples that do not come, or that floods.
         """
-        said: dict[str, list[str | bytes]] = {}
-        for ear in self._ears:
-            if stated is not None and not ear.subscription.wait(stated.get(ear.topic, 0), budget_s):
+        documents: dict[str, list[str | bytes]] = {}
+        for subscription in self._subscriptions:
+            topic = subscription.topic
+            if stated is not None and not subscription.wait(stated.get(topic, 0), budget_s):
                 raise StopSession(
                     Outcome.AGENT_PROTOCOL,
-                    f"the agent says it sent {stated[ear.topic]} samples on {ear.topic}; {ear.subscription.highest} came",
+                    f"the agent says it sent {stated[topic]} samples on {topic}; {subscription.highest} came",
                 )
-            if stated is not None and (ear.subscription.lost or ear.subscription.overflowed):
-                raise StopSession(Outcome.AGENT_PROTOCOL, f"samples on {ear.topic} were lost: more came at once than can be held")
-            for sample in ear.subscription.take():
-                self._allow(time, len(sample.data))
-                self._tap(Record(time, ear.topic, String.TYPE, sample.data))
+            if stated is not None and (subscription.lost or subscription.overflowed):
+                raise StopSession(Outcome.AGENT_PROTOCOL, f"samples on {topic} were lost: more came at once than can be held")
+            for sample in subscription.take():
+                self._check_allowance(time, len(sample.data))
+                self._tap(Record(time, topic, String.TYPE, sample.data))
                 message = sample.message()
                 if message is not None:
-                    said.setdefault(ear.topic, []).append(message.data)
-        return said
+                    documents.setdefault(topic, []).append(message.data)
+        return documents
 
-    def _allow(self, time: SimTime, size: int) -> None:
-        """Count one sample of the agent. One that floods would fill the disk, and the time that its measures take."""
-        self._heard_samples += 1
-        self._heard_bytes += size
-        for heard, (first, each_s), what in (
-            (self._heard_samples, ALLOWED_SAMPLES, "samples"),
-            (self._heard_bytes, ALLOWED_BYTES, "bytes"),
+    def _check_allowance(self, time: SimTime, size: int) -> None:
+        """Count one sample of the agent against what it may send by this moment."""
+        self._received_samples += 1
+        self._received_bytes += size
+        for received, (initial, each_s), unit in (
+            (self._received_samples, ALLOWED_SAMPLES, "samples"),
+            (self._received_bytes, ALLOWED_BYTES, "bytes"),
         ):
-            if heard > first + each_s * time.s:
+            if received > initial + each_s * time.s:
                 raise StopSession(
                     Outcome.AGENT_PROTOCOL,
-                    f"the agent floods its topics: more than {first:,} {what} and {each_s:,.0f} for each simulated second",
+                    f"the agent floods its topics: more than {initial:,} {unit} and {each_s:,.0f} for each simulated second",
                 )
 
     def counters(self) -> dict[str, int]:
-        """What was dropped or malformed on the way in."""
-        overflowed = sum(ear.subscription.overflowed for ear in self._ears)
-        malformed = sum(ear.subscription.malformed for ear in self._ears)
-        lost = sum(ear.subscription.lost for ear in self._ears)
+        """Samples of the agent that were dropped or malformed."""
+        overflowed = sum(subscription.overflowed for subscription in self._subscriptions)
+        malformed = sum(subscription.malformed for subscription in self._subscriptions)
+        lost = sum(subscription.lost for subscription in self._subscriptions)
         return {"air_overflowed": overflowed, "air_malformed": malformed, "air_lost": lost}
 
 
 @contextmanager
-def open_air_network(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[AirNetwork]:
+def open_air_network(simspec: SimSpec, tap: Tap, *, zenoh: bool, clock: HostClock = HOST_CLOCK) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
     camera = topics.camera_info(simspec.vehicle.camera.name)
@@ -203,4 +206,4 @@ def open_air_network(simspec: SimSpec, tap: Tap, *, zenoh: bool) -> Generator[Ai
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh else None
-        yield AirNetwork(simspec, router, tap)
+        yield AirNetwork(simspec, router, tap, clock)

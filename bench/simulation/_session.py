@@ -1,7 +1,7 @@
 """One session: a realized SimSpec, flown.
 
-`run_session` is the only door: it opens everything the session needs, lets it run to one of its named ends, closes
-everything again, and returns how it ended. What was said meanwhile went to the tap, record by record.
+`run_session` opens everything that the session needs, runs it to one of its named ends, closes everything again and
+returns how it ended. Every message goes to the tap as a record.
 """
 
 from __future__ import annotations
@@ -46,16 +46,23 @@ from ._air import AirNetwork, open_air_network
 from ._briefing import MissionInformation
 from ._detector import open_detector
 from ._ending import StopSession
+from ._host_clock import HOST_CLOCK, HostClock
 from ._ports import reserved_udp_port
 from ._ticks import TickServer, open_tick_server
 from ._truth import TruthRecorder
 
-COUNT_BUDGET_S = 5.0  # for samples that the agent says are under way
+# Host time for samples that the agent says it has sent: they are on loopback already, so this is generous. Chosen, not measured.
+COUNT_BUDGET_S = 5.0
+# Between two looks for MAVLink messages that are under way on loopback; a lockstep tick is to lose no more than this.
+RECEIVE_POLL_S = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
 class SessionPlan:
-    """All that one session needs. `scratch` is an empty folder for the agent; `tap` hears every record."""
+    """All that one session needs.
+
+    `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by `clock`.
+    """
 
     simspec: SimSpec
     manifest: AgentManifest
@@ -63,6 +70,7 @@ class SessionPlan:
     open_agent: OpenAgent
     scratch: Path
     tap: Tap
+    clock: HostClock = HOST_CLOCK
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +89,12 @@ class SessionEnd:
 
 def run_session(plan: SessionPlan) -> SessionEnd:
     """Fly one session to its end. Never raises for anything that happens inside; KeyboardInterrupt travels on."""
-    began_wall, began_cpu = time.monotonic(), time.process_time()
-    book = SessionProgress()
+    started_s, started_cpu_s = plan.clock.now(), time.process_time()
+    progress = SessionProgress()
     try:
-        with open_session(plan, book) as session:
+        with open_session(plan, progress) as session:
             session.run()
-        raise AssertionError("a session ends by saying so")
+        raise AssertionError("Session.run returned; it always ends by raising StopSession")
     except StopSession as end:
         failure = SessionFailure(end.outcome, end.reason)
     except Exception as error:  # the one broad except: a bench error costs this session and no more
@@ -94,18 +102,18 @@ def run_session(plan: SessionPlan) -> SessionEnd:
     return SessionEnd(
         outcome=failure.outcome,
         reason=failure.reason,
-        simulated_s=book.now.s,
-        wall_s=time.monotonic() - began_wall,
-        cpu_s=time.process_time() - began_cpu,
-        agent_cpu_s=book.agent_cpu_s,
-        counters=book.counters,
+        simulated_s=progress.now.s,
+        wall_s=plan.clock.now() - started_s,
+        cpu_s=time.process_time() - started_cpu_s,
+        agent_cpu_s=progress.agent_cpu_s,
+        counters=progress.counters,
         traceback=failure.traceback,
     )
 
 
 @dataclass(slots=True)
 class SessionProgress:
-    """What is known of a session however it ends."""
+    """What is known of a session, however it ends."""
 
     now: SimTime = START
     agent_cpu_s: float = 0.0
@@ -113,9 +121,9 @@ class SessionProgress:
 
 
 class Session:
-    """The parts of a running session and the order in which they act. Made by `open_session`.
+    """The parts of a running session and the order in which they act. `open_session` builds it.
 
-    One beat: tell the agent how things stand, let it act, take in what it did, advance the world by one tick.
+    Each round publishes what the agent may know, waits for it to act, records what it did and advances the world by one tick.
     """
 
     def __init__(
@@ -126,7 +134,7 @@ class Session:
         detector: Detector,
         air: AirNetwork,
         truth: TruthRecorder,
-        book: SessionProgress,
+        progress: SessionProgress,
     ) -> None:
         self._spec = plan.simspec
         self._plan = plan
@@ -135,7 +143,7 @@ class Session:
         self._detector = detector
         self._air = air
         self._truth = truth
-        self._progress = book
+        self._progress = progress
         self._topics = VehicleTopics(plan.simspec.vehicle.name)
         self._information = MissionInformation(plan.simspec, air, scene)
         self._agent: AgentProcess | None = None
@@ -146,7 +154,8 @@ class Session:
         self._frame_period_ns = round(1e9 / plan.simspec.vehicle.camera.rate_hz)
         self._next_frame_ns = 0
         self._agent_took_s = 0.0
-        self._wall_deadline = time.monotonic() + plan.simspec.budgets.wall_s
+        self._clock = plan.clock
+        self._wall_deadline_s = plan.clock.now() + plan.simspec.budgets.wall_s
 
     def attach(self, agent: AgentProcess, ticks: TickServer | None) -> None:
         """The started agent, and the tick socket in lockstep."""
@@ -155,7 +164,7 @@ class Session:
             ticks.watch(self._check_agent)
 
     def run(self) -> None:
-        """Beat until something ends the session; ends by raising StopSession."""
+        """Run rounds until something ends the session. Always raises StopSession or an error."""
         self._truth.event(self._progress.now, "started", self._spec.name)
         self._truth.cast(self._progress.now, self._scene)
         self._truth.sample(self._progress.now, self._vehicle, self._scene)
@@ -173,9 +182,9 @@ class Session:
 
     def _run_lockstep(self, ticks: TickServer) -> None:
         budgets = self._spec.budgets
-        asked = time.monotonic()
+        waiting_since_s = self._clock.now()
         hello = ticks.hello(budgets.connect_s)
-        self._agent_took_s += time.monotonic() - asked
+        self._agent_took_s += self._clock.now() - waiting_since_s
         self._truth.event(self._progress.now, "agent connected", hello.agent)
         self._air.open_for(hello.subscribes)
         number = 0
@@ -183,42 +192,44 @@ class Session:
             now = self._progress.now
             self._information.publish(now, self._vehicle, self._detector)
             tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent()))
-            asked = time.monotonic()
+            waiting_since_s = self._clock.now()
             ack = ticks.exchange(tick, budgets.reply_s)
             self._receive_exactly(ack.links)
-            self._agent_took_s += time.monotonic() - asked
-            self._process_documents(self._air.gather(now, ack.topics, COUNT_BUDGET_S))
+            self._agent_took_s += self._clock.now() - waiting_since_s
+            self._process_documents(self._air.receive(now, ack.topics, COUNT_BUDGET_S))
             self._advance(self._spec.pace.tick_s)
             number += 1
 
     def _run_realtime(self) -> None:
         self._air.open_for_all()
-        began = time.monotonic()
+        started_s = self._clock.now()
         while True:
             now = self._progress.now
             self._check_agent()
             self._information.publish(now, self._vehicle, self._detector)
-            ahead_s = now.s - (time.monotonic() - began)
+            # Counted from the start: rounding and late wake-ups do not add up.
+            ahead_s = now.s - (self._clock.now() - started_s)
             if ahead_s > 0:
-                time.sleep(ahead_s)
+                self._clock.sleep(ahead_s)
             self._vehicle.receive()
-            self._process_documents(self._air.gather(now, None, 0.0))
+            self._process_documents(self._air.receive(now, None, 0.0))
             self._advance(self._vehicle.step_s)
 
     def _advance(self, span_s: float) -> None:
-        """Move the world on by `span_s`, and end the session if that brought its end."""
+        """Advance the world by `span_s`, and end the session if an end is reached."""
         until = self._progress.now.after(span_s)
         while self._progress.now < until:
-            began = self._progress.now
+            previous = self._progress.now
             self._vehicle.step()
             self._progress.now = now = self._vehicle.time
-            self._truth.wire(began, now)
+            self._truth.wire(previous, now)
             if now.ns >= self._next_frame_ns:
                 self._capture_frame(now)
             self._truth.sample(now, self._vehicle, self._scene)
         self._check_end()
 
     def _capture_frame(self, now: SimTime) -> None:
+        # One frame a step at most: a camera that is faster than the controller has the controller's rate.
         self._next_frame_ns += self._frame_period_ns
         self._scene.advance(now)
         frame = self._scene.observe(self._vehicle.truth(), self._frame)
@@ -239,35 +250,38 @@ class Session:
             raise StopSession(Outcome.COMPLETED, "the agent was ordered to deactivate and the vehicle is down")
         if self._progress.now.s >= self._spec.mission.time_limit_s:
             raise StopSession(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
-        if time.monotonic() > self._wall_deadline:
+        if self._clock.now() > self._wall_deadline_s:
             raise self._out_of_wall_time()
 
     def _out_of_wall_time(self) -> StopSession:
-        """Whose fault it is: an agent must not get rid of a run that goes badly by dawdling until it no longer counts."""
+        """The end of a session that used up its wall budget: the agent's fault if it took more than half of it.
+
+        Runs that end by WALL_BUDGET are not scored, so an agent could drop a run that goes badly by dawdling.
+        """
         wall_s = self._spec.budgets.wall_s
         if self._agent_took_s > wall_s / 2:
             reason = f"the agent took {self._agent_took_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
             return StopSession(Outcome.AGENT_TIMEOUT, reason)
         return StopSession(Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time")
 
-    def _process_documents(self, said: dict[str, list[str | bytes]]) -> None:
-        for text in said.get(self._topics.status, ()):
+    def _process_documents(self, documents: dict[str, list[str | bytes]]) -> None:
+        for text in documents.get(self._topics.status, ()):
             status = parse_document(AgentStatus, text)
             if status is not None and status.phase in ("complete", "aborted"):
                 self._complete = True
 
     def _receive_exactly(self, stated: dict[str, int]) -> None:
-        deadline = time.monotonic() + COUNT_BUDGET_S
+        deadline_s = self._clock.now() + COUNT_BUDGET_S
         while True:
             received = self._vehicle.receive()
             missing = {link: count for link, count in stated.items() if received.get(link, 0) < count}
             if not missing:
                 return
-            if time.monotonic() > deadline:
+            if self._clock.now() > deadline_s:
                 raise StopSession(
                     Outcome.AGENT_PROTOCOL, f"the agent says it sent {missing} MAVLink messages; {dict(received)} came"
                 )
-            time.sleep(0.0005)
+            self._clock.sleep(RECEIVE_POLL_S)
 
     def _check_agent(self) -> None:
         assert self._agent is not None
@@ -277,17 +291,17 @@ class Session:
         condition = self._vehicle.condition()
         if code == 0 and condition.landed and not condition.armed and self._progress.now > START:
             raise StopSession(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
-        how = f"exit code {code}" if code >= 0 else f"signal {-code}"
+        cause = f"exit code {code}" if code >= 0 else f"signal {-code}"
         raise StopSession(
-            Outcome.AGENT_CRASHED, f"the agent's process ended with {how} before its mission did: {self._agent.output_tail()}"
+            Outcome.AGENT_CRASHED, f"the agent's process ended with {cause} before its mission did: {self._agent.output_tail()}"
         )
 
 
 @contextmanager
-def open_session(plan: SessionPlan, book: SessionProgress | None = None) -> Generator[Session]:
-    """Open everything that a session needs; leaving the block stops and closes all of it, the agent first."""
+def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> Generator[Session]:
+    """Open everything that a session needs. Leaving the block closes all of it, the agent first."""
     spec, manifest = plan.simspec, plan.manifest
-    book = book or SessionProgress()
+    progress = progress or SessionProgress()
     realized_of(spec)  # before anything is opened: a session without places has nothing to fly over
     if spec.pace.mode not in manifest.pace:
         raise SetupError(
@@ -314,9 +328,9 @@ def open_session(plan: SessionPlan, book: SessionProgress | None = None) -> Gene
                     f"take a multiple of {vehicle.step_s} s",
                 )
             )
-        air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh))
-        ticks = stack.enter_context(open_tick_server()) if spec.pace.mode == "lockstep" else None
-        session = Session(plan, vehicle, scene, detector, air, truth, book)
+        air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh, clock=plan.clock))
+        ticks = stack.enter_context(open_tick_server(plan.clock)) if spec.pace.mode == "lockstep" else None
+        session = Session(plan, vehicle, scene, detector, air, truth, progress)
         endpoints = AgentEndpoints(
             mavlink={need.variable: vehicle.endpoints()[need.name] for need in manifest.mavlink},
             zenoh_locator=air.access.locator if air.access else None,
@@ -328,7 +342,7 @@ def open_session(plan: SessionPlan, book: SessionProgress | None = None) -> Gene
         agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch)
         agent = stack.enter_context(plan.open_agent(agent_plan))
         # The agent's CPU time is read while its process can still be asked, however the session ends.
-        stack.callback(lambda: setattr(book, "agent_cpu_s", agent.cpu_s()))
+        stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.cpu_s()))
         if ticks is not None:
             stack.callback(ticks.end, "the session is over")
         session.attach(agent, ticks)

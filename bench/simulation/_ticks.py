@@ -1,26 +1,33 @@
-"""The bench's side of the lockstep socket. The protocol stands in bench/contracts/_tick.py."""
+"""The bench's side of the lockstep socket. bench/contracts/_tick.py describes the protocol."""
 
 from __future__ import annotations
 
 import select
 import socket
-import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from typing import NoReturn
 
 from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Outcome, Tick, TickMessage, read_line, write_line
 
 from ._ending import StopSession
+from ._host_clock import HOST_CLOCK, HostClock
 
-LIVENESS_POLL_S = 0.25  # how often a wait looks whether the agent still lives
+# How often a wait checks whether the agent's process still runs. Chosen, not measured: a crash costs at most this.
+LIVENESS_POLL_S = 0.25
+# Host time that a process may take to end after its socket has closed, so that its exit code becomes the reason.
+EXIT_GRACE_S = 1.0
+EXIT_POLL_S = 0.02
+RECEIVE_BYTES = 65536
 
 
 class TickServer:
-    """Serves one agent. Every wait has a budget on the host's monotonic clock and notices an agent that has ended."""
+    """Serves one agent. Every wait has a budget by the host's clock and ends early when the agent's process ends."""
 
-    def __init__(self, listener: socket.socket, alive: Callable[[], None]) -> None:
+    def __init__(self, listener: socket.socket, clock: HostClock) -> None:
         self._listener = listener
-        self._alive = alive
+        self._clock = clock
+        self._check_agent: Callable[[], None] = lambda: None
         self._peer: socket.socket | None = None
         self._buffer = b""
 
@@ -30,22 +37,25 @@ class TickServer:
         host, port = self._listener.getsockname()[:2]
         return f"{host}:{port}"
 
-    def watch(self, alive: Callable[[], None]) -> None:
-        """Set what is called while waiting; it raises StopSession when there is nobody to wait for."""
-        self._alive = alive
+    def watch(self, check_agent: Callable[[], None]) -> None:
+        """Set what is called while waiting. It raises StopSession when the agent's process has ended."""
+        self._check_agent = check_agent
 
     def hello(self, budget_s: float) -> Hello:
-        """Wait for the agent to connect and introduce itself."""
-        deadline = time.monotonic() + budget_s
+        """Wait for the agent to connect and to send its hello."""
+        deadline_s = self._clock.now() + budget_s
         while self._peer is None:
             self._wait_readable(
-                self._listener, deadline, Outcome.AGENT_NEVER_CONNECTED, f"no connection to the tick socket within {budget_s:g} s"
+                self._listener,
+                deadline_s,
+                Outcome.AGENT_NEVER_CONNECTED,
+                f"no connection to the tick socket within {budget_s:g} s",
             )
             peer, _ = self._listener.accept()
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             peer.setblocking(False)
             self._peer = peer
-        message = self._read(deadline, Outcome.AGENT_NEVER_CONNECTED, f"no hello within {budget_s:g} s")
+        message = self._read(deadline_s, Outcome.AGENT_NEVER_CONNECTED, f"no hello within {budget_s:g} s")
         if not isinstance(message, Hello):
             raise StopSession(Outcome.AGENT_PROTOCOL, f"expected a hello, got {_shown(message)}")
         return message
@@ -53,14 +63,14 @@ class TickServer:
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
         """Send a tick and wait for its acknowledgement."""
         self._write(tick)
-        deadline = time.monotonic() + budget_s
-        message = self._read(deadline, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number} within {budget_s:g} s")
+        deadline_s = self._clock.now() + budget_s
+        message = self._read(deadline_s, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number} within {budget_s:g} s")
         if not isinstance(message, Ack) or message.number != tick.number:
             raise StopSession(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}")
         return message
 
     def end(self, reason: str) -> None:
-        """Say that the session is over, if anybody listens."""
+        """Tell the agent that the session is over, if it is still connected."""
         if self._peer is not None:
             with suppress(OSError):
                 self._peer.sendall(write_line(End(reason=reason)))
@@ -72,47 +82,47 @@ class TickServer:
         try:
             self._peer.sendall(write_line(message))
         except OSError:
-            self._gone()
+            self._end_disconnected()
 
-    def _read(self, deadline: float, outcome: Outcome, reason: str) -> TickMessage | None:
+    def _read(self, deadline_s: float, outcome: Outcome, reason: str) -> TickMessage | None:
         assert self._peer is not None
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
                 raise StopSession(Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket")
-            self._wait_readable(self._peer, deadline, outcome, reason)
+            self._wait_readable(self._peer, deadline_s, outcome, reason)
             try:
-                data = self._peer.recv(65536)
+                data = self._peer.recv(RECEIVE_BYTES)
             except OSError:
                 data = b""
             if not data:
-                self._gone()
+                self._end_disconnected()
             self._buffer += data
         line, _, self._buffer = self._buffer.partition(b"\n")
         return read_line(line)
 
-    def _wait_readable(self, sock: socket.socket, deadline: float, outcome: Outcome, reason: str) -> None:
+    def _wait_readable(self, sock: socket.socket, deadline_s: float, outcome: Outcome, reason: str) -> None:
         while True:
-            left = deadline - time.monotonic()
-            if left <= 0:
+            remaining_s = deadline_s - self._clock.now()
+            if remaining_s <= 0:
                 raise StopSession(outcome, reason)
-            if select.select([sock], [], [], min(left, LIVENESS_POLL_S))[0]:
+            if select.select([sock], [], [], min(remaining_s, LIVENESS_POLL_S))[0]:
                 return
-            self._alive()
+            self._check_agent()
 
-    def _gone(self) -> None:
+    def _end_disconnected(self) -> NoReturn:
         # The process usually ends a moment after its socket: give it that moment, so that the exit code is known.
-        deadline = time.monotonic() + 1.0
-        while time.monotonic() < deadline:
-            self._alive()
-            time.sleep(0.02)
+        deadline_s = self._clock.now() + EXIT_GRACE_S
+        while self._clock.now() < deadline_s:
+            self._check_agent()
+            self._clock.sleep(EXIT_POLL_S)
         raise StopSession(Outcome.AGENT_PROTOCOL, "the agent closed the tick socket and went on running")
 
 
 @contextmanager
-def open_tick_server() -> Generator[TickServer]:
+def open_tick_server(clock: HostClock = HOST_CLOCK) -> Generator[TickServer]:
     """Listen on a free loopback port; leaving the block closes everything."""
     with socket.create_server(("127.0.0.1", 0), backlog=1) as listener:
-        server = TickServer(listener, alive=lambda: None)
+        server = TickServer(listener, clock)
         try:
             yield server
         finally:
