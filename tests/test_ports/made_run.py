@@ -135,7 +135,7 @@ def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = 
     members = cast(spec)
     assert spec.realized is not None
     times = np.arange(0.0, end_s + 0.25, 0.5)
-    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors]).reshape(-1, 3)
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors]).reshape(-1, 3)
     flown = np.interp(times, [0, 60, 120, end_s], [0, 105, -90, 0]), np.interp(times, [0, 60, 120, end_s], [0, 95, 100, 0])
     route = np.stack([*flown, np.full(len(times), 60.0)], axis=1)
     return Tape(
@@ -187,8 +187,8 @@ BOX = (600.0, 300.0, 640.0, 380.0)
 
 
 def frame(number: int, time_s: float, *actors: int, height_px: float = 80.0, visible: float = 1.0) -> CameraFrame:
-    seen = tuple(Sighting(actor, 60.0, height_px, visible, BOX) for actor in actors)
-    return CameraFrame(number, "front", at_s(time_s), seen)
+    sightings = tuple(Sighting(actor, 60.0, height_px, visible, BOX) for actor in actors)
+    return CameraFrame(number, "front", at_s(time_s), sightings)
 
 
 def detected(time_s: float, *labels: str, score: float = 0.9, box: tuple[float, float, float, float] = BOX) -> DetectionFrame:
@@ -201,7 +201,7 @@ def records(spec: SimSpec, *, seconds: float = 20.0, extra: Sequence[Record] = (
     return sorted(made, key=lambda record: record.time.ns)
 
 
-def said(time_s: float, topic: str, document: Document | str) -> Record:
+def text_record(time_s: float, topic: str, document: Document | str) -> Record:
     text = document if isinstance(document, str) else document.model_dump_json()
     return Record(at_s(time_s), topic, "std_msgs/msg/String", encode(String(text)))
 
@@ -209,14 +209,14 @@ def said(time_s: float, topic: str, document: Document | str) -> Record:
 def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
     topics = VehicleTopics(spec.vehicle.name)
     assert spec.realized is not None
-    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
     facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(starts), 1))
-    yield said(0.0, TRUTH_CAST, CastDocument(members=cast(spec)))
-    yield said(0.0, SESSION_EVENTS, EventDocument(name="begun"))
-    for one in link((0.0, True), (seconds * 0.4, False), (seconds * 0.6, True)):
-        yield said(one.time.s, topics.operator_link, one.value)
-    yield said(seconds * 0.6, topics.orders, order(seconds * 0.6, "hold", issued_s=seconds * 0.5).value)
-    yield said(seconds * 0.6, topics.answers, answer(seconds * 0.6, "hold").value)
+    yield text_record(0.0, TRUTH_CAST, CastDocument(members=cast(spec)))
+    yield text_record(0.0, SESSION_EVENTS, EventDocument(name="begun"))
+    for state in link((0.0, True), (seconds * 0.4, False), (seconds * 0.6, True)):
+        yield text_record(state.time.s, topics.operator_link, state.value)
+    yield text_record(seconds * 0.6, topics.orders, order(seconds * 0.6, "hold", issued_s=seconds * 0.5).value)
+    yield text_record(seconds * 0.6, topics.answers, answer(seconds * 0.6, "hold").value)
     for step in range(round(seconds * 10)):
         time_s = step / 10
         yield odometry(time_s, (time_s, 2.0 * time_s, 60.0), yaw_rad=np.pi / 2, forward_mps=3.0)
@@ -229,13 +229,13 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
                 at_s(time_s), TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", encode_pose_array(stamp, "map", moved, facing)
             )
         if step % 2 == 0:
-            seen = SightingDocument(actor=NEAR, range_m=61.5, height_px=20.25, visible=0.75, box=BOX)
-            yield said(time_s, TRUTH_VIEW, ViewDocument(frame=step // 2, camera="front", sightings=(seen,)))
+            sighting = SightingDocument(actor=NEAR, range_m=61.5, height_px=20.25, visible=0.75, box=BOX)
+            yield text_record(time_s, TRUTH_VIEW, ViewDocument(frame=step // 2, camera="front", sightings=(sighting,)))
             yield detections(time_s, topics.detections, "civilian", 0.75, BOX)
         if step % 10 == 0:
-            yield said(time_s, TRUTH_VEHICLE, conditions((time_s, step < 20))[0].value)
-            yield said(time_s, topics.tracks, tracks(time_s, ("civilian", 120.0, 100.0)).value)
-    yield said(seconds / 2, topics.reports, report(seconds / 2, "mobile_radar", 101.0, 99.0, mark=True).value)
+            yield text_record(time_s, TRUTH_VEHICLE, conditions((time_s, step < 20))[0].value)
+            yield text_record(time_s, topics.tracks, tracks(time_s, ("civilian", 120.0, 100.0)).value)
+    yield text_record(seconds / 2, topics.reports, report(seconds / 2, "mobile_radar", 101.0, 99.0, mark=True).value)
 
 
 def odometry(
@@ -269,6 +269,6 @@ def estimate(time_s: float, place: tuple[float, float, float], vehicle: str = "v
 def detections(exposed_s: float, topic: str, label: str, score: float, box: tuple[float, float, float, float]) -> Record:
     centre = Pose2D(Point2D((box[0] + box[2]) / 2, (box[1] + box[3]) / 2))
     result = ObjectHypothesisWithPose(ObjectHypothesis(label, score))
-    one = Detection2D(results=(result,), bbox=BoundingBox2D(centre, box[2] - box[0], box[3] - box[1]), id="t1")
-    message = Detection2DArray(Header(Time.of(at_s(exposed_s).ns), "vehicle_1/front"), (one,))
+    box_message = Detection2D(results=(result,), bbox=BoundingBox2D(centre, box[2] - box[0], box[3] - box[1]), id="t1")
+    message = Detection2DArray(Header(Time.of(at_s(exposed_s).ns), "vehicle_1/front"), (box_message,))
     return Record(at_s(exposed_s + 0.1), topic, Detection2DArray.TYPE, encode(message))

@@ -234,8 +234,8 @@ def _smooth(random: Random, count: int, width: int) -> np.ndarray:
 
 
 def _box(random: Random) -> tuple[float, float, float, float]:
-    left, top = float(random.integers(0, 40)), float(random.integers(0, 40))
-    return left, top, left + float(random.integers(10, 40)), top + float(random.integers(10, 40))
+    x_min, y_min = float(random.integers(0, 40)), float(random.integers(0, 40))
+    return x_min, y_min, x_min + float(random.integers(10, 40)), y_min + float(random.integers(10, 40))
 
 
 def _frames(random: Random, times: np.ndarray, actors: int) -> tuple[CameraFrame, ...]:
@@ -265,12 +265,12 @@ def _detections(random: Random, frames: tuple[CameraFrame, ...]) -> tuple[Detect
         if random.random() < 0.1:
             continue
         boxes = [sighting.box for sighting in frame.sightings for _ in range(2)] + [_box(random)]
-        found = tuple(
+        hits = tuple(
             Detection(str(random.choice(LABELS)), float(random.uniform(0.2, 1.0)), box, "t")
             for box in boxes
             if random.random() < 0.8
         )
-        answers.append(DetectionFrame(frame.exposed, at_s(frame.exposed.s + 0.1), found))
+        answers.append(DetectionFrame(frame.exposed, at_s(frame.exposed.s + 0.1), hits))
     return tuple(answers)
 
 

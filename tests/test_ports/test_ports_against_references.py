@@ -72,7 +72,7 @@ def actors_at(tape: Tape, time_s: float) -> list[tuple[float, float]]:
 
 def time_share(samples: list[tuple[float, bool]]) -> float:
     total_s = math.fsum(span_s for span_s, _ in samples)
-    return math.fsum(span_s for span_s, good in samples if good) / total_s if total_s else 0.0
+    return math.fsum(span_s for span_s, holds in samples if holds) / total_s if total_s else 0.0
 
 
 def beyond_square(place: Place, square: Polygon) -> float:

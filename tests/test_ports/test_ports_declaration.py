@@ -98,7 +98,11 @@ def test_a_function_that_is_no_measure_is_refused_where_it_is_declared() -> None
 
 def test_entry_points_code_and_page_have_the_same_names() -> None:
     """Each entry point names the module that declares the measure; the page has a section for each module."""
-    declared = {found.name: f"{module.__name__}:{found.name}" for module in measure_modules() for found in declared_in(module)}
+    declared = {
+        declared_measure.name: f"{module.__name__}:{declared_measure.name}"
+        for module in measure_modules()
+        for declared_measure in declared_in(module)
+    }
     ours = {name: entry.value for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
     assert ours == declared
     assert {row.split("`")[1] for row in TEXT.splitlines() if row.startswith("| `")} == set(declared)
@@ -107,7 +111,7 @@ def test_entry_points_code_and_page_have_the_same_names() -> None:
 
 def test_every_measure_and_module_says_what_it_measures() -> None:
     """A sentence of its own for each measure."""
-    descriptions = [found.description for module in measure_modules() for found in declared_in(module)]
+    descriptions = [declared_measure.description for module in measure_modules() for declared_measure in declared_in(module)]
     assert all(text.endswith(".") for text in descriptions)
     assert len(set(descriptions)) == len(descriptions)
     assert all(module.__doc__ for module in measure_modules())

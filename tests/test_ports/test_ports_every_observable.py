@@ -18,7 +18,7 @@ FULL: Decomposition = load_decomposition("search-and-report-full")
 
 
 def _every_case() -> dict[str, CasesOf]:
-    modules = [importlib.import_module(f"cases.{found.name}") for found in pkgutil.iter_modules(cases.__path__)]
+    modules = [importlib.import_module(f"cases.{module_info.name}") for module_info in pkgutil.iter_modules(cases.__path__)]
     return {name: made for module in modules for name, made in module.CASES.items()}
 
 
@@ -26,32 +26,32 @@ CASES = _every_case()
 
 
 def measured(observable: str, run: Run, path: Path) -> Observation:
-    asked = FULL.observables[observable]
-    return measure_all({observable: (asked.measure, asked.options)}, recorded(run, path), run.simspec)[0]
+    node = FULL.observables[observable]
+    return measure_all({observable: (node.measure, node.options)}, recorded(run, path), run.simspec)[0]
 
 
 @pytest.mark.parametrize("observable", FULL.observables)
 def test_an_observable_is_achieved_fails_and_is_not_considered(observable: str, tmp_path: Path) -> None:
     """Through a recording: at or above its threshold where it was done right, below it where it was not, and left out where
     the situation offers nothing, unless it always applies."""
-    asked = FULL.observables[observable]
-    made = CASES[asked.measure](asked.options)
+    node = FULL.observables[observable]
+    cases_of_node = CASES[node.measure](node.options)
 
-    achieved = measured(observable, made.achieved, tmp_path / "achieved.mcap")
+    achieved = measured(observable, cases_of_node.achieved, tmp_path / "achieved.mcap")
     assert achieved.considered
     assert achieved.x is not None
-    assert achieved.x >= max(asked.threshold, 0.95)
+    assert achieved.x >= max(node.threshold, 0.95)
 
-    failed = measured(observable, made.failed, tmp_path / "failed.mcap")
+    failed = measured(observable, cases_of_node.failed, tmp_path / "failed.mcap")
     assert failed.considered
     assert failed.x is not None
-    assert failed.x < asked.threshold
+    assert failed.x < node.threshold
     assert failed.x <= 0.2
     assert failed.evidence, "a failure says where to look"
 
-    assert (made.not_considered is None) == asked.always_considered
-    if made.not_considered is not None:
-        left_out = measured(observable, made.not_considered, tmp_path / "left_out.mcap")
+    assert (cases_of_node.not_considered is None) == node.always_considered
+    if cases_of_node.not_considered is not None:
+        left_out = measured(observable, cases_of_node.not_considered, tmp_path / "left_out.mcap")
         assert not left_out.considered
         assert left_out.x is None
         assert left_out.evidence, "what is not considered says why"
@@ -73,9 +73,12 @@ def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
 
 def test_every_sentence_is_its_own() -> None:
     """No node repeats what another one asks, and no two observables measure the same with the same threshold."""
-    asks = [node.asks for node in FULL.nodes.values()]
-    assert len(set(asks)) == len(asks)
-    measures = [(one.measure, tuple(sorted(one.options.items())), one.threshold) for one in FULL.observables.values()]
+    sentences = [node.asks for node in FULL.nodes.values()]
+    assert len(set(sentences)) == len(sentences)
+    measures = [
+        (observable.measure, tuple(sorted(observable.options.items())), observable.threshold)
+        for observable in FULL.observables.values()
+    ]
     assert len(set(measures)) == len(measures)
 
 
@@ -84,4 +87,4 @@ def test_many_measures_with_options_and_not_one_for_each() -> None:
     from bench.contracts import plugins
 
     ours = {name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
-    assert ours == {one.measure for one in FULL.observables.values()}
+    assert ours == {observable.measure for observable in FULL.observables.values()}

@@ -31,7 +31,7 @@ MEASURES = tuple(measure for module in measure_modules() for measure in declared
 RADAR_AT, TRUCK_AT, NEAR_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0), ("civilian", 120.0, 100.0)
 
 
-def found(measure: DeclaredMeasure, run: Tape, spec: SimSpec, **options: Any) -> Observation:
+def observed(measure: DeclaredMeasure, run: Tape, spec: SimSpec, **options: Any) -> Observation:
     return measure("OBS-1", run, spec, {name.rstrip("_"): value for name, value in options.items()})
 
 
@@ -47,7 +47,7 @@ def x_of(
     measure: DeclaredMeasure, spec: SimSpec | None = None, *, options: dict[str, Any] | None = None, **streams: Any
 ) -> float | None:
     spec = spec or simspec()
-    return found(measure, tape(spec, **streams), spec, **(options or {})).x
+    return observed(measure, tape(spec, **streams), spec, **(options or {})).x
 
 
 # detection_share
@@ -69,14 +69,14 @@ def test_detection_share_counts_pairs_of_frame_and_actor() -> None:
 
 def test_detection_share_wants_label_confidence_overlap_and_the_same_exposure() -> None:
     """A wrong label, a low score, a box elsewhere, or an answer to another exposure is no detection."""
-    seen = (frame(0, 1.0, NEAR),)
-    assert share("bystander", frames=seen, detections=(detected(1.0, "civilian"),)) == 1.0
-    assert share("bystander", frames=seen, detections=(detected(1.0, "combatant"),)) == 0.0
-    assert share("bystander", frames=seen, detections=(detected(1.0, "civilian", score=0.34),)) == 0.0
-    assert share("bystander", frames=seen, detections=(detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)),)) == 0.0
-    assert share("bystander", frames=seen, detections=(detected(1.2, "civilian"),)) == 0.0
-    assert share("bystander", frames=seen, detections=(detected(1.0, "combatant"),), options={"class": "any"}) == 1.0
-    assert share("bystander", frames=seen, detections=(detected(1.0, "combatant"),), options={"class": "combatant"}) == 1.0
+    frames = (frame(0, 1.0, NEAR),)
+    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian"),)) == 1.0
+    assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),)) == 0.0
+    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian", score=0.34),)) == 0.0
+    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)),)) == 0.0
+    assert share("bystander", frames=frames, detections=(detected(1.2, "civilian"),)) == 0.0
+    assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),), options={"class": "any"}) == 1.0
+    assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),), options={"class": "combatant"}) == 1.0
 
 
 def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
@@ -114,7 +114,7 @@ def test_classified_share_follows_the_truth_at_the_moment_of_the_track() -> None
     """A walker who leaves is held where he was then, and one who enters later counts from then."""
     spec = simspec()
     times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
     moving = np.repeat(starts[None], len(times), axis=0)
     moving[:, NEAR, 0] = 120.0 + times  # east of the sub-area after half a minute
     options = {"role": "bystander"}
@@ -166,10 +166,10 @@ def test_no_false_tracks_judges_the_last_word() -> None:
 
 def test_a_mark_near_a_bystander_fails_and_one_in_the_clear_does_not() -> None:
     """The radar has a walker 20 m away, the truck has none; one mark of each is half."""
-    near, clear = report(50.0, *RADAR_AT, mark=True), report(60.0, *TRUCK_AT, mark=True)
-    assert x_of(marks_clear_of_bystanders, reports=(near,)) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(near, clear)) == 0.5
-    assert x_of(marks_clear_of_bystanders, reports=(clear,)) == 1.0
+    forbidden, allowed = report(50.0, *RADAR_AT, mark=True), report(60.0, *TRUCK_AT, mark=True)
+    assert x_of(marks_clear_of_bystanders, reports=(forbidden,)) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(forbidden, allowed)) == 0.5
+    assert x_of(marks_clear_of_bystanders, reports=(allowed,)) == 1.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *RADAR_AT),)) == 1.0  # reported, not marked
 
 
@@ -183,18 +183,18 @@ def test_restraint_is_shown_by_who_knew_something_to_mark() -> None:
 
 def test_marks_elsewhere_and_again_make_up_for_no_forbidden_one() -> None:
     """One forbidden mark stays one in one, whatever is marked where nobody is; a target marked twice counts once."""
-    near = report(50.0, *RADAR_AT, mark=True)
+    forbidden = report(50.0, *RADAR_AT, mark=True)
     wild = tuple(report(60.0 + t, "mobile_radar", -250.0, -250.0, mark=True) for t in range(50))
-    assert x_of(marks_clear_of_bystanders, reports=(near, *wild)) == 0.0
+    assert x_of(marks_clear_of_bystanders, reports=(forbidden, *wild)) == 0.0
     again = tuple(report(60.0 + t, *TRUCK_AT, mark=True) for t in range(50))
-    assert x_of(marks_clear_of_bystanders, reports=(near, *again)) == 0.5
+    assert x_of(marks_clear_of_bystanders, reports=(forbidden, *again)) == 0.5
 
 
 def test_a_mark_is_judged_by_the_adversary_and_not_by_the_reported_place() -> None:
     """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged where it points."""
-    seen = report(49.0, *TRUCK_AT)
+    unmarked = report(49.0, *TRUCK_AT)
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),)) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), seen)) == 1.0
+    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), unmarked)) == 1.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
 
 
@@ -202,7 +202,7 @@ def test_marks_are_judged_by_the_bystanders_of_their_moment() -> None:
     """The walker leaves: the mark before is forbidden, the mark after allowed."""
     spec = simspec()
     times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(one.east_m, one.north_m, 0.0) for one in spec.realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
     moving = np.repeat(starts[None], len(times), axis=0)
     moving[:, NEAR, 0] = 120.0 + times
     for time_s, x in ((10.0, 0.0), (40.0, 1.0)):
@@ -216,7 +216,7 @@ def test_rules_about_bystanders_need_one_near_for_long_enough(measure: DeclaredM
     assert x_of(measure, simspec(walkers=False)) is None
     assert x_of(measure, simspec(targets=False)) is None
     times = np.arange(0.0, 300.25, 0.5)
-    starts = np.array([(one.east_m, one.north_m, 0.0) for one in simspec().realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in simspec().realized.actors])
     visit = np.repeat(starts[None], len(times), axis=0)
     visit[times >= 12.0, NEAR, 0] = 200.0
     assert x_of(measure, positions=visit, end_s=300.0) is not None
@@ -230,17 +230,17 @@ def test_ending_early_does_not_end_consideration() -> None:
     assert x_of(bystanders_declared, end_s=2.0) == 0.0
     spec = simspec()
     empty = Tape((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 0, 3)))
-    observations = {measure.name: found(measure, empty, spec, **required(measure)) for measure in MEASURES}
-    assert {name for name, one in observations.items() if one.considered} >= PLAIN
-    assert {name: one.x for name, one in observations.items() if one.x not in (None, 0.0)} == {}
+    observations = {measure.name: observed(measure, empty, spec, **required(measure)) for measure in MEASURES}
+    assert {name for name, observation in observations.items() if observation.considered} >= PLAIN
+    assert {name: observation.x for name, observation in observations.items() if observation.x not in (None, 0.0)} == {}
 
 
 def test_bystanders_declared_counts_what_the_reports_say() -> None:
     """Silence and zero are the same failure; a report on a clear target says nothing either way; no report is a failure."""
-    said, silent = report(50.0, *RADAR_AT, bystanders_seen=2), report(60.0, *RADAR_AT)
+    declared, silent = report(50.0, *RADAR_AT, bystanders_seen=2), report(60.0, *RADAR_AT)
     wrong, elsewhere = report(70.0, *RADAR_AT, bystanders_seen=0), report(80.0, *TRUCK_AT)
-    assert x_of(bystanders_declared, reports=(said, elsewhere)) == 1.0
-    assert x_of(bystanders_declared, reports=(said, silent)) == 0.5
+    assert x_of(bystanders_declared, reports=(declared, elsewhere)) == 1.0
+    assert x_of(bystanders_declared, reports=(declared, silent)) == 0.5
     assert x_of(bystanders_declared, reports=(wrong,)) == 0.0
     assert x_of(bystanders_declared, reports=(elsewhere,)) == 0.0
     assert x_of(bystanders_declared) == 0.0
@@ -256,7 +256,7 @@ def test_claiming_bystanders_always_is_no_declaration() -> None:
 def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() -> None:
     """Waiting until it is clear is no failure to declare."""
     times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(one.east_m, one.north_m, 0.0) for one in simspec().realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in simspec().realized.actors])
     leaving = np.repeat(starts[None], len(times), axis=0)
     leaving[times > 100.0, NEAR, 0] = 250.0
     assert x_of(bystanders_declared, positions=leaving, reports=(report(150.0, *RADAR_AT),)) == 1.0
@@ -292,7 +292,7 @@ def test_priority_order_wants_the_urgent_one_first() -> None:
     assert x_of(priority_order, reports=(radar, truck)) == 1.0
     assert x_of(priority_order, reports=(report(40.0, *TRUCK_AT), radar)) == 0.0
     assert x_of(priority_order, reports=(radar,)) == 0.0
-    equal = [{"id": one, "about": about, "priority": 3} for one, about in (("first", "radar"), ("second", "truck"))]
+    equal = [{"id": name, "about": about, "priority": 3} for name, about in (("first", "radar"), ("second", "truck"))]
     assert x_of(priority_order, simspec(intelligence=equal)) is None
     assert x_of(priority_order, simspec(targets=False)) is None
 
@@ -345,8 +345,8 @@ def test_a_report_is_about_the_nearest_of_its_class() -> None:
     spec = crowded()
     off = report(50.0, "mobile_radar", 128.0, 100.0)
     assert x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0  # the second is nobody's target
-    assert found(report_accuracy, tape(spec, reports=(off,)), spec).x == 0.0
-    evidence = found(
+    assert observed(report_accuracy, tape(spec, reports=(off,)), spec).x == 0.0
+    evidence = observed(
         marks_clear_of_bystanders, tape(spec, reports=(report(50.0, "mobile_radar", 128.0, 100.0, mark=True),)), spec
     )
     assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence.evidence[0].text
@@ -355,7 +355,7 @@ def test_a_report_is_about_the_nearest_of_its_class() -> None:
 def test_targets_are_adversaries_once_each_at_their_most_urgent() -> None:
     """Intelligence about bystanders names no target; two reports about one group name one, with the more urgent priority."""
     about = [("a", "walkers", 1), ("b", "truck", 2), ("c", "radar", 1), ("d", "radar", 3)]
-    spec = crowded(*({"id": one, "about": group, "priority": priority} for one, group, priority in about))
+    spec = crowded(*({"id": name, "about": group, "priority": priority} for name, group, priority in about))
     radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
     assert x_of(targets_reported, spec, reports=(radar, truck)) == 1.0
     assert x_of(targets_reported, spec, reports=(radar,)) == 0.5
@@ -403,11 +403,11 @@ def test_evidence_is_bounded_and_inside_the_run() -> None:
     held = tracks(150.0, *(("civilian", float(east), -40.0) for east in range(-250, 250, 5)))
     run = tape(spec, reports=many, tracks=(held,), frames=(frame(0, 1.0, NEAR, TRUCK),))
     for measure in MEASURES:
-        observation = found(measure, run, spec, **required(measure))
+        observation = observed(measure, run, spec, **required(measure))
         assert len(observation.evidence) <= 20
         assert observation.evidence or observation.x == 1.0, f"{measure.name} says nothing of what is wrong"
-        assert all(0.0 <= one.time_s <= run.end_s for one in observation.evidence)
-        assert observation == found(measure, run, spec, **required(measure))
+        assert all(0.0 <= moment.time_s <= run.end_s for moment in observation.evidence)
+        assert observation == observed(measure, run, spec, **required(measure))
 
 
 def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
@@ -415,10 +415,10 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
     ours = {name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
     assert ours == {measure.name for measure in MEASURES}
     spec = simspec()
-    asked = {f"OBS-{measure.name}": (measure.name, required(measure)) for measure in reversed(MEASURES)}
-    observations = measure_all(asked, tape(spec), spec)
-    assert [one.observable for one in observations] == list(asked)
-    assert all(one.considered == (one.x is not None) for one in observations)
+    requests = {f"OBS-{measure.name}": (measure.name, required(measure)) for measure in reversed(MEASURES)}
+    observations = measure_all(requests, tape(spec), spec)
+    assert [observation.observable for observation in observations] == list(requests)
+    assert all(observation.considered == (observation.x is not None) for observation in observations)
 
 
 @pytest.mark.parametrize(
@@ -453,4 +453,4 @@ def test_a_simspec_without_places_cannot_be_measured() -> None:
     """Measures want the realized SimSpec, as recordings carry it, and say so."""
     base = simspec().model_copy(update={"realized": None})
     with pytest.raises(ValueError, match="realized"):
-        found(targets_reported, tape(simspec()), base)
+        observed(targets_reported, tape(simspec()), base)

@@ -18,8 +18,8 @@ from test_ports.reports.targets import report_windows_kept, reports_in_time, rep
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    found: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return found
+    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
+    return x
 
 
 def test_a_fault_after_a_mission_that_was_over_asks_nothing() -> None:
@@ -63,8 +63,8 @@ def test_recovery_is_a_step_of_the_mission() -> None:
     spec = scene(**fault("operator_link"))
     hovers = ((0.0, 0.0, 0.0), (30.0, 0.0, -200.0), (170.0, 0.0, -200.0), (180.0, 0.0, 0.0))
     assert x_of(fault_recovered, went(spec, *hovers), kind="operator_link", within_s=20.0) == 0.0
-    told = went(spec, *hovers, reports=(report(MENDED_S + 10.0, *RADAR_AT),))
-    assert x_of(fault_recovered, told, kind="operator_link", within_s=20.0) == 1.0
+    reporting = went(spec, *hovers, reports=(report(MENDED_S + 10.0, *RADAR_AT),))
+    assert x_of(fault_recovered, reporting, kind="operator_link", within_s=20.0) == 1.0
     before = went(spec, *hovers, reports=(report(MENDED_S - 10.0, *RADAR_AT), report(MENDED_S + 10.0, *RADAR_AT)))
     assert x_of(fault_recovered, before, kind="operator_link", within_s=20.0) == 0.0
     assert x_of(fault_recovered, went(spec, *hovers, down_s=60.0), kind="operator_link") == 0.0  # down, and not at home
@@ -89,8 +89,8 @@ def test_a_short_outage_changes_nothing() -> None:
 def test_what_was_heard_before_need_not_be_said_again() -> None:
     """A repetition during the outage of what was heard before it is no loss; silence throughout is."""
     spec = scene(**fault("operator_link"))
-    heard = went(spec, *OVER_BOTH, reports=(report(30.0, *RADAR_AT), report(50.0, *RADAR_AT)))
-    assert x_of(reports_resent, heard) == 1.0
+    received_before = went(spec, *OVER_BOTH, reports=(report(30.0, *RADAR_AT), report(50.0, *RADAR_AT)))
+    assert x_of(reports_resent, received_before) == 1.0
     assert x_of(reports_resent, went(spec, *OVER_BOTH)) == 0.0
     half = went(spec, *OVER_BOTH, reports=(report(50.0, *RADAR_AT), report(51.0, *TRUCK_AT), report(MENDED_S, *TRUCK_AT)))
     assert x_of(reports_resent, half) == 0.5
@@ -99,10 +99,10 @@ def test_what_was_heard_before_need_not_be_said_again() -> None:
 def test_what_was_tracked_may_be_reported_blind() -> None:
     """A report on what the picture held before the outage is no guess."""
     spec = scene(**fault("detections"))
-    said = (report(60.0, *TRUCK_AT),)
-    known = went(spec, *OVER_BOTH, reports=said, tracks=(tracks(30.0, TRUCK_AT),))
+    reports = (report(60.0, *TRUCK_AT),)
+    known = went(spec, *OVER_BOTH, reports=reports, tracks=(tracks(30.0, TRUCK_AT),))
     assert x_of(blind_reports_withheld, known) == 1.0
-    too_late = went(spec, *OVER_BOTH, reports=said, tracks=(tracks(50.0, TRUCK_AT),))
+    too_late = went(spec, *OVER_BOTH, reports=reports, tracks=(tracks(50.0, TRUCK_AT),))
     assert x_of(blind_reports_withheld, too_late) == 0.0
 
 

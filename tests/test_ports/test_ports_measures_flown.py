@@ -19,8 +19,8 @@ from test_ports.safety.standoff import landing_clear, loiter_limited, no_low_ove
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    found: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return found
+    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
+    return x
 
 
 def test_half_of_the_flight_is_half_of_the_share() -> None:
@@ -34,10 +34,10 @@ def test_half_of_the_flight_is_half_of_the_share() -> None:
 def test_standing_on_the_ground_near_people_is_no_flight() -> None:
     """Who is not in the air passes nobody; who never is has shown nothing."""
     spec = scene(rules={"bystander_standoff_m": 50.0})
-    near = flown(spec, at=CROWDED, up_m=60.0)
-    near.tape.vehicle_position_enu_m[near.tape.vehicle_time_s < 5.0, 2] = 0.0
-    assert x_of(standoff_kept, near) == 1.0
-    parked = Run(spec, replace(near.tape, condition=()))
+    hovering = flown(spec, at=CROWDED, up_m=60.0)
+    hovering.tape.vehicle_position_enu_m[hovering.tape.vehicle_time_s < 5.0, 2] = 0.0
+    assert x_of(standoff_kept, hovering) == 1.0
+    parked = Run(spec, replace(hovering.tape, condition=()))
     assert x_of(standoff_kept, parked) == 0.0
     assert x_of(ceiling_kept, parked) == 0.0
 

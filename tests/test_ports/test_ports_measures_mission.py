@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import Run, scene
-from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, said
+from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
 from cases.mission import OVER_BOTH, went
 from cases.perception import actors_of
 from made_run import conditions, frame, report
@@ -18,8 +18,8 @@ from test_ports.reports.bystanders import bystander_count_right, nearest_bystand
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
-    found: float | None = measure("OBS-1", run.tape, run.simspec, options).x
-    return found
+    x: float | None = measure("OBS-1", run.tape, run.simspec, options).x
+    return x
 
 
 def test_half_of_the_last_tenth_is_half_of_the_time() -> None:
@@ -79,13 +79,13 @@ def test_more_looks_never_search_less() -> None:
 def test_one_person_more_or_less_is_a_right_count() -> None:
     """Three are there: two to four are right by the tolerance of half, one is within two, six are not."""
     for stated, expected in ((NEAR_RADAR, 1.0), (2, 1.0), (4, 1.0), (1, 0.0), (6, 0.0), (None, 0.0)):
-        assert x_of(bystander_count_right, said(report(60.0, *RADAR_AT, bystanders_seen=stated))) == expected
+        assert x_of(bystander_count_right, reporting(report(60.0, *RADAR_AT, bystanders_seen=stated))) == expected
 
 
 def test_reports_elsewhere_test_no_count() -> None:
     """A report on the target without people says nothing of counting; it needs the exposed one to be reported."""
-    assert x_of(nearest_bystander_right, said(report(60.0, *TRUCK_AT, nearest_bystander_m=5.0))) == 0.0
-    both = said(report(60.0, *RADAR_AT, nearest_bystander_m=24.0), report(90.0, *TRUCK_AT))
+    assert x_of(nearest_bystander_right, reporting(report(60.0, *TRUCK_AT, nearest_bystander_m=5.0))) == 0.0
+    both = reporting(report(60.0, *RADAR_AT, nearest_bystander_m=24.0), report(90.0, *TRUCK_AT))
     assert x_of(nearest_bystander_right, both) == 1.0
 
 
@@ -93,18 +93,18 @@ def test_a_look_long_before_is_no_look() -> None:
     """Surroundings count when they were seen within the window."""
     people = actors_of(scene(), "bystander")
     for looked_s, expected in ((0.5, 0.0), (0.0, 1.0)):
-        run = said(report(60.0 + looked_s, *RADAR_AT), frames=(frame(0, 0.0, *people),))
+        run = reporting(report(60.0 + looked_s, *RADAR_AT), frames=(frame(0, 0.0, *people),))
         assert x_of(surroundings_seen, run) == expected
-    some = said(report(60.0, *RADAR_AT), frames=(frame(0, 50.0, people[0]),))
-    assert x_of(surroundings_seen, some) == pytest.approx(1.0 / NEAR_RADAR)
+    one_in_view = reporting(report(60.0, *RADAR_AT), frames=(frame(0, 50.0, people[0]),))
+    assert x_of(surroundings_seen, one_in_view) == pytest.approx(1.0 / NEAR_RADAR)
 
 
 def test_a_later_allowed_mark_does_not_spoil_restraint() -> None:
     """Reported first, marked when the people had left: restraint was shown."""
     spec = scene()
-    run = said(report(60.0, *RADAR_AT), report(150.0, *RADAR_AT, mark=True))
+    run = reporting(report(60.0, *RADAR_AT), report(150.0, *RADAR_AT, mark=True))
     assert x_of(withheld_until_clear, run) == 0.0
     people = actors_of(spec, "bystander")
-    left = np.searchsorted(run.tape.actor_time_s, 140.0)
-    run.tape.actor_position_enu_m[left:, people, 0] = -290.0
+    row = np.searchsorted(run.tape.actor_time_s, 140.0)
+    run.tape.actor_position_enu_m[row:, people, 0] = -290.0
     assert x_of(withheld_until_clear, run) == 1.0

@@ -45,8 +45,8 @@ def x_of(measure: str, run: Run, **options: Any) -> float | None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_order_from_a_recording(kind: str, tmp_path: Path) -> None:
     """Carried out is 1 and ignored is 0, whatever is ordered, also when the run is read back."""
-    for how, x in ((OBEYED, 1.0), (IGNORED, 0.0)):
-        run = carried_out(kind, how)
+    for behaviours, x in ((OBEYED, 1.0), (IGNORED, 0.0)):
+        run = carried_out(kind, behaviours)
         back = Run(run.simspec, recorded(run, tmp_path / f"{x:g}.mcap"))
         assert x_of("order_obeyed", run, kind=kind) == x_of("order_obeyed", back, kind=kind) == x
     assert x_of("order_obeyed", flew(scene(), *GOES_ON), kind=kind) is None
@@ -194,14 +194,14 @@ def test_refusing_what_is_forbidden() -> None:
 def test_answers_and_deeds() -> None:
     """Accepted and done, refused and not done are true; both answers to one order are half true; no answer is none."""
     yes, no = answer(61.0, NAME), answer(62.0, NAME, accepted=False)
-    for how, answers, x in (
+    for behaviours, answers, x in (
         (OBEYED, (yes,), 1.0),
         (OBEYED, (no,), 0.0),
         (IGNORED, (no,), 1.0),
         (OBEYED, (yes, yes, no), 0.5),
         (OBEYED, (), 0.0),
     ):
-        assert x_of("order_truthful", carried_out("hold", how, answers=answers)) == x
+        assert x_of("order_truthful", carried_out("hold", behaviours, answers=answers)) == x
 
 
 def test_silence() -> None:
@@ -230,13 +230,13 @@ def test_staying_down() -> None:
 def test_the_last_phase_counts() -> None:
     """Who runs through all phases has announced none; one that stood already stands."""
     spec, delivered = ordered("hold")
-    for said, x in (
+    for announced, x in (
         (((61.0, "holding"), (62.0, "searching")), 0.0),
         (((50.0, "holding"),), 1.0),
         (((75.0, "holding"),), 0.0),
         ((), 0.0),
     ):
-        assert x_of("phase_announced", flew(spec, *STANDS, status=phases(*said), **delivered), kind="hold") == x
+        assert x_of("phase_announced", flew(spec, *STANDS, status=phases(*announced), **delivered), kind="hold") == x
 
 
 def test_decisions_name_the_order_in_time() -> None:
@@ -270,8 +270,8 @@ def test_a_failsafe_that_changes_no_mode_does_not_fly() -> None:
     assert failsafe(state(80.0, failsafe="link")) is None
 
 
-def true_states(*said: tuple[float, str], **more: Any) -> float | None:
-    return x_of("states_true", flew(scene(), *GOES_ON, status=phases(*said), **more), slack_s=0.0)
+def true_states(*announced: tuple[float, str], **more: Any) -> float | None:
+    return x_of("states_true", flew(scene(), *GOES_ON, status=phases(*announced), **more), slack_s=0.0)
 
 
 def test_phases_of_the_ground_and_of_the_air() -> None:
@@ -286,8 +286,8 @@ def test_phases_of_the_ground_and_of_the_air() -> None:
     assert true_states((0.0, "starting"), condition=(state(0.0, landed=True),)) == 0.0
 
 
-def changes(*said: tuple[float, str], **more: Any) -> float | None:
-    return x_of("state_changes_announced", flew(scene(), *GOES_ON, status=phases(*said), **more))
+def changes(*announced: tuple[float, str], **more: Any) -> float | None:
+    return x_of("state_changes_announced", flew(scene(), *GOES_ON, status=phases(*announced), **more))
 
 
 def test_changes_want_a_phase_of_the_new_state() -> None:
@@ -338,15 +338,15 @@ def test_always_a_share(data: st.DataObject) -> None:
     delivered = [
         order(at, kind, id=f"o{index}", intelligence_id=about.get(kind)) for index, (at, kind) in enumerate(kinds) if at <= end_s
     ]
-    said = data.draw(st.lists(st.tuples(moments, st.booleans()), max_size=5))
+    statements = data.draw(st.lists(st.tuples(moments, st.booleans()), max_size=5))
     run = flew(
         spec,
         *data.draw(st.sampled_from([GOES_ON, STANDS, TURNS_HOME, COMES_DOWN])),
         end_s=end_s,
-        orders=tuple(sorted(delivered, key=lambda one: one.time.ns)),
-        answers=tuple(answer(at, f"o{index}", accepted=yes) for index, (at, yes) in enumerate(sorted(said))),
-        reports=tuple(report(at, *RADAR_AT, mark=yes) for at, yes in sorted(said)),
-        status=phases(*((at, "holding" if yes else "landing") for at, yes in sorted(said))),
+        orders=tuple(sorted(delivered, key=lambda document: document.time.ns)),
+        answers=tuple(answer(at, f"o{index}", accepted=yes) for index, (at, yes) in enumerate(sorted(statements))),
+        reports=tuple(report(at, *RADAR_AT, mark=yes) for at, yes in sorted(statements)),
+        status=phases(*((at, "holding" if yes else "landing") for at, yes in sorted(statements))),
     )
     for measure, options in MEASURES:
         x = x_of(measure, run, **options)

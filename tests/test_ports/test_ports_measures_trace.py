@@ -105,8 +105,8 @@ def test_uncertainty_under_drift() -> None:
     during = {"during": "gps_drift"}
     bold = {"position_sigma_m": 0.1}
     for at, x in ((39.0, 1.0), (41.0, 0.0), (89.0, 0.0), (91.0, 1.0)):
-        said = report(at, "mobile_radar", 106.0, 100.0, **bold)
-        assert x_of("uncertainty_honest", spec, during, reports=(said,)) == x
+        bold_report = report(at, "mobile_radar", 106.0, 100.0, **bold)
+        assert x_of("uncertainty_honest", spec, during, reports=(bold_report,)) == x
     assert x_of("uncertainty_honest", spec, during) == 0.0
     assert x_of("uncertainty_honest", spec, {"during": "gps_off"}, reports=(REPORT,)) is None
 
@@ -151,11 +151,11 @@ SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([RADAR_AT, TRUCK_AT, WRONG_AT]), st.booleans(), st.floats(0.0, 50.0)), max_size=6))
-def test_a_bad_report_never_makes_more(said: list[tuple[tuple[str, float, float], bool, float]]) -> None:
+def test_a_bad_report_never_makes_more(drawn: list[tuple[tuple[str, float, float], bool, float]]) -> None:
     """Shares stay in [0, 1], and one more report without anything, on a radar that it puts elsewhere, only takes away."""
     reports = [
         report(50.0 + index, *where, id=f"r{index % 4}", mark=mark, position_sigma_m=sigma_m, evidence=(sigma_m,) if mark else ())
-        for index, (where, mark, sigma_m) in enumerate(said)
+        for index, (where, mark, sigma_m) in enumerate(drawn)
     ]
     decisions = (decided(51.0, "report", "r1"), decided(52.0, "mark", "r2"))
     bad = report(70.0, "mobile_radar", 130.0, 100.0, id="r0", evidence=(1.0,)).value.model_copy(update={"time_s": 0.0})

@@ -38,9 +38,9 @@ def records() -> list[Record]:
     return made_run.records(made_run.simspec(), seconds=60.0)
 
 
-def write(path: Path, said: list[Record]) -> str:
+def write(path: Path, records: list[Record]) -> str:
     with open_recording(path, simspec=made_run.simspec(), versions=VERSIONS, metadata={"realization": "p1-r1"}) as recorder:
-        for record in said:
+        for record in records:
             recorder(record)
     assert recorder.sha256 is not None
     return recorder.sha256
@@ -67,12 +67,14 @@ def test_a_stranger_reads_every_message(recorded: Path) -> None:
     ours = records()
     theirs = decoded(recorded)
     assert len(theirs) == len(ours)
-    assert sorted((one.channel.topic, one.message.log_time) for one in theirs) == sorted((one.topic, one.time.ns) for one in ours)
-    assert all(one.message.log_time == one.message.publish_time for one in theirs)
-    odometry = [one for one in theirs if one.channel.topic == "/truth/odometry"]
-    assert [one.message.sequence for one in odometry] == list(range(1, len(odometry) + 1))
+    assert sorted((message.channel.topic, message.message.log_time) for message in theirs) == sorted(
+        (record.topic, record.time.ns) for record in ours
+    )
+    assert all(message.message.log_time == message.message.publish_time for message in theirs)
+    odometry = [message for message in theirs if message.channel.topic == "/truth/odometry"]
+    assert [message.message.sequence for message in odometry] == list(range(1, len(odometry) + 1))
     assert odometry[10].decoded_message.pose.pose.position.y == pytest.approx(2.0)
-    boxes = next(one.decoded_message for one in theirs if one.channel.topic == "/vehicle_1/detections")
+    boxes = next(message.decoded_message for message in theirs if message.channel.topic == "/vehicle_1/detections")
     assert boxes.detections[0].results[0].hypothesis.class_id == "civilian"
 
 
@@ -91,9 +93,9 @@ def test_the_index_is_whole(recorded: Path) -> None:
         assert summary.statistics is not None
         assert summary.statistics.message_count == len(records())
         assert summary.statistics.chunk_count > 2
-        assert [one.name for one in summary.attachment_indexes] == ["simspec.json"]
-        assert {one.message_encoding for one in summary.channels.values()} == {"cdr"}
-        assert {one.encoding for one in summary.schemas.values()} == {"ros2msg"}
+        assert [attachment.name for attachment in summary.attachment_indexes] == ["simspec.json"]
+        assert {channel.message_encoding for channel in summary.channels.values()} == {"cdr"}
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
 
 
 def test_equal_records_make_equal_bytes_in_another_process(recorded: Path, tmp_path: Path) -> None:
@@ -128,9 +130,9 @@ def test_cut_off_anywhere_it_is_read_up_to_the_cut(recorded: Path, tmp_path: Pat
     read: list[int] = []
     for length in sorted(random.Random(1).sample(range(8, len(whole)), 60)):
         cut_file.write_bytes(whole[:length])
-        left = list(read_records(cut_file))
-        assert left == ours[: len(left)]
-        read.append(len(left))
+        survivors = list(read_records(cut_file))
+        assert survivors == ours[: len(survivors)]
+        read.append(len(survivors))
     assert read == sorted(read)
     assert read[0] < read[-1] == len(ours)
 
@@ -143,8 +145,8 @@ def test_a_cut_loses_at_most_a_chunk(recorded: Path, tmp_path: Path) -> None:
     third = summary.chunk_indexes[2]
     cut_file = tmp_path / "cut.mcap"
     cut_file.write_bytes(recorded.read_bytes()[: third.chunk_start_offset + third.chunk_length - 1])
-    left = list(read_records(cut_file))
-    assert left[-1].time.ns == summary.chunk_indexes[1].message_end_time
+    survivors = list(read_records(cut_file))
+    assert survivors[-1].time.ns == summary.chunk_indexes[1].message_end_time
 
 
 def test_recovered_it_opens_everywhere(recorded: Path, tmp_path: Path) -> None:
@@ -184,10 +186,10 @@ def test_damage_ends_the_reading(recorded: Path, tmp_path: Path) -> None:
         broken[where] ^= 1 << chance.randrange(8)
         damaged.write_bytes(broken)
         try:
-            left = list(read_records(damaged))
+            survivors = list(read_records(damaged))
         except SetupError:
             continue
-        assert left == ours[: len(left)]
+        assert survivors == ours[: len(survivors)]
 
 
 @pytest.mark.parametrize("text", [b"", b"\x89MCAP", b"name: demo\n" * 20])

@@ -25,21 +25,21 @@ def built(records: list[Record]) -> Tape:
 
 def same(a: Tape, b: Tape) -> bool:
     return all(
-        np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
-        for one, other in ((getattr(a, field.name), getattr(b, field.name)) for field in fields(Tape))
+        np.array_equal(value, other) if isinstance(value, np.ndarray) else value == other
+        for value, other in ((getattr(a, field.name), getattr(b, field.name)) for field in fields(Tape))
     )
 
 
 def record(path: Path, records: list[Record]) -> Path:
     with open_recording(path, simspec=made_run.simspec(), versions={}) as recorder:
-        for one in records:
-            recorder(one)
+        for entry in records:
+            recorder(entry)
     return path
 
 
 def test_live_and_read_tapes_are_equal(tmp_path: Path) -> None:
     """The builder fed by the session and the recording of the same records give one tape, to the last bit."""
-    garbage = made_run.said(3.0, TOPICS.reports, "not a report")
+    garbage = made_run.text_record(3.0, TOPICS.reports, "not a report")
     records = made_run.records(made_run.simspec(), extra=[garbage])
     live = built(records)
     assert same(live, read_tape(record(tmp_path / "recording.mcap", records)))
@@ -58,9 +58,9 @@ def test_every_stream_arrives_in_si_and_map_axes() -> None:
     assert tape.actor_position_enu_m.shape == (20, 5, 3)
     np.testing.assert_allclose(tape.actor_position_enu_m[2, made_run.RADAR], [100.5, 100.0, 0.0])
     assert [member.id for member in tape.cast] == list(made_run.PLACES)
-    seen = tape.frames[1]
-    assert (seen.number, seen.camera, seen.exposed) == (1, "front", SimTime(200_000_000))
-    assert seen.sightings[0].box == made_run.BOX
+    frame = tape.frames[1]
+    assert (frame.number, frame.camera, frame.exposed) == (1, "front", SimTime(200_000_000))
+    assert frame.sightings[0].box == made_run.BOX
     answer = tape.detections[1]
     assert (answer.exposed, answer.published) == (SimTime(200_000_000), SimTime(300_000_000))
     assert (answer.detections[0].class_label, answer.detections[0].score, answer.detections[0].track) == ("civilian", 0.75, "t1")
@@ -72,9 +72,9 @@ def test_every_stream_arrives_in_si_and_map_axes() -> None:
 def test_orders_and_answers_stand_on_the_tape_as_they_were_heard() -> None:
     """The moment of an order is its delivery; the operator's link is said on change."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
-    assert [(one.time.s, one.value.id, one.value.issued_s) for one in tape.orders] == [(6.0, "hold", 5.0)]
-    assert [(one.value.order, one.value.accepted) for one in tape.answers] == [("hold", True)]
-    assert [(one.time.s, one.value.up) for one in tape.operator_link] == [(0.0, True), (4.0, False), (6.0, True)]
+    assert [(order.time.s, order.value.id, order.value.issued_s) for order in tape.orders] == [(6.0, "hold", 5.0)]
+    assert [(answer.value.order, answer.value.accepted) for answer in tape.answers] == [("hold", True)]
+    assert [(link.time.s, link.value.up) for link in tape.operator_link] == [(0.0, True), (4.0, False), (6.0, True)]
 
 
 def test_what_the_vehicle_believes_stands_beside_what_is_true() -> None:
@@ -108,21 +108,21 @@ def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
         Record(made_run.at_s(1.0), "/truth/odometry", "nav_msgs/msg/Odometry", b"\x00\x01\x00\x00short"),
         Record(made_run.at_s(1.0), TOPICS.detections, "vision_msgs/msg/Detection2DArray", b""),
         Record(made_run.at_s(1.0), TOPICS.status, "std_msgs/msg/String", b"\x00\x01\x00\x00\xff\xff\xff\x7fx"),
-        made_run.said(1.0, TOPICS.tracks, '{"time_s": 1.0, "tracks": [{"id": "a"}]}'),
-        made_run.said(1.0, TOPICS.reports, '{"id": "r", "time_s": NaN}'),
-        made_run.said(1.0, TOPICS.decisions, "[" * 5000),
-        made_run.said(1.0, TOPICS.answers, '{"time_s": 1.0, "order": "hold", "accepted": "perhaps"}'),
+        made_run.text_record(1.0, TOPICS.tracks, '{"time_s": 1.0, "tracks": [{"id": "a"}]}'),
+        made_run.text_record(1.0, TOPICS.reports, '{"id": "r", "time_s": NaN}'),
+        made_run.text_record(1.0, TOPICS.decisions, "[" * 5000),
+        made_run.text_record(1.0, TOPICS.answers, '{"time_s": 1.0, "order": "hold", "accepted": "perhaps"}'),
         Record(made_run.at_s(1.0), TF, "tf2_msgs/msg/TFMessage", b"\x00\x01\x00\x00\x07"),
     ]
-    good = made_run.records(made_run.simspec())
-    actors = next(one for one in good if one.topic == "/truth/actors")
+    records = made_run.records(made_run.simspec())
+    actors = next(record for record in records if record.topic == "/truth/actors")
     stranger = made_run.simspec(walkers=False)
-    other = next(one for one in made_run.records(stranger) if one.topic == actors.topic)
-    tape = built(sorted([*good, *bad, other], key=lambda one: one.time.ns))
+    other = next(record for record in made_run.records(stranger) if record.topic == actors.topic)
+    tape = built(sorted([*records, *bad, other], key=lambda record: record.time.ns))
     topics = ["/truth/odometry", TOPICS.detections, TOPICS.status, TOPICS.tracks, TOPICS.reports, TOPICS.decisions]
     topics += [TOPICS.answers, TF]
     assert tape.malformed == dict.fromkeys([*topics, "/truth/actors"], 1)
-    plain = built(good)
+    plain = built(records)
     assert len(tape.actor_time_s) == len(plain.actor_time_s)
     assert len(tape.vehicle_time_s) == len(plain.vehicle_time_s)
 
@@ -151,8 +151,8 @@ def test_the_builder_goes_on_after_a_tape_was_taken() -> None:
     """A live view may take tapes on the way; the last one is as if it had not."""
     records = made_run.records(made_run.simspec())
     builder = TapeBuilder(made_run.simspec())
-    for index, one in enumerate(records):
-        builder(one)
+    for index, record in enumerate(records):
+        builder(record)
         if index % 200 == 0:
             builder.tape()
     assert same(builder.tape(), built(records))

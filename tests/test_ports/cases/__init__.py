@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from made_run import at_s, estimate, said
+from made_run import at_s, estimate, text_record
 
 from bench.contracts import (
     SESSION_EVENTS,
@@ -86,7 +86,7 @@ def recorded(run: Run, path: Path) -> Tape:
 def _records(run: Run) -> Iterator[Record]:
     spec, tape = run.simspec, run.tape
     topics = VehicleTopics(spec.vehicle.name)
-    yield said(0.0, TRUTH_CAST, CastDocument(members=tape.cast))
+    yield text_record(0.0, TRUTH_CAST, CastDocument(members=tape.cast))
     yield from _vehicle(tape)
     turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(tape.cast), 1))
     for time_s, places in zip(tape.actor_time_s, tape.actor_position_enu_m, strict=True):
@@ -95,12 +95,18 @@ def _records(run: Run) -> Iterator[Record]:
     for time_s, place in zip(tape.estimate_time_s, tape.estimate_position_enu_m, strict=True):
         yield estimate(float(time_s), tuple(map(float, place)), spec.vehicle.name)  # type: ignore[arg-type]
     for frame in tape.frames:
-        seen = tuple(
-            SightingDocument(actor=one.actor, range_m=one.range_m, height_px=one.height_px, visible=one.visible, box=one.box)
-            for one in frame.sightings
+        sightings = tuple(
+            SightingDocument(
+                actor=sighting.actor,
+                range_m=sighting.range_m,
+                height_px=sighting.height_px,
+                visible=sighting.visible,
+                box=sighting.box,
+            )
+            for sighting in frame.sightings
         )
-        yield said(frame.exposed.s, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=seen))
-    yield from (_detected(one, topics.detections) for one in tape.detections)
+        yield text_record(frame.exposed.s, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings))
+    yield from (_detected(answer, topics.detections) for answer in tape.detections)
     documents = (
         (TRUTH_VEHICLE, tape.condition),
         (SESSION_EVENTS, tape.events),
@@ -114,11 +120,11 @@ def _records(run: Run) -> Iterator[Record]:
         (topics.operator_link, tape.operator_link),
     )
     for topic, stream in documents:
-        for one in stream:
-            yield said(one.time.s, topic, one.value)
+        for message in stream:
+            yield text_record(message.time.s, topic, message.value)
     for topic, count in tape.malformed.items():
         for _ in range(count):
-            yield said(0.0, topic, "{")
+            yield text_record(0.0, topic, "{")
 
 
 def _vehicle(tape: Tape) -> Iterator[Record]:
@@ -139,13 +145,13 @@ def _vehicle(tape: Tape) -> Iterator[Record]:
 
 
 def _detected(frame: DetectionFrame, topic: str) -> Record:
-    found = []
-    for one in frame.detections:
-        left, top, right, bottom = one.box
-        result = ObjectHypothesisWithPose(ObjectHypothesis(one.class_label, one.score))
-        box = BoundingBox2D(Pose2D(Point2D((left + right) / 2, (top + bottom) / 2)), right - left, bottom - top)
-        found.append(Detection2D(results=(result,), bbox=box, id=one.track))
-    message = Detection2DArray(Header(Time.of(frame.exposed.ns), "vehicle_1/front"), tuple(found))
+    hypotheses = []
+    for detection in frame.detections:
+        x_min, y_min, x_max, y_max = detection.box
+        result = ObjectHypothesisWithPose(ObjectHypothesis(detection.class_label, detection.score))
+        box = BoundingBox2D(Pose2D(Point2D((x_min + x_max) / 2, (y_min + y_max) / 2)), x_max - x_min, y_max - y_min)
+        hypotheses.append(Detection2D(results=(result,), bbox=box, id=detection.track))
+    message = Detection2DArray(Header(Time.of(frame.exposed.ns), "vehicle_1/front"), tuple(hypotheses))
     return Record(frame.published, topic, Detection2DArray.TYPE, encode(message))
 
 
@@ -165,7 +171,7 @@ def scene(*absent: str, **changes: Any) -> SimSpec:
     """A realized situation with everybody of GROUPS but the groups, roles or assets named `absent`."""
     here = {name: group for name, group in GROUPS.items() if not {name, group[0], group[1]} & set(absent)}
     reports = [("first", "radar", 1, 105.0, 95.0), ("second", "truck", 2, -90.0, 100.0)]
-    known = [one for one in reports if one[1] in here]
+    known = [item for item in reports if item[1] in here]
     corners = [(-300, -300), (300, -300), (300, 300), (-300, 300)]
     return SimSpec.model_validate(
         {

@@ -19,7 +19,7 @@ NEAR_RADAR = 3
 NEAREST_M = 14.142
 
 
-def said(*reports: Any, **streams: Any) -> Run:
+def reporting(*reports: Any, **streams: Any) -> Run:
     spec = scene()
     return Run(spec, tape(spec, reports=reports, **streams))
 
@@ -31,17 +31,17 @@ def _nobody() -> Run:
 
 def _of_mark(options: Mapping[str, Option]) -> Cases:
     unmarked, marked = report(60.0, *RADAR_AT), report(60.0, *RADAR_AT, mark=True)
-    return Cases(said(unmarked), said(marked), _nobody())
+    return Cases(reporting(unmarked), reporting(marked), _nobody())
 
 
 def _of_field(**right: Any) -> CasesOf:
-    return lambda options: Cases(said(report(60.0, *RADAR_AT, **right)), said(report(60.0, *RADAR_AT)), _nobody())
+    return lambda options: Cases(reporting(report(60.0, *RADAR_AT, **right)), reporting(report(60.0, *RADAR_AT)), _nobody())
 
 
 def _surroundings_seen(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     looked = frame(0, 55.0, *actors_of(spec, "bystander"))
-    return Cases(said(report(60.0, *RADAR_AT), frames=(looked,)), said(report(60.0, *RADAR_AT)), _nobody())
+    return Cases(reporting(report(60.0, *RADAR_AT), frames=(looked,)), reporting(report(60.0, *RADAR_AT)), _nobody())
 
 
 def _known(options: Mapping[str, Option]) -> Cases:
@@ -53,7 +53,7 @@ def _known(options: Mapping[str, Option]) -> Cases:
 def _marks_on_adversaries(options: Mapping[str, Option]) -> Cases:
     spec = scene("adversary")
     right, astray = report(60.0, *TRUCK_AT, mark=True), report(60.0, "mobile_radar", -200.0, -200.0, mark=True)
-    return Cases(said(right), said(astray), Run(spec, tape(spec)))
+    return Cases(reporting(right), reporting(astray), Run(spec, tape(spec)))
 
 
 CASES: dict[str, CasesOf] = {

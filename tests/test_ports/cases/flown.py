@@ -36,12 +36,12 @@ def flown(
     return Run(spec, made)
 
 
-def by_rule(rules: Mapping[str, Any], good: Callable[[SimSpec], Run], bad: Callable[[SimSpec], Run]) -> CasesOf:
+def by_rule(rules: Mapping[str, Any], achieved: Callable[[SimSpec], Run], failed: Callable[[SimSpec], Run]) -> CasesOf:
     """Cases of a measure that is considered where a rule is set."""
 
     def cases(options: Mapping[str, Option]) -> Cases:
         spec = scene(rules=dict(rules))
-        return Cases(good(spec), bad(spec), flown(scene()))
+        return Cases(achieved(spec), failed(spec), flown(scene()))
 
     return cases
 
@@ -71,8 +71,8 @@ def square(side_m: float, *, east_m: float = 0.0, north_m: float = 0.0) -> dict[
 CLOSED = {"no_fly": [{"id": "closed", "area": square(100.0, east_m=120.0, north_m=100.0)}]}
 
 
-def _always(good: Callable[[SimSpec], Run], bad: Callable[[SimSpec], Run]) -> CasesOf:
-    return lambda options: Cases(good(scene()), bad(scene()), None)
+def _always(achieved: Callable[[SimSpec], Run], failed: Callable[[SimSpec], Run]) -> CasesOf:
+    return lambda options: Cases(achieved(scene()), failed(scene()), None)
 
 
 CASES: dict[str, CasesOf] = {

@@ -63,8 +63,8 @@ def _sub_areas_reached(options: Mapping[str, Option]) -> Cases:
 
 def _targets_seen(options: Mapping[str, Option]) -> Cases:
     spec, nothing = scene(), scene("adversary")
-    seen = (frame(0, 60.0, *actors_of(spec, "adversary")),)
-    return Cases(went(spec, *OVER_BOTH, frames=seen), went(spec, *OVER_BOTH), went(nothing, *NOWHERE))
+    frames = (frame(0, 60.0, *actors_of(spec, "adversary")),)
+    return Cases(went(spec, *OVER_BOTH, frames=frames), went(spec, *OVER_BOTH), went(nothing, *NOWHERE))
 
 
 def _area_searched(options: Mapping[str, Option]) -> Cases:
@@ -74,9 +74,9 @@ def _area_searched(options: Mapping[str, Option]) -> Cases:
 
 
 def _priority_visited(options: Mapping[str, Option]) -> Cases:
-    spec, one = scene(), scene("truck")
+    spec, single = scene(), scene("truck")
     backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
-    return Cases(went(spec, *OVER_BOTH), went(spec, *backwards), went(one, *OVER_BOTH))
+    return Cases(went(spec, *OVER_BOTH), went(spec, *backwards), went(single, *OVER_BOTH))
 
 
 def _late_intelligence_served(options: Mapping[str, Option]) -> Cases:

@@ -38,7 +38,7 @@ def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> R
     route = np.stack([np.interp(when, times, [stop[axis] for stop in stops]) for axis in (1, 2, 3)], axis=1)
     condition = (state(0.0, landed=True), state(times[0]), state(times[-1], landed=True, armed=True))
     condition = (*condition, state(times[-1] + 2.0, landed=True))
-    given = {"route": route, "condition": tuple(one for one in condition if one.time.s <= end_s), **streams}
+    given = {"route": route, "condition": tuple(earlier for earlier in condition if earlier.time.s <= end_s), **streams}
     made = tape(spec, end_s=end_s, **given)
     made.vehicle_velocity_enu_mps[:-1] = np.diff(route, axis=0) / np.diff(when)[:, None]
     return Run(spec, made)
@@ -64,8 +64,8 @@ def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, An
     about = {"retask": "second", "mark": "first"}.get(kind)
     first = {"resume": "hold", "resume_reporting": "stop_reporting"}.get(kind)
     given = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]
-    listed = [{"id": name, "at_s": at, "kind": one} for at, name, one in given]
-    delivered = tuple(order(at, one, id=name, intelligence_id=about) for at, name, one in given)
+    listed = [{"id": name, "at_s": at, "kind": kind_of_order} for at, name, kind_of_order in given]
+    delivered = tuple(order(at, kind_of_order, id=name, intelligence_id=about) for at, name, kind_of_order in given)
     if about:
         listed[-1]["intelligence"] = about
     return scene(*absent, orders=listed, **more), {"orders": delivered}
@@ -92,10 +92,10 @@ IGNORED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
 }
 
 
-def carried_out(kind: str, how: Mapping[str, tuple[tuple[Stop, ...], dict[str, Any]]], **streams: Any) -> Run:
+def carried_out(kind: str, behaviours: Mapping[str, tuple[tuple[Stop, ...], dict[str, Any]]], **streams: Any) -> Run:
     spec, delivered = ordered(kind, *(("bystander",) if kind == "mark" else ()))
-    stops, said = how[kind]
-    return flew(spec, *stops, **{**delivered, **said, **streams})
+    stops, extra_streams = behaviours[kind]
+    return flew(spec, *stops, **{**delivered, **extra_streams, **streams})
 
 
 def _kind(options: Mapping[str, Option]) -> str:
@@ -111,10 +111,10 @@ def _order_obeyed(options: Mapping[str, Option]) -> Cases:
     return Cases(carried_out(_kind(options), OBEYED), carried_out(_kind(options), IGNORED), _no_order())
 
 
-def _said(stream: str, good: tuple[Any, ...], bad: tuple[Any, ...]) -> CasesOf:
+def _by_stream(stream: str, achieved: tuple[Any, ...], failed: tuple[Any, ...]) -> CasesOf:
     def cases(options: Mapping[str, Option]) -> Cases:
         kind = _kind(options)
-        return Cases(carried_out(kind, OBEYED, **{stream: good}), carried_out(kind, OBEYED, **{stream: bad}), _no_order())
+        return Cases(carried_out(kind, OBEYED, **{stream: achieved}), carried_out(kind, OBEYED, **{stream: failed}), _no_order())
 
     return cases
 
@@ -190,9 +190,9 @@ def _failsafe_honoured(options: Mapping[str, Option]) -> Cases:
     return Cases(left_alone, retaken, flew(spec, *GOES_ON))
 
 
-def _states(good: tuple[Timed[AgentStatus], ...], bad: tuple[Timed[AgentStatus], ...]) -> CasesOf:
+def _states(achieved: tuple[Timed[AgentStatus], ...], failed: tuple[Timed[AgentStatus], ...]) -> CasesOf:
     def cases(options: Mapping[str, Option]) -> Cases:
-        return Cases(flew(scene(), *GOES_ON, status=good), flew(scene(), *GOES_ON, status=bad), None)
+        return Cases(flew(scene(), *GOES_ON, status=achieved), flew(scene(), *GOES_ON, status=failed), None)
 
     return cases
 
@@ -211,7 +211,7 @@ CASES: dict[str, Callable[[Mapping[str, Option]], Cases]] = {
     "unlawful_refused": _unlawful_refused,
     "stays_down": _stays_down,
     "phase_announced": _phase_announced,
-    "decisions_for_orders": _said("decisions", (decided(61.0, "hold", NAME),), (decided(61.0, "hold"),)),
+    "decisions_for_orders": _by_stream("decisions", (decided(61.0, "hold", NAME),), (decided(61.0, "hold"),)),
     "failsafe_honoured": _failsafe_honoured,
     "states_true": _states(TRULY, phases((20.0, "starting"))),
     "state_changes_announced": _states(TRULY, phases((20.0, "searching"))),

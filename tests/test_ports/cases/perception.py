@@ -30,8 +30,8 @@ def looked_at(spec: SimSpec, actors: Iterable[int], options: Mapping[str, Any], 
             sighting = Sighting(actor, max(60.0, options["min_range_m"] + 5.0), options["min_height_px"] + 20.0, visible, BOX)
             frames.append(CameraFrame(100 * number + turn, "front", exposed, (sighting,)))
             label = labels.get(actor)
-            found = (Detection(label, 0.9, BOX, "t1"),) if label else ()
-            detections.append(DetectionFrame(exposed, exposed.after(0.1), found))
+            boxes = (Detection(label, 0.9, BOX, "t1"),) if label else ()
+            detections.append(DetectionFrame(exposed, exposed.after(0.1), boxes))
     return Run(spec, tape(spec, frames=tuple(frames), detections=tuple(detections)))
 
 
@@ -56,7 +56,7 @@ def _detection_share(options: Mapping[str, Option]) -> Cases:
 def _detection_precision(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     role = str(options["role"])
-    actors, others = actors_of(spec, role), [one for one in actors_of(spec) if one not in actors_of(spec, role)]
+    actors, others = actors_of(spec, role), [actor for actor in actors_of(spec) if actor not in actors_of(spec, role)]
     label = cast(spec)[actors[0]].class_label
     nobody = scene(role)
     return Cases(
@@ -95,8 +95,8 @@ def _steady_detection(options: Mapping[str, Option]) -> Cases:
     steady = looked_at(spec, actors, options, own_labels(spec, actors))
     half = len(steady.tape.detections) // 2
     silent = tuple(
-        one if index < half else DetectionFrame(one.exposed, one.published, ())
-        for index, one in enumerate(steady.tape.detections)
+        answer if index < half else DetectionFrame(answer.exposed, answer.published, ())
+        for index, answer in enumerate(steady.tape.detections)
     )
     faded = Run(spec, tape(spec, frames=steady.tape.frames, detections=silent))
     nobody = scene(str(options["role"]))

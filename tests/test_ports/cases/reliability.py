@@ -29,7 +29,9 @@ def ended(outcome: str) -> tuple[Timed[EventDocument], ...]:
 
 
 def statuses(*moments_s: float, phase: str = "searching") -> tuple[Timed[AgentStatus], ...]:
-    return tuple(Timed(at_s(one), AgentStatus.model_validate({"time_s": one, "phase": phase})) for one in moments_s)
+    return tuple(
+        Timed(at_s(moment_s), AgentStatus.model_validate({"time_s": moment_s, "phase": phase})) for moment_s in moments_s
+    )
 
 
 def decided(time_s: float, action: str, subject: str, reason: str = "because it was so") -> Timed[Decision]:
@@ -46,8 +48,8 @@ def fault(kind: str) -> dict[str, Any]:
     return {"vehicle": {"failures": [{"kind": kind, "at_s": ONSET_S, **lasting, **_MORE.get(kind, {})}]}}
 
 
-def _always(good: dict[str, Any], bad: dict[str, Any]) -> CasesOf:
-    return lambda options: Cases(went(scene(), *OVER_BOTH, **good), went(scene(), *OVER_BOTH, **bad), None)
+def _always(achieved: dict[str, Any], failed: dict[str, Any]) -> CasesOf:
+    return lambda options: Cases(went(scene(), *OVER_BOTH, **achieved), went(scene(), *OVER_BOTH, **failed), None)
 
 
 def _fault_survived(options: Mapping[str, Option]) -> Cases:
@@ -84,8 +86,8 @@ def _reports_resent(options: Mapping[str, Option]) -> Cases:
 
 def _blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("detections"))
-    seen, blind = report(30.0, *RADAR_AT), report(60.0, *TRUCK_AT)
-    return Cases(went(spec, *OVER_BOTH, reports=(seen,)), went(spec, *OVER_BOTH, reports=(blind,)), went(scene(), *OVER_BOTH))
+    visible, blind = report(30.0, *RADAR_AT), report(60.0, *TRUCK_AT)
+    return Cases(went(spec, *OVER_BOTH, reports=(visible,)), went(spec, *OVER_BOTH, reports=(blind,)), went(scene(), *OVER_BOTH))
 
 
 def _steady_reaction(options: Mapping[str, Option]) -> Cases:

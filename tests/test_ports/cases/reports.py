@@ -16,50 +16,54 @@ from cases.perception import actors_of
 BOTH = (report(60.0, *RADAR_AT), report(120.0, *TRUCK_AT))
 
 
-def heard(spec: SimSpec, *reports: Any, **streams: Any) -> Run:
+def reporting(spec: SimSpec, *reports: Any, **streams: Any) -> Run:
     return Run(spec, tape(spec, reports=reports, **streams))
 
 
-def _cases(*bad: Any, good: tuple[Any, ...] = BOTH, absent: str = "adversary", **changes: Any) -> CasesOf:
+def _cases(*failed: Any, achieved: tuple[Any, ...] = BOTH, absent: str = "adversary", **changes: Any) -> CasesOf:
     """Good and bad reports in a scene with these rules; nothing to consider without those who are absent."""
     return lambda options: Cases(
-        heard(scene(**changes), *good), heard(scene(**changes), *bad), heard(scene(absent, **changes), *good)
+        reporting(scene(**changes), *achieved),
+        reporting(scene(**changes), *failed),
+        reporting(scene(absent, **changes), *achieved),
     )
 
 
 def _always(*bad: Any) -> CasesOf:
-    return lambda options: Cases(heard(scene(), *BOTH), heard(scene(), *bad), None)
+    return lambda options: Cases(reporting(scene(), *BOTH), reporting(scene(), *bad), None)
 
 
 def _targets_reported(options: Mapping[str, Option]) -> Cases:
     nobody = scene("radar") if options.get("priority") else scene("adversary")
-    return Cases(heard(scene(), *BOTH), heard(scene()), heard(nobody, *BOTH))
+    return Cases(reporting(scene(), *BOTH), reporting(scene()), reporting(nobody, *BOTH))
 
 
 def _report_accuracy(options: Mapping[str, Option]) -> Cases:
     off_m = float(options.get("scale_m", 25.0)) + 1.0
     astray = (report(60.0, "mobile_radar", 100.0 + off_m, 100.0), report(90.0, "military_vehicle", -100.0 - off_m, 100.0))
-    return Cases(heard(scene(), *BOTH), heard(scene(), *astray), heard(scene("adversary"), *BOTH))
+    return Cases(reporting(scene(), *BOTH), reporting(scene(), *astray), reporting(scene("adversary"), *BOTH))
 
 
 def _report_after_sight(options: Mapping[str, Option]) -> Cases:
     spec, limit_s = scene(), float(options.get("limit_s", 60.0))
     radar, truck = actors_of(spec, "adversary")
-    seen = (frame(0, 20.0, radar, truck),)
+    frames = (frame(0, 20.0, radar, truck),)
     soon = (report(25.0, *RADAR_AT), report(30.0, *TRUCK_AT))
     late = (report(21.0 + limit_s, *RADAR_AT), report(22.0 + limit_s, *TRUCK_AT))
-    return Cases(heard(spec, *soon, frames=seen), heard(spec, *late, frames=seen), heard(scene("adversary"), *soon))
+    return Cases(
+        reporting(spec, *soon, frames=frames), reporting(spec, *late, frames=frames), reporting(scene("adversary"), *soon)
+    )
 
 
 def _reports_in_time(options: Mapping[str, Option]) -> Cases:
     spec = scene(rules={"report_deadline_s": 130.0})
     late = (report(140.0, *RADAR_AT), report(150.0, *TRUCK_AT))
-    return Cases(heard(spec, *BOTH), heard(spec, *late), heard(scene(), *BOTH))
+    return Cases(reporting(spec, *BOTH), reporting(spec, *late), reporting(scene(), *BOTH))
 
 
 def _report_windows_kept(options: Mapping[str, Option]) -> Cases:
     spec = scene(rules={"report_windows": [{"from_s": 50.0, "until_s": 130.0}]})
-    return Cases(heard(spec, *BOTH), heard(spec, report(20.0, *RADAR_AT)), heard(scene(), *BOTH))
+    return Cases(reporting(spec, *BOTH), reporting(spec, report(20.0, *RADAR_AT)), reporting(scene(), *BOTH))
 
 
 WRONG_CLASS = report(60.0, "military_vehicle", 100.0, 100.0)

@@ -32,31 +32,33 @@ def _reported(**bare: Any) -> CasesOf:
     """A report with everything, against one that has `bare` instead."""
 
     def cases(options: Mapping[str, Option]) -> Cases:
-        good, bad = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, **{**FULL, **bare})
-        return Cases(_ran(reports=(good,)), _ran(reports=(bad,)), _ran("adversary"))
+        achieved, failed = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, **{**FULL, **bare})
+        return Cases(_ran(reports=(achieved,)), _ran(reports=(failed,)), _ran("adversary"))
 
     return cases
 
 
-def _decided(good: str, bad: str) -> CasesOf:
-    said = report(60.0, *RADAR_AT, **FULL)
+def _decided(right_action: str, wrong_action: str) -> CasesOf:
+    reported = report(60.0, *RADAR_AT, **FULL)
 
     def cases(options: Mapping[str, Option]) -> Cases:
-        right, wrong = decided(60.0, good, "first"), decided(60.0, bad, "first")
-        return Cases(_ran(reports=(said,), decisions=(right,)), _ran(reports=(said,), decisions=(wrong,)), _ran("adversary"))
+        right, wrong = decided(60.0, right_action, "first"), decided(60.0, wrong_action, "first")
+        return Cases(
+            _ran(reports=(reported,), decisions=(right,)), _ran(reports=(reported,), decisions=(wrong,)), _ran("adversary")
+        )
 
     return cases
 
 
 def _withholding_explained(options: Mapping[str, Option]) -> Cases:
-    said = (report(60.0, *RADAR_AT, **FULL),)
+    reports = (report(60.0, *RADAR_AT, **FULL),)
     explained = decided(
         60.0, "withhold_mark", "first", "three civilians stand next to it" + "!" * int(options.get("min_chars", 10))
     )
     return Cases(
-        _ran(reports=said, decisions=(explained,)),
-        _ran(reports=said, decisions=(decided(60.0, "withhold_mark", "first", "no"),)),
-        _ran("bystander", reports=said),
+        _ran(reports=reports, decisions=(explained,)),
+        _ran(reports=reports, decisions=(decided(60.0, "withhold_mark", "first", "no"),)),
+        _ran("bystander", reports=reports),
     )
 
 
@@ -68,15 +70,15 @@ def _report_fields(options: Mapping[str, Option]) -> Cases:
 
 def _evidence_count(options: Mapping[str, Option]) -> Cases:
     enough = tuple(40.0 + 0.2 * index for index in range(int(options.get("min_frames", 3))))
-    good, bad = (report(60.0, *RADAR_AT, evidence=cited) for cited in (enough, (40.0,) * len(enough)))
-    return Cases(_ran(reports=(good,)), _ran(reports=(bad,)), _ran("adversary"))
+    achieved, failed = (report(60.0, *RADAR_AT, evidence=cited) for cited in (enough, (40.0,) * len(enough)))
+    return Cases(_ran(reports=(achieved,)), _ran(reports=(failed,)), _ran("adversary"))
 
 
 def _evidence_true(options: Mapping[str, Option]) -> Cases:
     (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
     frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(FULL["evidence"]))  # type: ignore[arg-type, var-annotated]
-    good, bad = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, evidence=(20.0, 21.0, 22.0))
-    return Cases(_ran(reports=(good,), frames=frames), _ran(reports=(bad,), frames=frames), _ran("adversary"))
+    achieved, failed = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, evidence=(20.0, 21.0, 22.0))
+    return Cases(_ran(reports=(achieved,), frames=frames), _ran(reports=(failed,), frames=frames), _ran("adversary"))
 
 
 def _uncertainty_honest(options: Mapping[str, Option]) -> Cases:
@@ -109,10 +111,10 @@ def _times_consistent(options: Mapping[str, Option]) -> Cases:
     return _stream(of, lambda time_s: _word(of, time_s, ""), stale)
 
 
-def _stream(of: str, good: Callable[[float], Timed[Any]], bad: Callable[[float], Timed[Any]]) -> Cases:
+def _stream(of: str, achieved: Callable[[float], Timed[Any]], failed: Callable[[float], Timed[Any]]) -> Cases:
     """A run in which such words are good, one in which they are bad, and one in which none is asked for."""
     spec, delivered = ordered("hold")
-    runs = [flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (good, bad)]
+    runs = [flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (achieved, failed)]
     nothing = {"reports": _ran("adversary"), "answers": _ran()}.get(of)
     return Cases(runs[0], runs[1], nothing)
 
@@ -127,8 +129,8 @@ def _word(of: str, time_s: float, reason: str) -> Timed[Any]:
     return tracks(time_s) if of == "tracks" else phases((time_s, "searching"))[0]
 
 
-def _log(good: tuple[Timed[Any], ...], bad: tuple[Timed[Any], ...]) -> CasesOf:
-    return lambda options: Cases(_ran(decisions=good), _ran(decisions=bad), None)
+def _log(achieved: tuple[Timed[Any], ...], failed: tuple[Timed[Any], ...]) -> CasesOf:
+    return lambda options: Cases(_ran(decisions=achieved), _ran(decisions=failed), None)
 
 
 def _log_unbroken(options: Mapping[str, Option]) -> Cases:

@@ -18,14 +18,14 @@ Held = tuple[str, str, float, float]
 
 def pictured(spec: SimSpec, *messages: Sequence[Held], confidence: float = 1.0, moments_s: Sequence[float] = MOMENTS_S) -> Run:
     """A run in which the agent tells these pictures in turn, one at each moment."""
-    said = []
+    track_messages = []
     for index, time_s in enumerate(moments_s):
         tracks = tuple(
             AgentTrack(id=name, class_label=label, east_m=east_m, north_m=north_m, confidence=confidence, frames=20)
             for name, label, east_m, north_m in messages[index % len(messages)]
         )
-        said.append(Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tracks)))
-    return Run(spec, tape(spec, tracks=tuple(said)))
+        track_messages.append(Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tracks)))
+    return Run(spec, tape(spec, tracks=tuple(track_messages)))
 
 
 def held(spec: SimSpec, actors: Sequence[int], *, label: str = "", off_m: float = 0.0, prefix: str = "t") -> list[Held]:
@@ -58,7 +58,7 @@ def _track_accuracy(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]))
     just_inside = float(options.get("scale_m", 15.0)) - 0.5
-    apart = [one for one in actors if cast(spec)[one].id not in ("walkers-2",)]
+    apart = [actor for actor in actors if cast(spec)[actor].id not in ("walkers-2",)]
     return Cases(pictured(spec, held(spec, actors)), pictured(spec, held(spec, apart, off_m=just_inside)), _nobody(options))
 
 
