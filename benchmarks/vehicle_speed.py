@@ -35,12 +35,12 @@ def plant_alone(span_s: float) -> float:
     """JSBSim with the cascade in its XML and our gusts, hovering at 20 m and flying squares; CPU seconds."""
     from bench.simspec import generator
     from vehicle_models._gusts import Gusts, mean_wind_ned_mps
-    from vehicle_models._jsbsim import Place
+    from vehicle_models._jsbsim import StartPose
     from vehicle_models.x500 import X500Plant
 
     spec = simspec()
     wind = spec.environment.wind
-    plant = X500Plant(Place(47.3977, 8.5456, 488.0), 0.02)
+    plant = X500Plant(StartPose(47.3977, 8.5456, 488.0), 0.02)
     plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
     gusts = Gusts(wind, 0.02, generator(spec.seeds, "gusts"))
     for name, value in {"armed": 1, "flying": 1, "position-mode": 1, "height-mode": 1, "target-u-m": 20}.items():

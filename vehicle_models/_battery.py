@@ -23,7 +23,7 @@ _FULL_V, _EMPTY_V = 4.15, 3.45  # of one cell at rest; linear between, which hol
 _RESISTANCE_OHM = 0.02
 
 
-class Battery:
+class BatteryModel:
     """State of charge of one battery; `fraction` 1 is full, 0 is dead."""
 
     def __init__(self, spec: BatterySpec) -> None:

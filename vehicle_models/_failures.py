@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from bench.errors import Fault, SetupError
 from bench.simspec import Failure
 
-from ._battery import Battery
+from ._battery import BatteryModel
 from ._navigation import Navigation
 
 SetWorks = Callable[[int, bool], None]
@@ -31,7 +31,7 @@ class Failures:
         self,
         timeline: Sequence[Failure],
         navigation: Navigation,
-        battery: Battery,
+        battery: BatteryModel,
         rotors: int,
         set_works: SetWorks,
         links: Sequence[str],

@@ -34,7 +34,7 @@ _READ = (
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class StartPose:
     """Where the vehicle stands at the start; `altitude_m` is that of the ground above mean sea level."""
 
     latitude_deg: float
@@ -46,7 +46,7 @@ class Place:
 
 
 @dataclass(slots=True)
-class Motion:
+class VehicleMotion:
     """Motion of the plant at one moment; ENU metres around the place's origin, attitude of body FRD against NED.
 
     `up_m` is that of the feet: 0 on the ground.
@@ -75,7 +75,7 @@ class JsbsimPlant:
     """
 
     def __init__(
-        self, name: str, place: Place, feet_m: float, written: Iterable[str], step_s: float, physics_hz: int = 200
+        self, name: str, place: StartPose, feet_m: float, written: Iterable[str], step_s: float, physics_hz: int = 200
     ) -> None:
         self.runs = round(step_s * physics_hz)
         if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
@@ -91,7 +91,7 @@ class JsbsimPlant:
         self._put = {one: self.node(f"ap/{one}").set_double_value for one in written}
         self._wind = [self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
         self._gust = [self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
-        self.motion = Motion()
+        self.motion = VehicleMotion()
         self._read()
 
     def write(self, name: str, value: float) -> None:
@@ -143,7 +143,7 @@ class JsbsimPlant:
             raise VehicleFault("the state of the flight dynamics is no longer finite")
 
 
-def _load(name: str, place: Place, plane: TangentPlane, feet_m: float, physics_hz: int) -> jsbsim.FGFDMExec:
+def _load(name: str, place: StartPose, plane: TangentPlane, feet_m: float, physics_hz: int) -> jsbsim.FGFDMExec:
     """A fresh, silent JSBSim standing on the ground. Fresh, because a reset one does not repeat its first flight."""
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))  # holds for this thread alone
     with ExitStack() as stack:

@@ -20,25 +20,25 @@ from bench.contracts import (
 from bench.errors import Fault, SetupError
 from bench.simspec import generator
 
-from ._battery import Battery
+from ._battery import BatteryModel
 from ._failures import Failures
 from ._geodesy import TangentPlane
 from ._gusts import Gusts, mean_wind_ned_mps
-from ._jsbsim import Motion, Place
+from ._jsbsim import StartPose, VehicleMotion
 from ._navigation import Navigation
 from .controller import (
-    PERSONALITIES,
+    AUTOPILOTS,
     Airframe,
-    Attitude,
+    Autopilot,
     Controller,
     Equipment,
-    Flight,
-    Home,
-    Kept,
+    FlightState,
+    FlightTarget,
     Link,
     Manoeuvres,
-    Personality,
-    Target,
+    PersistentState,
+    ReferencePoint,
+    TargetAttitude,
     attitude_quaternion,
     open_links,
 )
@@ -64,7 +64,7 @@ class Plant(Protocol):
     """What the vehicle asks of any flight dynamics."""
 
     @property
-    def motion(self) -> Motion: ...
+    def motion(self) -> VehicleMotion: ...
 
     def set_wind_ned_mps(self, wind: Vector) -> None: ...
 
@@ -92,7 +92,7 @@ class X500Airframe:
         self._home_east_m, self._home_north_m = home_enu_m
         self._step_s = step_s
         self._yaw_rad = plant.motion.yaw_rad
-        self._target: Target | None = None  # as last taken
+        self._target: FlightTarget | None = None  # as last taken
         self.error_enu_m: Vector = (0.0, 0.0, 0.0)
 
     def arm(self) -> None:
@@ -109,7 +109,7 @@ class X500Airframe:
         self._plant.write("flying", 0.0)
         self._yaw_rad = self._plant.motion.yaw_rad
 
-    def fly(self, target: Target) -> None:
+    def fly(self, target: FlightTarget) -> None:
         """Aim the true position beside the target by the error of the estimate, so that the estimate meets the target."""
         if target is not self._target and target != self._target:
             self._take(target)
@@ -124,7 +124,7 @@ class X500Airframe:
         self._turn(target)
         write("flying", 1.0)
 
-    def _take(self, target: Target) -> None:
+    def _take(self, target: FlightTarget) -> None:
         """Everything about a target that stays the same while it is flown."""
         self._target = target
         write = self._plant.write
@@ -143,7 +143,7 @@ class X500Airframe:
         write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MPS))
         write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MPS))
 
-    def _tilt(self, attitude: Attitude | None) -> None:
+    def _tilt(self, attitude: TargetAttitude | None) -> None:
         write = self._plant.write
         rates = attitude.rates_radps if attitude else None
         write("tilt-mode", 1.0 if attitude else 0.0)
@@ -176,7 +176,7 @@ class X500Airframe:
         east, north = self._plane.east_north_m(math.radians(latitude_deg), math.radians(longitude_deg))
         return north - self._home_north_m, east - self._home_east_m
 
-    def _turn(self, target: Target) -> None:
+    def _turn(self, target: FlightTarget) -> None:
         if target.attitude and target.attitude.rates_radps:
             self._yaw_rad = self._plant.motion.yaw_rad
             self._plant.write("target-yawrate-radps", 0.0)
@@ -199,7 +199,7 @@ class Aircraft(ABC):
     Each kind says what its plant is, what steers it, which autopilots it can carry, and what it does not survive.
     """
 
-    personalities: ClassVar[Mapping[str, Personality]] = PERSONALITIES
+    autopilots: ClassVar[Mapping[str, Autopilot]] = AUTOPILOTS
     manoeuvres: ClassVar[Manoeuvres] = Manoeuvres()
     hover_thrust: ClassVar[float]  # share of full thrust that carries it, or keeps it at its speed
     rotors: ClassVar[int]
@@ -214,7 +214,7 @@ class Aircraft(ABC):
         self._home = (home.east_m, home.north_m)
         self._plane = TangentPlane(origin.latitude_deg, origin.longitude_deg)
         self._ground_m = origin.altitude_m
-        place = Place(
+        place = StartPose(
             origin.latitude_deg,
             origin.longitude_deg,
             origin.altitude_m,
@@ -227,8 +227,8 @@ class Aircraft(ABC):
         self._plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
         self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
         self._navigation = Navigation(simspec.vehicle.gps, self.step_s, generator(simspec.seeds, "sensors"))
-        self._battery = Battery(simspec.vehicle.battery)
-        self._autopilot = self._personality(simspec.vehicle.autopilot)
+        self._battery = BatteryModel(simspec.vehicle.battery)
+        self._autopilot = self._find_autopilot(simspec.vehicle.autopilot)
         self._start_us = round(simspec.environment.start_utc.timestamp() * 1e6)
         self._links, self._tap = links, tap
         self._parameters = simspec.vehicle.parameters
@@ -244,7 +244,7 @@ class Aircraft(ABC):
             self._silence,
         )
         truth = self._hil_state if simspec.vehicle.ground_truth else None
-        self._payload = Equipment(simspec.vehicle.camera, truth, self._failures.break_part)
+        self._equipment = Equipment(simspec.vehicle.camera, truth, self._failures.break_part)
         self._controller = self._boot(None)
 
     def endpoints(self) -> Mapping[str, str]:
@@ -262,7 +262,7 @@ class Aircraft(ABC):
         self._controller.record_exposure(frame)
 
     def step(self) -> None:
-        if self._controller.wants_restart:
+        if self._controller.restart_requested:
             self._restart()
         self._failures.apply(self.time.ns)
         self._controller.control()
@@ -292,7 +292,7 @@ class Aircraft(ABC):
             flight.crashed,
             flight.mode.name,
             flight.charge_fraction,
-            flight.failsafe,
+            flight.failsafe.value if flight.failsafe else "",
             self._failures.active,
         )
 
@@ -303,18 +303,18 @@ class Aircraft(ABC):
     def counters(self) -> Mapping[str, int]:
         return self._controller.counters()
 
-    def _cold_flight(self) -> Flight:
+    def _cold_flight(self) -> FlightState:
         """What a flight controller knows when it starts at the present moment."""
         latitude_e7, longitude_e7 = self._plane.geodetic_e7(*self._home)
-        return Flight(
+        return FlightState(
             step_s=self.step_s,
-            origin=Home(latitude_e7, longitude_e7, self._ground_m),
-            mode=self._autopilot.mode(self._autopilot.first_mode),
+            origin=ReferencePoint(latitude_e7, longitude_e7, self._ground_m),
+            mode=self._autopilot.modes.initial,
             hover_thrust=self.hover_thrust,
             unix_start_us=self._start_us + self._booted_ns // 1000,
         )
 
-    def _boot(self, kept: Kept | None) -> Controller:
+    def _boot(self, persistent: PersistentState | None) -> Controller:
         return Controller(
             self._autopilot,
             self._flight,
@@ -323,13 +323,13 @@ class Aircraft(ABC):
             self._parameters,
             self._tap,
             self.manoeuvres,
-            self._payload,
-            kept,
+            self._equipment,
+            persistent,
         )
 
     def _restart(self) -> None:
         """A new flight controller takes over the same aircraft and the same links; what nobody has heard yet is lost."""
-        kept, crashed = self._controller.kept(), self._flight.crashed
+        persistent, crashed = self._controller.persistent_state(), self._flight.crashed
         self._airframe.disarm()
         for link in self._links:
             link.inbox.clear()
@@ -337,7 +337,7 @@ class Aircraft(ABC):
         self._flight = self._cold_flight()
         self._flight.crashed = crashed
         self._sense()
-        self._controller = self._boot(kept)
+        self._controller = self._boot(persistent)
 
     def _air(self) -> None:
         if not self._gusts.calm:
@@ -372,23 +372,23 @@ class Aircraft(ABC):
         return math.sqrt(motion.vn_mps**2 + motion.ve_mps**2 + motion.vd_mps**2)
 
     @abstractmethod
-    def _build(self, place: Place) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         """The plant standing at `place`, and what steers it."""
 
     @abstractmethod
-    def _drain(self, battery: Battery) -> None:
+    def _drain(self, battery: BatteryModel) -> None:
         """Take what one step used."""
 
     @abstractmethod
     def _crashed(self, speed_before_mps: float) -> bool:
         """Whether what just happened is more than the airframe bears; the speed is that before the step."""
 
-    def _personality(self, autopilot: str) -> Personality:
+    def _find_autopilot(self, name: str) -> Autopilot:
         try:
-            return self.personalities[autopilot]
+            return self.autopilots[name]
         except KeyError:
-            known = ", ".join(self.personalities)
-            raise SetupError(Fault("vehicle.autopilot", f"this aircraft does not carry {autopilot!r}", f"use {known}")) from None
+            known = ", ".join(self.autopilots)
+            raise SetupError(Fault("vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}")) from None
 
     def _sense(self) -> None:
         """Write what the vehicle believes and feels into the state that its services read."""
@@ -417,7 +417,7 @@ class Aircraft(ABC):
         flight.battery_v, flight.battery_a = battery.terminals()
 
     def _state(self, error: Vector, wrong_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:
-        motion: Motion = self._plant.motion
+        motion: VehicleMotion = self._plant.motion
         return VehicleState(
             time=self.time,
             position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
@@ -437,11 +437,11 @@ class X500(Aircraft):
     hover_thrust = HOVER_THRUST
     rotors = 4
 
-    def _build(self, place: Place) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         self._x500 = X500Plant(place, self.step_s)
         return self._x500, X500Airframe(self._x500, self._plane, self._home, self.step_s)
 
-    def _drain(self, battery: Battery) -> None:
+    def _drain(self, battery: BatteryModel) -> None:
         battery.drain(self._x500.thrust_n(), self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:

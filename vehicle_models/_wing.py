@@ -8,10 +8,10 @@ from contextlib import contextmanager
 
 from bench.contracts import MavlinkTap, VehiclePlan
 
-from ._battery import Battery
-from ._jsbsim import Place
+from ._battery import BatteryModel
+from ._jsbsim import StartPose
 from ._vehicle import Aircraft, Plant, SteeredAirframe
-from .controller import WING_PERSONALITIES, WingManoeuvres, open_links
+from .controller import WING_AUTOPILOTS, WingManoeuvres, open_links
 from .wing import WingAirframe, WingPlant
 
 _NEAR_GROUND_M, _TOUCH_M = 0.5, 0.05
@@ -30,17 +30,17 @@ def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing
 class Wing(Aircraft):
     """The fixed wing."""
 
-    personalities = WING_PERSONALITIES
+    autopilots = WING_AUTOPILOTS
     manoeuvres = WingManoeuvres()
     hover_thrust = 0.27
     rotors = 1
 
-    def _build(self, place: Place) -> tuple[Plant, SteeredAirframe]:
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         self._wing = WingPlant(place, self.step_s)
         self._sinking_mps = 0.0
         return self._wing, WingAirframe(self._wing, self._plane, self._home, self.step_s)
 
-    def _drain(self, battery: Battery) -> None:
+    def _drain(self, battery: BatteryModel) -> None:
         battery.spend(self._wing.electric_w(), self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:

@@ -18,7 +18,7 @@ def copter(make: Make) -> Client:
     """An ArduCopter that has been told to speak at 10 Hz, ready to be armed in GUIDED."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
-    client.say(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 10, 1))
+    client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 10, 1))
     assert client.command(176, 1, 4) == [ACCEPTED]
     return client
 
@@ -27,8 +27,8 @@ def test_a_silent_client_hears_heartbeats_and_nothing_else(make: Make) -> None:
     """No texts, no position: everything has to be asked for. TIMESYNC comes every ten seconds."""
     client = make(simspec("ardupilot"), streams="onboard")
     client.fly(20.5)
-    assert Counter(one.get_type() for one in client.heard) == {"HEARTBEAT": 21, "TIMESYNC": 3}
-    assert (client.heard[0].base_mode, client.heard[0].system_status) == (89, 1)
+    assert Counter(one.get_type() for one in client.received) == {"HEARTBEAT": 21, "TIMESYNC": 3}
+    assert (client.received[0].base_mode, client.received[0].system_status) == (89, 1)
     beat = client.last("HEARTBEAT")
     assert (beat.autopilot, beat.base_mode, beat.custom_mode, beat.system_status) == (3, 81, 0, 3)
 
@@ -89,18 +89,18 @@ def test_mode_refusals(copter: Client) -> None:
     assert copter.command(176, 1, 14) == [FAILED]
     assert copter.command(176, 0, 4) == [DENIED]
     assert {"No such mode 99", "Mode change to FLIP failed: init failed"} <= set(copter.texts())
-    before = len(copter.heard)
+    before = len(copter.received)
     assert copter.command(176, 1, 5) == [ACCEPTED]
-    kinds = [one.get_type() for one in copter.heard[before:]]
+    kinds = [one.get_type() for one in copter.received[before:]]
     assert kinds.index("COMMAND_ACK") < kinds.index("HEARTBEAT")
 
 
 def test_parameters_are_plain_numbers(copter: Client) -> None:
     """Integers as floats, any case and the spelling repeated, index 65535, silence for what is unknown."""
-    copter.say(mavlink.MAVLink_param_request_read_message(1, 1, b"rtl_alt", -1))
-    copter.say(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
-    copter.say(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 1234.6, 9))
-    copter.say(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 300.0, 9))
+    copter.send(mavlink.MAVLink_param_request_read_message(1, 1, b"rtl_alt", -1))
+    copter.send(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 1234.6, 9))
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 300.0, 9))
     values = [one for one in copter.fly(0.1) if one.get_type().startswith("PARAM")]
     assert [(one.param_id, one.param_value, one.param_index) for one in values] == [
         ("rtl_alt", 1500.0, 65535),
@@ -111,10 +111,10 @@ def test_parameters_are_plain_numbers(copter: Client) -> None:
 
 def test_a_lost_station_returns(copter: Client) -> None:
     """FS_GCS_ENABLE 1: five seconds after the last heartbeat of system 255, RTL with status CRITICAL."""
-    copter.say(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 9))
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 9))
     copter.command(400, 1)
     copter.command(22, 0, 0, 0, 0, 0, 0, 10)
-    copter.fly(10.0, lambda: copter.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)))
+    copter.fly(10.0, lambda: copter.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)))
     copter.fly(6.1)
     assert copter.vehicle.condition().mode == "RTL"
     assert copter.last("HEARTBEAT").system_status == 5

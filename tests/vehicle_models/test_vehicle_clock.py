@@ -14,7 +14,7 @@ AUTOPILOTS = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 def heard(client: Client, message: Any) -> list[Any]:
     """What of the same kind comes back in the step in which it was said."""
-    client.say(message)
+    client.send(message)
     return [one for one in client.fly(0.02) if one.get_type() == message.get_type()]
 
 

@@ -70,7 +70,7 @@ def test_a_command_in_progress_can_be_cancelled(make: Make) -> None:
     assert client.command(211, 1, 0) == [IN_PROGRESS]
 
     def cancelled(system: int, number: int) -> list[int]:
-        client.say(dialect.MAVLink_command_cancel_message(system, 1, number))
+        client.send(dialect.MAVLink_command_cancel_message(system, 1, number))
         return [one.result for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
 
     assert cancelled(0, 211) == cancelled(42, 211) == cancelled(1, 400) == []
@@ -84,7 +84,7 @@ def test_px4_addresses(make: Make) -> None:
     client = make()
     client.fly(5.0)
     for system, component, answered in ((42, 1, False), (1, 100, False), (1, 0, True), (0, 0, True), (0, 1, True)):
-        client.say(mavlink.MAVLink_command_long_message(system, component, 178, 0, 1, 5, 0, 0, 0, 0, 0))
+        client.send(mavlink.MAVLink_command_long_message(system, component, 178, 0, 1, 5, 0, 0, 0, 0, 0))
         acks = [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
         assert bool(acks) is answered, (system, component)
     assert (acks[0].target_system, acks[0].target_component, acks[0].progress) == (245, 190, 0)
@@ -144,5 +144,5 @@ def test_copter_reposition(copter: Client) -> None:
 def test_copter_addresses(copter: Client) -> None:
     """Any component of its system is itself; another system is nobody's."""
     for system, component, answered in ((42, 1, False), (1, 100, True), (1, 0, True), (0, 0, True)):
-        copter.say(mavlink.MAVLink_command_long_message(system, component, 206, 0, 0, 0, 0, 0, 0, 0, 0))
+        copter.send(mavlink.MAVLink_command_long_message(system, component, 206, 0, 0, 0, 0, 0, 0, 0, 0))
         assert bool([one for one in copter.fly(0.1) if one.get_type() == "COMMAND_ACK"]) is answered, (system, component)

@@ -84,7 +84,7 @@ def run(make: Make, autopilot: str, script: str, seed: int = 5) -> tuple[str, st
     vehicle = {"gps": NOISY, "failures": broken}
     spec = simspec(autopilot, environment=ENVIRONMENT, vehicle=vehicle, seeds={"root": seed})
     client = make(spec, streams="onboard", tap=tap, system=255)
-    client.say(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     ready(client, autopilot)
     step = client.vehicle.step
 

@@ -15,7 +15,7 @@ from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_wing, open_x500
-from vehicle_models.controller import PERSONALITIES, WING_PERSONALITIES
+from vehicle_models.controller import AUTOPILOTS, WING_AUTOPILOTS
 
 HERE = 2**31 - 1
 ROOT = Path(__file__).resolve().parents[2]
@@ -111,7 +111,7 @@ def go(client: Client, east_m: float, north_m: float, height_m: float) -> None:
 
 
 def joystick(client: Client, ahead: int = 0, right: int = 0, up: int = 500, turn: int = 0) -> Callable[[], None]:
-    return lambda: client.say(mavlink.MAVLink_manual_control_message(1, ahead, right, up, turn, 0))
+    return lambda: client.send(mavlink.MAVLink_manual_control_message(1, ahead, right, up, turn, 0))
 
 
 def velocity(client: Client, north: float = 0.0, down: float = 0.0) -> Callable[[], None]:
@@ -119,7 +119,7 @@ def velocity(client: Client, north: float = 0.0, down: float = 0.0) -> Callable[
 
 
 def beat(client: Client) -> Callable[[], None]:
-    return lambda: client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    return lambda: client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
 
 
 def level(client: Client) -> float:
@@ -332,7 +332,7 @@ def leader(client: Client, north_mps: float, begins_m: float = 0.0) -> Callable[
         north = begins_m + north_mps * client.vehicle.time.s
         place = client.vehicle_goal(0.0, north)
         velocity_ned = (north_mps, 0.0, 0.0)
-        client.say(
+        client.send(
             mavlink.MAVLink_follow_target_message(
                 client.vehicle.time.ns // 1_000_000,
                 3,
@@ -455,7 +455,7 @@ def thrust(client: Client) -> float:
     hover(client, 10.0)
 
     def say() -> None:
-        client.say(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, [1, 0, 0, 0], 0, 0, 0, 0.8))
+        client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, [1, 0, 0, 0], 0, 0, 0, 0.8))
 
     return most(up_mps, client, 1.6, say)
 
@@ -499,7 +499,7 @@ def copter_station_lost(client: Client) -> str:
 
 
 def put(client: Client, name: str, value: float) -> None:
-    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
     client.fly(0.1)
 
 
@@ -683,7 +683,7 @@ def test_the_wing_does_what_the_parameter_says(client_of: Callable[..., Client],
 
 # The page.
 
-SECTIONS = {"px4": PERSONALITIES["px4"], "ardupilot": PERSONALITIES["ardupilot"], "wing": WING_PERSONALITIES["px4"]}
+SECTIONS = {**AUTOPILOTS, "wing": WING_AUTOPILOTS["px4"]}
 EFFECTS = {"px4": PX4, "ardupilot": ARDUPILOT, "wing": WING}
 ROW = re.compile(r"\| `(\w+)` \| ([-\d.]+) \| (.+) \| (\S+|not shown) \|")
 
@@ -691,24 +691,24 @@ ROW = re.compile(r"\| `(\w+)` \| ([-\d.]+) \| (.+) \| (\S+|not shown) \|")
 def read_by_the_code() -> dict[str, set[str]]:
     """Names of parameters that the code looks up, by section of the page."""
     found: dict[str, set[str]] = {name: set() for name in SECTIONS}
-    known = {name: {one.name for one in SECTIONS[name].parameters} for name in SECTIONS}
+    known = {name: {parameter.name for parameter in SECTIONS[name].parameters.definitions} for name in SECTIONS}
     for path in (ROOT / "vehicle_models").rglob("*.py"):
         looked_up = {
             node.slice.value
             for node in ast.walk(ast.parse(path.read_text()))
             if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, str)
         }
-        if path.match("px4/_wing.py"):
+        if path.parent.name == "px4_wing":
             found["wing"] |= looked_up & known["wing"]
             continue
         for name in ("px4", "ardupilot"):
-            if path.parent.name in (name, "controller"):
+            if path.parent.name == name or not {"px4", "ardupilot"} & set(path.parts):
                 found[name] |= looked_up & known[name]
     for name in ("px4", "ardupilot"):
-        one = SECTIONS[name]
-        found[name] |= {one.system_parameter, one.failure_parameter or one.system_parameter}
-        found[name] |= {one.fence.enabling} if one.fence.enabling else set()
-        found[name] |= {f"SR0_{suffix}" for suffix in one.stream_parameters}
+        autopilot = SECTIONS[name]
+        named = (autopilot.parameters.system_id, autopilot.safety.failure_parameter, autopilot.safety.fence.enable_parameter)
+        found[name] |= {parameter for parameter in named if parameter}
+        found[name] |= {f"SR0_{suffix}" for suffix in autopilot.telemetry.stream_parameters}
     return found
 
 
@@ -730,7 +730,7 @@ def test_the_page_lists_every_parameter_that_the_code_reads() -> None:
 
 def test_the_page_has_the_defaults() -> None:
     for section, rows in on_the_page().items():
-        defaults = {one.name: one.default for one in SECTIONS[section].parameters}
+        defaults = {parameter.name: parameter.default for parameter in SECTIONS[section].parameters.definitions}
         assert {name: default for name, (default, _) in rows.items()} == {name: defaults[name] for name in rows}
 
 

@@ -19,7 +19,7 @@ def px4(make: Make, **parameters: float) -> Client:
 def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
     """An ArduCopter in GUIDED at a height."""
     client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     client.fly(42.0, lambda: beat(client))
     assert client.command(176, 1, 4) == [0]
     assert client.command(400, 1) == [0]
@@ -29,11 +29,11 @@ def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
 
 
 def beat(client: Client) -> None:
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
 
 
 def put(client: Client, name: str, value: float) -> None:
-    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
 
 
 def state(client: Client) -> tuple[str, str]:
@@ -95,7 +95,7 @@ def test_lost_sticks_hold_and_return(make: Make) -> None:
     client.airborne(3.0)
 
     def sticks() -> None:
-        client.say(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+        client.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
 
     client.fly(0.5, sticks)
     client.command(176, 1, 3)
@@ -121,7 +121,7 @@ def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
     ]
     assert places == sorted(places)
     assert "Critical battery" not in texts
-    states = [one.charge_state for one in client.heard if one.get_type() == "BATTERY_STATUS"]
+    states = [one.charge_state for one in client.received if one.get_type() == "BATTERY_STATUS"]
     assert sorted(set(states)) == [1, 2, 3, 4]
 
 

@@ -35,19 +35,19 @@ def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
     client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
     client.fly(0.92)
     assert client.vehicle.time.s == pytest.approx(2.02)
-    sent, heard, received = client.vehicle.sent()["onboard"], len(client.heard), client.vehicle.receive()["onboard"]
+    sent, heard, received = client.vehicle.sent()["onboard"], len(client.received), client.vehicle.receive()["onboard"]
     taped.clear()
     assert client.command(176, 1, 4, 5) == []
     client.fly(2.9)
     assert client.vehicle.condition().failures == ("link_loss onboard",)
-    assert (client.vehicle.sent()["onboard"], len(client.heard)) == (sent, heard)
+    assert (client.vehicle.sent()["onboard"], len(client.received)) == (sent, heard)
     assert client.vehicle.receive()["onboard"] == received + 1
     assert taped == []
     client.fly(0.5)
     assert client.vehicle.condition().failures == ()
     assert client.vehicle.condition().mode == "AUTO_LOITER"
-    assert len(client.heard) > heard
-    assert client.vehicle.sent()["onboard"] == len(client.heard)
+    assert len(client.received) > heard
+    assert client.vehicle.sent()["onboard"] == len(client.received)
 
 
 def test_without_fixes_the_vehicle_reckons_on_and_says_so(make: Make) -> None:

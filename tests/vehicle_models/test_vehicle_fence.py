@@ -130,7 +130,7 @@ def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
 def empty(client: Client) -> None:
     """Make the charge that is left a critical one."""
     for name in (b"BAT_LOW_THR", b"BAT_CRIT_THR"):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, 0.9999, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, 0.9999, 9))
 
 
 def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
@@ -140,14 +140,14 @@ def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
     empty(client)
     client.fly(1.0)
     assert states(client) == ("AUTO_LAND", "battery")
-    client.say(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
     client.fly(0.5)
     assert "Geofence: exceeding maximum altitude above Home" in said(client)
     assert client.vehicle.condition().mode == "AUTO_LAND"
 
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_LOW_BAT_ACT": 2}}))
     client.airborne()
-    client.say(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
     client.fly(6.0)
     assert states(client) == ("AUTO_RTL", "fence")
     empty(client)
@@ -163,7 +163,7 @@ def test_ardupilot_fence_actions(make: Make, action: int) -> None:
     """FENCE_ACTION leads to its mode at once, with the text of the breach; a report alone changes no mode; no failsafe is shown."""
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 5.0), (b"FENCE_ACTION", float(action)), (b"FENCE_ENABLE", 1.0)):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.fly(0.3)
     assert states(client) == (COPTER_ACTIONS[action], "")
     texts = [one for one in client.texts() if "breached" in one or "recovery" in one]
@@ -174,7 +174,7 @@ def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
     """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands; inside it is over."""
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.fly(0.1)
     outwards(client, 9.0)
     assert client.vehicle.condition().mode == "RTL"
@@ -191,7 +191,7 @@ def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
     client = airborne_ardupilot(make)
     outwards(client, 30.0)
     for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.fly(0.3)
     assert client.vehicle.condition().mode == "LAND"
 
@@ -204,7 +204,7 @@ def test_px4_exclusions_and_missions(make: Make) -> None:
     assert upload(client, [to(client, 0, 30, 10)]) == 0
     assert "Geofence violation for waypoint 1\t" in client.texts()
     assert client.command(300) == [2]
-    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
+    client.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
     step(client)
     assert client.command(300) == [0]
 
@@ -213,7 +213,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     """It slows down, and is turned back at 40.1 m: RTL, both texts, FENCE_STATUS; GUIDED set outside is granted."""
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.command(511, 162, 200_000)
     client.fly(0.1)
     farthest: list[float] = []
@@ -223,7 +223,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     assert client.vehicle.condition().mode == "RTL"
     assert client.texts()[-2:] == ["Circle fence breached", "Manual recovery started"]
     assert 40.0 < max(farthest) < 41.0
-    status = [one for one in client.heard if one.get_type() == "FENCE_STATUS"]
+    status = [one for one in client.received if one.get_type() == "FENCE_STATUS"]
     assert {(one.breach_status, one.breach_type) for one in status} == {(0, 0), (1, 3)}
     assert {one.breach_mitigation for one in status} == {1, 2}
     assert client.last("FENCE_STATUS").breach_count == 1
@@ -234,7 +234,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
 def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
     """DO_FENCE_ENABLE turns the fence on and off; a ceiling and a polygon lead home; other values fail."""
     client = airborne_ardupilot(make)
-    client.say(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_ALT_MAX", 15.0, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_ALT_MAX", 15.0, 9))
     client.fly(0.1)
     assert client.command(207, 7) == [4]
     client.fly(6.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
@@ -249,7 +249,7 @@ def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
     """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status says that it acts."""
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 15.0), (b"FENCE_ENABLE", 1.0)):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.command(511, 162, 200_000)
     client.fly(0.1)
     client.fly(8.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
@@ -262,12 +262,12 @@ def test_ardupilot_setpoints_outside_are_not_flown_to(make: Make) -> None:
     """A global position beyond the fence: no text, and it stays."""
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.fly(0.1)
     said = len(client.texts())
     latitude, longitude = client.vehicle_goal(0, 80)
     message = mavlink.MAVLink_set_position_target_global_int_message
-    client.say(message(0, 1, 1, 6, 0b110111111000, latitude, longitude, 10, 0, 0, 0, 0, 0, 0, 0, 0))
+    client.send(message(0, 1, 1, 6, 0b110111111000, latitude, longitude, 10, 0, 0, 0, 0, 0, 0, 0, 0))
     client.fly(8.0)
     assert math.hypot(*client.vehicle.truth().position_enu_m[:2]) < 1.0
     assert len(client.texts()) == said

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 from vehicle_client import Client, mavlink, simspec
 
-from vehicle_models.controller.files._files import Files
-from vehicle_models.controller.files._ftp import Error, Op
+from vehicle_models.controller.files._ftp import FtpError, FtpOpcode
+from vehicle_models.controller.files._served_files import ServedFiles
 
 Make = Callable[..., Client]
 _HEAD = struct.Struct("<HBBBBBBI")
@@ -34,7 +34,7 @@ class Ftp:
         self._sequence += 2
         head = _HEAD.pack(self._sequence & 0xFFFF, session, opcode, len(data), 0, 0, 0, offset)
         payload = head + data + bytes(239 - len(data))
-        self._client.say(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
+        self._client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
         (answer,) = [one for one in self._client.fly(0.04) if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
         raw = bytes(answer.payload)
         sequence, _, said, size, asked, _, _, _ = _HEAD.unpack_from(raw)
@@ -43,12 +43,12 @@ class Ftp:
 
     def done(self, opcode: int, data: bytes = b"", offset: int = 0) -> bytes:
         said, answer = self.ask(opcode, data, offset)
-        assert said == Op.ACK, answer
+        assert said == FtpOpcode.ACK, answer
         return answer
 
     def refused(self, opcode: int, data: bytes = b"", offset: int = 0) -> bytes:
         said, answer = self.ask(opcode, data, offset)
-        assert said == Op.NAK
+        assert said == FtpOpcode.NAK
         return answer
 
 
@@ -56,63 +56,70 @@ def test_a_client_keeps_a_file_of_its_own(make: Make) -> None:
     """Created, written in pieces, read back, checked, listed, cut, renamed into a folder, removed."""
     ftp = Ftp(make())
     content = random.Random(3).randbytes(600)
-    ftp.done(Op.MAKE_FOLDER, b"plans")
-    assert ftp.done(Op.CREATE, b"plans/one.bin") == struct.pack("<I", 0)
+    ftp.done(FtpOpcode.MAKE_FOLDER, b"plans")
+    assert ftp.done(FtpOpcode.CREATE, b"plans/one.bin") == struct.pack("<I", 0)
     for at in range(0, len(content), 200):
-        assert ftp.done(Op.WRITE, content[at : at + 200], offset=at) == struct.pack("<I", 200)
-    assert ftp.refused(Op.READ) == bytes([Error.ERRNO, errno.EBADF])
-    ftp.done(Op.TERMINATE)
-    assert ftp.done(Op.LIST, b"plans") == b"Fone.bin\t600\0"
-    assert b"Dplans\0" in ftp.done(Op.LIST, b"/")
-    assert struct.unpack("<I", ftp.done(Op.CRC32, b"plans/one.bin"))[0] == zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
-    assert ftp.done(Op.OPEN, b"plans/one.bin") == struct.pack("<I", 600)
-    assert b"".join(ftp.done(Op.READ, offset=at) for at in (0, 239, 478)) == content
-    assert ftp.refused(Op.WRITE, b"x") == bytes([Error.ERRNO, errno.EBADF])
-    ftp.done(Op.TERMINATE)
-    assert ftp.done(Op.OPEN_WRITE, b"plans/one.bin") == struct.pack("<I", 600)
-    ftp.done(Op.WRITE, b"new", offset=1)
-    ftp.done(Op.TERMINATE)
-    ftp.done(Op.TRUNCATE, b"plans/one.bin", offset=5)
-    ftp.done(Op.RENAME, b"plans/one.bin\0two.bin")
-    ftp.done(Op.OPEN, b"two.bin")
-    assert ftp.done(Op.READ) == content[:1] + b"new" + content[4:5]
-    ftp.done(Op.RESET)
-    ftp.done(Op.REMOVE_FOLDER, b"plans")
-    ftp.done(Op.REMOVE, b"two.bin")
-    assert ftp.refused(Op.OPEN, b"two.bin") == bytes([Error.NOT_FOUND])
+        assert ftp.done(FtpOpcode.WRITE, content[at : at + 200], offset=at) == struct.pack("<I", 200)
+    assert ftp.refused(FtpOpcode.READ) == bytes([FtpError.ERRNO, errno.EBADF])
+    ftp.done(FtpOpcode.TERMINATE)
+    assert ftp.done(FtpOpcode.LIST, b"plans") == b"Fone.bin\t600\0"
+    assert b"Dplans\0" in ftp.done(FtpOpcode.LIST, b"/")
+    assert struct.unpack("<I", ftp.done(FtpOpcode.CRC32, b"plans/one.bin"))[0] == zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert ftp.done(FtpOpcode.OPEN, b"plans/one.bin") == struct.pack("<I", 600)
+    assert b"".join(ftp.done(FtpOpcode.READ, offset=at) for at in (0, 239, 478)) == content
+    assert ftp.refused(FtpOpcode.WRITE, b"x") == bytes([FtpError.ERRNO, errno.EBADF])
+    ftp.done(FtpOpcode.TERMINATE)
+    assert ftp.done(FtpOpcode.OPEN_WRITE, b"plans/one.bin") == struct.pack("<I", 600)
+    ftp.done(FtpOpcode.WRITE, b"new", offset=1)
+    ftp.done(FtpOpcode.TERMINATE)
+    ftp.done(FtpOpcode.TRUNCATE, b"plans/one.bin", offset=5)
+    ftp.done(FtpOpcode.RENAME, b"plans/one.bin\0two.bin")
+    ftp.done(FtpOpcode.OPEN, b"two.bin")
+    assert ftp.done(FtpOpcode.READ) == content[:1] + b"new" + content[4:5]
+    ftp.done(FtpOpcode.RESET)
+    ftp.done(FtpOpcode.REMOVE_FOLDER, b"plans")
+    ftp.done(FtpOpcode.REMOVE, b"two.bin")
+    assert ftp.refused(FtpOpcode.OPEN, b"two.bin") == bytes([FtpError.NOT_FOUND])
 
 
 def test_what_cannot_be_written_is_refused(make: Make) -> None:
     """With an error of the protocol where it has one, else with the number of the system; nothing of it changes a file."""
     ftp = Ftp(make())
-    ftp.done(Op.MAKE_FOLDER, b"kept")
+    ftp.done(FtpOpcode.MAKE_FOLDER, b"kept")
     for opcode, path in (
-        (Op.CREATE, b"etc/extras/all_events.json.xz"),
-        (Op.OPEN_WRITE, b"etc"),
-        (Op.TRUNCATE, b"etc/extras/parameters.json.xz"),
-        (Op.RENAME, b"etc\0mine"),
-        (Op.CREATE, b"../outside"),
+        (FtpOpcode.CREATE, b"etc/extras/all_events.json.xz"),
+        (FtpOpcode.OPEN_WRITE, b"etc"),
+        (FtpOpcode.TRUNCATE, b"etc/extras/parameters.json.xz"),
+        (FtpOpcode.RENAME, b"etc\0mine"),
+        (FtpOpcode.CREATE, b"../outside"),
     ):
-        assert ftp.refused(opcode, path) == bytes([Error.PROTECTED]), path
-    assert ftp.refused(Op.MAKE_FOLDER, b"kept") == bytes([Error.EXISTS])
-    assert ftp.refused(Op.CREATE, b"nowhere/file") == bytes([Error.NOT_FOUND])
-    assert ftp.refused(Op.REMOVE, b"nothing") == bytes([Error.NOT_FOUND])
-    assert ftp.refused(Op.RENAME, b"kept") == bytes([Error.ERRNO, errno.EINVAL])
-    assert ftp.refused(Op.WRITE, b"x") == bytes([Error.INVALID_SESSION])
-    ftp.done(Op.CREATE, b"kept/big")
-    assert ftp.refused(Op.WRITE, b"x", offset=2**32 - 2) == bytes([Error.ERRNO, errno.ENOSPC])
-    assert ftp.refused(Op.REMOVE_FOLDER, b"kept") == bytes([Error.ERRNO, errno.ENOTEMPTY])
+        assert ftp.refused(opcode, path) == bytes([FtpError.PROTECTED]), path
+    assert ftp.refused(FtpOpcode.MAKE_FOLDER, b"kept") == bytes([FtpError.EXISTS])
+    assert ftp.refused(FtpOpcode.CREATE, b"nowhere/file") == bytes([FtpError.NOT_FOUND])
+    assert ftp.refused(FtpOpcode.REMOVE, b"nothing") == bytes([FtpError.NOT_FOUND])
+    assert ftp.refused(FtpOpcode.RENAME, b"kept") == bytes([FtpError.ERRNO, errno.EINVAL])
+    assert ftp.refused(FtpOpcode.WRITE, b"x") == bytes([FtpError.INVALID_SESSION])
+    ftp.done(FtpOpcode.CREATE, b"kept/big")
+    assert ftp.refused(FtpOpcode.WRITE, b"x", offset=2**32 - 2) == bytes([FtpError.ERRNO, errno.ENOSPC])
+    assert ftp.refused(FtpOpcode.REMOVE_FOLDER, b"kept") == bytes([FtpError.ERRNO, errno.ENOTEMPTY])
 
 
 def test_ardupilot_takes_no_files(make: Make) -> None:
     ftp = Ftp(make(simspec("ardupilot")))
-    for opcode in (Op.CREATE, Op.OPEN_WRITE, Op.REMOVE, Op.MAKE_FOLDER, Op.REMOVE_FOLDER, Op.TRUNCATE):
-        assert ftp.refused(opcode, b"mine") == bytes([Error.PROTECTED])
+    for opcode in (
+        FtpOpcode.CREATE,
+        FtpOpcode.OPEN_WRITE,
+        FtpOpcode.REMOVE,
+        FtpOpcode.MAKE_FOLDER,
+        FtpOpcode.REMOVE_FOLDER,
+        FtpOpcode.TRUNCATE,
+    ):
+        assert ftp.refused(opcode, b"mine") == bytes([FtpError.PROTECTED])
 
 
 def test_the_scratch_area_has_an_end() -> None:
     """A megabyte and 256 names, whoever asks for more; what is removed makes room."""
-    files = Files({}, writable=True)
+    files = ServedFiles({}, writable=True)
     files.create("big")
     files.truncate("big", 1 << 20)
     assert outcome(files.write, "big", 1 << 20, b"x") == "ENOSPC"
@@ -149,10 +156,10 @@ def real(root: Path, what: str, name: str, other: str, number: int) -> Any:
             return os.rmdir(path)
 
 
-def ours(files: Files, what: str, name: str, other: str, number: int) -> Any:
+def ours(files: ServedFiles, what: str, name: str, other: str, number: int) -> Any:
     match what:
         case "create" | "keep":
-            return files.create(name, keeps=what == "keep")
+            return files.create(name, truncate=what == "create")
         case "write":
             return files.write(name, number, b"data")
         case "truncate":
@@ -177,7 +184,7 @@ def outcome(change: Callable[..., Any], *what: Any) -> Any:
 @pytest.mark.parametrize("seed", range(40))
 def test_files_behave_as_those_of_a_file_system(tmp_path: Path, seed: int) -> None:
     """Sixty random changes each: the same results, the same refusals, the same files in the end."""
-    draw, files = random.Random(seed), Files({}, writable=True)
+    draw, files = random.Random(seed), ServedFiles({}, writable=True)
     for _ in range(60):
         what = draw.choice(("create", "keep", "write", "write", "truncate", "remove", "rename", "make", "make", "unmake"))
         step = (what, draw.choice(NAMES), draw.choice(NAMES), draw.randrange(12))

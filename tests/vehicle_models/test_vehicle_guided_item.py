@@ -21,7 +21,7 @@ def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
     client.fly(20.0)
     client.command(512, 242)
     latitude, longitude = (one * 1e-7 for one in client.vehicle_goal(0.0, 15.0))
-    client.say(mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, latitude, longitude, 18))
+    client.send(mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, latitude, longitude, 18))
     client.fly(15.0)
     assert client.last("MISSION_ACK").type == 0
     east, north, up = client.vehicle.truth().position_enu_m

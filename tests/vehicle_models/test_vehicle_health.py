@@ -16,7 +16,7 @@ PREARM = 0x10000000
 @pytest.fixture
 def copter(make: Make) -> Client:
     client = make(simspec("ardupilot"), system=255)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     return client
 
 
@@ -81,7 +81,7 @@ def test_copter_says_each_check_that_keeps_it_from_arming(copter: Client, second
         assert copter.command(176, 1, mode) == [0]
         copter.fly(1.1)
     for force in (0, 21196):
-        copter.heard.clear()
+        copter.received.clear()
         assert copter.command(400, 1, force) == [4]
         assert [one for one in copter.texts() if one.startswith("Arm: ")] == [f"Arm: {one}" for one in texts]
 
@@ -104,7 +104,7 @@ def test_copter_repeats_what_fails(copter: Client) -> None:
 
 def test_a_low_battery_keeps_a_copter_from_arming(copter: Client) -> None:
     until(copter, 43.0)
-    copter.say(mavlink.MAVLink_param_set_message(1, 1, b"SIM_BATT_VOLTAGE", 9.0, 9))
+    copter.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_BATT_VOLTAGE", 9.0, 9))
     copter.fly(0.1)
     assert copter.command(400, 1) == [4]
     assert [one for one in copter.texts() if one.startswith("Arm: ")] == [

@@ -11,7 +11,7 @@ from typing import Any
 
 from vehicle_client import Client, mavlink, simspec
 
-from vehicle_models.controller.files._ftp import Error, Op
+from vehicle_models.controller.files._ftp import FtpError, FtpOpcode
 
 Make = Callable[..., Client]
 REQUEST = 512
@@ -23,9 +23,9 @@ def only(messages: list[Any], name: str) -> list[Any]:
 
 def ask(client: Client, number: int, index: float = 0.0) -> tuple[list[int], list[Any]]:
     """Request a message: the results, and everything else heard."""
-    begun = len(client.heard)
+    begun = len(client.received)
     results = client.command(REQUEST, number, index)
-    return results, client.heard[begun:]
+    return results, client.received[begun:]
 
 
 def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[Any]:
@@ -34,7 +34,7 @@ def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[A
     head = struct.pack(
         "<HBBBBBBI", fields.get("seq", 1), fields.get("session", 0), opcode, size, 0, 0, 0, fields.get("offset", 0)
     )
-    client.say(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))]))
+    client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))]))
     found = []
     for one in only(client.fly(0.06), "FILE_TRANSFER_PROTOCOL"):
         payload = bytes(one.payload)
@@ -45,15 +45,15 @@ def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[A
 
 def fetch(client: Client, path: str) -> bytes:
     """A whole file by open, read, terminate."""
-    (opened,) = ftp(client, Op.OPEN, path.encode(), seq=10)
-    assert opened[0] == Op.ACK
+    (opened,) = ftp(client, FtpOpcode.OPEN, path.encode(), seq=10)
+    assert opened[0] == FtpOpcode.ACK
     (size,) = struct.unpack("<I", opened[5])
     data, seq = b"", 11
     while len(data) < size:
-        (answer,) = ftp(client, Op.READ, size=239, offset=len(data), seq=seq)
+        (answer,) = ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)
         data, seq = data + answer[5], seq + 1
-    assert ftp(client, Op.READ, size=239, offset=len(data), seq=seq)[0][5] == bytes([Error.END_OF_FILE])
-    assert ftp(client, Op.TERMINATE, seq=seq + 1)[0][0] == Op.ACK
+    assert ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)[0][5] == bytes([FtpError.END_OF_FILE])
+    assert ftp(client, FtpOpcode.TERMINATE, seq=seq + 1)[0][0] == FtpOpcode.ACK
     return data
 
 
@@ -100,11 +100,11 @@ def test_px4_events_are_numbered_and_kept(make: Make) -> None:
     """A text that is an event comes as EVENT too; what was missed can be asked for, what never was is an error."""
     client = make()
     assert client.command(400, 1) == [1]
-    (event,) = only(client.heard, "EVENT")
+    (event,) = only(client.received, "EVENT")
     assert (event.sequence, event.id >> 24, event.log_levels) == (0, 1, 0x22)
-    client.say(mavlink.MAVLink_request_event_message(1, 1, 0, 0))
+    client.send(mavlink.MAVLink_request_event_message(1, 1, 0, 0))
     assert [one.id for one in only(client.fly(0.02), "EVENT")] == [event.id]
-    client.say(mavlink.MAVLink_request_event_message(1, 1, 7, 9))
+    client.send(mavlink.MAVLink_request_event_message(1, 1, 7, 9))
     (error,) = only(client.fly(0.02), "RESPONSE_EVENT_ERROR")
     assert (error.sequence, error.sequence_oldest_available) == (7, 0)
 
@@ -124,11 +124,11 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
     described = {one["name"]: one for one in files[1]["parameters"]}
     takeoff = described["MIS_TAKEOFF_ALT"]
     assert (takeoff["type"], takeoff["default"], takeoff["units"]) == ("Float", 2.5, "m")
-    client.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     listed = {one.param_id for one in only(client.fly(1.5), "PARAM_VALUE")} - {"_HASH_CHECK"}
     assert listed == set(described)
     assert client.command(400, 1) == [0]
-    event = only(client.heard, "EVENT")[-1]
+    event = only(client.received, "EVENT")[-1]
     events = files[4]["components"]["1"]["event_groups"]["default"]["events"]
     assert events[str(event.id & 0xFFFFFF)]["name"] == "commander_armed_by"
 
@@ -136,18 +136,18 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
 def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     """Listings, a burst with its end marked, checksums, and a refusal with its code for everything that cannot be."""
     client = make()
-    assert ftp(client, Op.RESET, seq=1)[0][0] == Op.ACK
-    listed = ftp(client, Op.LIST, b"/etc/extras", seq=2)[0][5]
+    assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
+    listed = ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=2)[0][5]
     assert [one.split(b"\t")[0] for one in listed.split(b"\0")[:-1]] == [
         b"Fall_events.json.xz",
         b"Fcomponent_general.json.xz",
         b"Fparameters.json.xz",
     ]
-    assert ftp(client, Op.LIST, b"/etc/extras", seq=3, offset=3)[0][5] == bytes([Error.END_OF_FILE])
+    assert ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=3, offset=3)[0][5] == bytes([FtpError.END_OF_FILE])
     whole = fetch(client, "/etc/extras/parameters.json.xz")
-    ftp(client, Op.OPEN, b"/etc/extras/parameters.json.xz", seq=4)
-    assert ftp(client, Op.OPEN, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes([Error.NO_SESSIONS])
-    answers = ftp(client, Op.BURST, seq=6, size=239)
+    ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=4)
+    assert ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes([FtpError.NO_SESSIONS])
+    answers = ftp(client, FtpOpcode.BURST, seq=6, size=239)
     while not answers[-1][3]:
         answers += [
             (op, length, asked, complete, offset, data)
@@ -158,20 +158,20 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
         ]
     assert b"".join(one[5] for one in answers) == whole
     assert [one[3] for one in answers[:-1]] == [0] * (len(answers) - 1)
-    (checksum,) = ftp(client, Op.CRC32, b"etc/extras/parameters.json.xz", seq=7)
+    (checksum,) = ftp(client, FtpOpcode.CRC32, b"etc/extras/parameters.json.xz", seq=7)
     assert struct.unpack("<I", checksum[5])[0] == plain_crc(whole)
     refusals = {
-        (Op.OPEN, b"@PARAM/param.pck"): Error.NO_SESSIONS,
-        (Op.CRC32, b"nothing"): Error.NOT_FOUND,
-        (Op.LIST, b"nowhere"): Error.NOT_FOUND,
-        (Op.REMOVE, b"etc/extras/parameters.json.xz"): Error.PROTECTED,
-        (99, b""): Error.UNKNOWN_COMMAND,
+        (FtpOpcode.OPEN, b"@PARAM/param.pck"): FtpError.NO_SESSIONS,
+        (FtpOpcode.CRC32, b"nothing"): FtpError.NOT_FOUND,
+        (FtpOpcode.LIST, b"nowhere"): FtpError.NOT_FOUND,
+        (FtpOpcode.REMOVE, b"etc/extras/parameters.json.xz"): FtpError.PROTECTED,
+        (99, b""): FtpError.UNKNOWN_COMMAND,
     }
     for seq, ((opcode, data), error) in enumerate(refusals.items(), start=20):
-        assert ftp(client, opcode, data, seq=seq) == [(Op.NAK, 1, opcode, 0, 0, bytes([error]))]
+        assert ftp(client, opcode, data, seq=seq) == [(FtpOpcode.NAK, 1, opcode, 0, 0, bytes([error]))]
     client.fly(11.0)  # the session that nobody used is closed by now
-    assert ftp(client, Op.OPEN, b"@PARAM/param.pck", seq=40)[0][5] == bytes([Error.NOT_FOUND])
-    assert ftp(client, Op.READ, seq=41)[0][5] == bytes([Error.INVALID_SESSION])
+    assert ftp(client, FtpOpcode.OPEN, b"@PARAM/param.pck", seq=40)[0][5] == bytes([FtpError.NOT_FOUND])
+    assert ftp(client, FtpOpcode.READ, seq=41)[0][5] == bytes([FtpError.INVALID_SESSION])
 
 
 def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
@@ -179,7 +179,7 @@ def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
     from pymavlink.mavftp import MAVFTP
 
     client = make(simspec("ardupilot"))
-    assert ftp(client, Op.RESET, seq=1)[0][0] == Op.ACK
+    assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
     decoded = MAVFTP.ftp_param_decode(fetch(client, "@PARAM/param.pck?withdefaults=1"))
     assert decoded is not None
     found = {name.decode(): value for name, value, _ in decoded.params}
@@ -190,10 +190,10 @@ def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
 def test_the_system_id_is_a_parameter_read_at_the_start(make: Make) -> None:
     """A vehicle started as system 7 speaks as 7 and hears what is for 7; writing the parameter changes nothing before a start."""
     client = make(simspec(vehicle={"parameters": {"MAV_SYS_ID": 7}}))
-    assert {one.get_srcSystem() for one in client.heard} == {7}
+    assert {one.get_srcSystem() for one in client.received} == {7}
     assert client.command(REQUEST, 148) == []
-    client.say(mavlink.MAVLink_command_long_message(7, 1, REQUEST, 0, 148, 0, 0, 0, 0, 0, 0))
+    client.send(mavlink.MAVLink_command_long_message(7, 1, REQUEST, 0, 148, 0, 0, 0, 0, 0, 0))
     assert [one.result for one in only(client.fly(0.02), "COMMAND_ACK")] == [0]
     (bits,) = struct.unpack("<f", struct.pack("<i", 9))
-    client.say(mavlink.MAVLink_param_set_message(7, 1, b"MAV_SYS_ID", bits, 6))
+    client.send(mavlink.MAVLink_param_set_message(7, 1, b"MAV_SYS_ID", bits, 6))
     assert {one.get_srcSystem() for one in client.fly(2.0)} == {7}

@@ -53,11 +53,11 @@ class Peer:
         self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=190)
         self.mav.robust_parsing = True
 
-    def say(self, message: Any, v1: bool = False) -> None:
+    def send(self, message: Any, v1: bool = False) -> None:
         self.socket.send(bytes(message.pack(self.mav, force_mavlink1=v1)))
 
     def beat(self, v1: bool = False) -> None:
-        self.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), v1)
+        self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), v1)
 
     def fly(self, steps: int = 1) -> list[Any]:
         data = b""
@@ -173,7 +173,7 @@ def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -
     client.beat()
     assert vehicle.counters().get("mavlink_unsigned") is None
     ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
-    client.say(ask)
+    client.send(ask)
     heard = client.fly(60)
     assert vehicle.counters()["mavlink_unsigned"] == 2
     assert "PARAM_VALUE" not in names(heard)
@@ -181,7 +181,7 @@ def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -
     client.mav.signing.link_id = 3
     client.mav.signing.sign_outgoing = True
     client.mav.signing.timestamp = heard[-1].get_msgbuf() and int.from_bytes(bytes(heard[-1].get_msgbuf())[-12:-6], "little")
-    client.say(ask)
+    client.send(ask)
     client.fly()
     assert vehicle.counters()["mavlink_bad_signature"] == 1
     client.mav.signing.secret_key = KEY
@@ -234,7 +234,7 @@ def test_signing_where_unsigned_is_accepted(opened: Open, peer: Callable[..., Pe
     """An unsigned request is answered, in a signed frame; a bad signature is still refused."""
     vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex(), signing="accept"))
     client = peer(vehicle)
-    client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
+    client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
     heard = client.fly(3)
     (answer,) = [one for one in heard if one.get_type() == "PARAM_VALUE"]
     assert answer.get_msgbuf()[2] == 1
@@ -247,16 +247,16 @@ def test_setup_signing_brings_a_key_and_takes_it_away(opened: Open, peer: Callab
     client, other = peer(vehicle), peer(vehicle, "ground", 7)
     other.beat()
     client.fly()
-    client.say(mavlink.MAVLink_setup_signing_message(1, 1, list(KEY), 0))
+    client.send(mavlink.MAVLink_setup_signing_message(1, 1, list(KEY), 0))
     client.fly()
-    client.say(mavlink.MAVLink_ping_message(0, 1, 0, 0))
+    client.send(mavlink.MAVLink_ping_message(0, 1, 0, 0))
     client.beat()
     client.fly()
     assert vehicle.counters()["mavlink_unsigned"] == 2
     assert "SETUP_SIGNING" not in names(other.mav.parse_buffer(other.read()) or [])
     client.mav.signing.secret_key, client.mav.signing.sign_outgoing = KEY, True
     client.mav.signing.timestamp = 10**14
-    client.say(mavlink.MAVLink_setup_signing_message(1, 1, [0] * 32, 0))
+    client.send(mavlink.MAVLink_setup_signing_message(1, 1, [0] * 32, 0))
     client.fly()
     client.mav.signing.sign_outgoing = False
     client.beat()
@@ -285,7 +285,7 @@ def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[...,
         for _ in range(20):
             flood.socket.send(beat * 50)
         for _ in range(3):
-            client.say(ask)
+            client.send(ask)
         assert [one.get_type() for one in client.fly()].count("PARAM_VALUE") == 3
     assert vehicle.counters()["mavlink_dropped"] > 500
 
@@ -367,7 +367,7 @@ def test_clients_that_come_and_go_do_not_push_out_who_speaks(opened: Open, peer:
         gone = Peer(vehicle, "air", number)
         gone.beat()
         gone.socket.close()
-        client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
+        client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
         assert "PARAM_VALUE" in names(client.fly(2))
 
 

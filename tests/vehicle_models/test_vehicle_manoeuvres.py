@@ -35,12 +35,12 @@ def copter(make: Make) -> Client:
 
 
 def joystick(client: Client, ahead: int = 0, right: int = 0, up: int = 500, turn: int = 0) -> None:
-    client.say(mavlink.MAVLink_manual_control_message(1, ahead, right, up, turn, 0))
+    client.send(mavlink.MAVLink_manual_control_message(1, ahead, right, up, turn, 0))
 
 
 def channels(client: Client, *us: int) -> None:
     values = [*us, *[65535] * (8 - len(us))]
-    client.say(mavlink.MAVLink_rc_channels_override_message(1, 1, *values))
+    client.send(mavlink.MAVLink_rc_channels_override_message(1, 1, *values))
 
 
 def speed(client: Client) -> float:
@@ -152,7 +152,7 @@ def test_px4_sticks_take_over_from_a_failsafe_once_it_acts(make: Make) -> None:
     """Not from the Hold before the return, but from the return; and the failsafe is over with that."""
     client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
     client.airborne()
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     client.fly(13.0)
     client.fly(1.0, lambda: joystick(client))
     client.fly(1.0, lambda: joystick(client, right=700))
@@ -306,7 +306,7 @@ def lead(client: Client, north: float, east: float, capabilities: int = 1, vn: f
     if capabilities == 2:
         latitude = longitude = 0
     message = mavlink.MAVLink_follow_target_message
-    client.say(message(0, capabilities, latitude, longitude, 488.0, (vn, 0.0, 0.0), still, (1, 0, 0, 0), still, still, 0))
+    client.send(message(0, capabilities, latitude, longitude, 488.0, (vn, 0.0, 0.0), still, (1, 0, 0, 0), still, still, 0))
 
 
 def test_px4_follows_a_leader(px4: Client) -> None:

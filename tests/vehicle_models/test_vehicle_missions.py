@@ -27,24 +27,24 @@ def step(client: Client) -> list[Any]:
 
 def upload(client: Client, rows: Sequence[Row], kind: int = 0) -> int:
     """Upload as a ground station does; the verdict."""
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, len(rows), kind))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, len(rows), kind))
     for _ in range(4 * len(rows) + 4):
         for said in step(client):
             if said.get_type() == "MISSION_ACK":
                 verdict: int = said.type
                 return verdict
-            client.say(item(said.seq, rows[said.seq], kind))
+            client.send(item(said.seq, rows[said.seq], kind))
     raise AssertionError("no end of the upload")
 
 
 def download(client: Client, kind: int = 0) -> list[Any]:
-    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
+    client.send(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
     (count,) = step(client)
     found = []
     for seq in range(count.count):
-        client.say(mavlink.MAVLink_mission_request_int_message(1, 1, seq, kind))
+        client.send(mavlink.MAVLink_mission_request_int_message(1, 1, seq, kind))
         found += step(client)
-    client.say(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
+    client.send(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
     client.fly(0.02)
     return found
 
@@ -65,14 +65,14 @@ def ready_px4(make: Make) -> Client:
 
 def ready_ardupilot(make: Make) -> Client:
     client = make(simspec("ardupilot"), system=255)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(43.0)
     return client
 
 
 def reached(client: Client) -> list[int]:
     seen: list[int] = []
-    for one in client.heard:
+    for one in client.received:
         if one.get_type() == "MISSION_ITEM_REACHED" and (not seen or seen[-1] != one.seq):
             seen.append(one.seq)
     return seen
@@ -88,12 +88,12 @@ def test_px4_stores_what_it_was_given(make: Make) -> None:
     assert [one.command for one in got] == [16, 178, 21]
     assert [one.current for one in got] == [1, 0, 0]
     assert (got[0].x, got[0].y, got[0].z) == rows[0][6:]
-    client.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
+    client.send(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
     (as_float,) = step(client)
     assert as_float.get_type() == "MISSION_ITEM"
     assert as_float.frame == 3
     assert as_float.x == pytest.approx(rows[0][6] * 1e-7, abs=1e-5)
-    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    client.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
     (ack,) = step(client)
     assert (ack.type, ack.mission_type) == (0, 255)
     assert download(client) == []
@@ -120,7 +120,7 @@ def test_px4_asks_again_and_gives_up_without_an_answer(make: Make) -> None:
     """Every 0.26 s for 5.1 s, then a text, no acknowledgement, and the old plan stays."""
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 10)]) == 0
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     said = client.fly(7.0)
     asked = [one for one in said if one.get_type() == "MISSION_REQUEST_INT"]
     assert 19 <= len(asked) <= 22
@@ -133,15 +133,15 @@ def test_px4_type_that_is_none_and_item_that_nobody_asked_for(make: Make) -> Non
     """NO_SPACE and ERROR; a count during an unfinished download is an ERROR; a request out of range is silence."""
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 10)]) == 0
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 99))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 99))
     assert [one.type for one in step(client)] == [4]
-    client.say(item(7, to(client, 0, 20, 10)))
+    client.send(item(7, to(client, 0, 20, 10)))
     assert [one.type for one in step(client)] == [1]
-    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    client.send(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
     step(client)
-    client.say(mavlink.MAVLink_mission_request_int_message(1, 1, 5, 0))
+    client.send(mavlink.MAVLink_mission_request_int_message(1, 1, 5, 0))
     assert step(client) == []
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     assert [one.type for one in step(client)] == [1]
 
 
@@ -167,7 +167,7 @@ def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
         "Returning to launch\t",
     ]
     assert [one for one in texts if one in wanted] == wanted
-    currents = [one.seq for one in client.heard if one.get_type() == "MISSION_CURRENT"]
+    currents = [one.seq for one in client.received if one.get_type() == "MISSION_CURRENT"]
     assert sorted(set(currents)) == [0, 2, 4]
     assert client.last("MISSION_CURRENT").mission_state == 5
     east, north, up = client.vehicle.truth().position_enu_m
@@ -195,9 +195,9 @@ def test_px4_start_arms_and_set_current_jumps(make: Make) -> None:
     assert client.command(300) == [0]
     assert client.vehicle.condition().armed
     client.fly(15.0)
-    client.say(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    client.send(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
     client.fly(0.02)
-    client.say(mavlink.MAVLink_mission_set_current_message(1, 1, 9))
+    client.send(mavlink.MAVLink_mission_set_current_message(1, 1, 9))
     client.fly(25.0)
     east, north, up = client.vehicle.truth().position_enu_m
     assert math.dist((east, north, up), (40, 0, 10)) < 1.0
@@ -262,9 +262,9 @@ def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> 
         for command in (16, 17, 18, 19, 20, 21, 22, 31, 93, 112, 115, 177, 178, 195, 201, 5001, 5003, 5100):
             for frame in (0, 2, 3, 6, 10):
                 for kind in (0, 1, 2):
-                    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, kind))
-                    client.say(item(0, (command, frame, value, value, value, value, big, -big, value), kind))
-                    client.say(item(1, (command, frame, value, value, value, value, 473000000, 85000000, value), kind))
+                    client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, kind))
+                    client.send(item(0, (command, frame, value, value, value, value, big, -big, value), kind))
+                    client.send(item(1, (command, frame, value, value, value, value, 473000000, 85000000, value), kind))
         client.fly(1.0)
     client.fly(10.0)
     if autopilot == "px4":
@@ -294,7 +294,7 @@ def test_ardupilot_upload_and_download(make: Make) -> None:
     """MISSION_REQUEST without INT, home as item 0, frames 3 and 0, the text; a partial write; the end of the list."""
     client = ready_ardupilot(make)
     rows = [to(client, 5, 5, 0), to(client, 0, 20, 10, yaw=0.0), bare(178, 1, 3.0)]
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     assert step(client)[0].get_type() == "MISSION_REQUEST"
     assert upload(client, rows) == 0
     assert "Flight plan received" in client.texts()
@@ -303,14 +303,14 @@ def test_ardupilot_upload_and_download(make: Make) -> None:
     assert [one.current for one in got] == [0, 0, 0]
     home = client.last("HOME_POSITION")
     assert (got[0].x, got[0].y) == (home.latitude, home.longitude)
-    client.say(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 1, 1, 0))
+    client.send(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 1, 1, 0))
     (asked,) = step(client)
-    client.say(item(asked.seq, to(client, 0, 44, 12, yaw=0.0)))
+    client.send(item(asked.seq, to(client, 0, 44, 12, yaw=0.0)))
     assert step(client)[0].type == 0
     assert [one.z for one in download(client)][1:] == [12.0, 0.0]
-    client.say(mavlink.MAVLink_mission_request_int_message(1, 1, 9, 0))
+    client.send(mavlink.MAVLink_mission_request_int_message(1, 1, 9, 0))
     assert step(client)[0].type == 1
-    client.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    client.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
     assert step(client)[0].type == 3
 
 
@@ -318,7 +318,7 @@ def test_ardupilot_upload_times_out_and_has_lost_the_old_plan(make: Make) -> Non
     """Asked again every second, cancelled after 8 s; the store was cleared as it began."""
     client = ready_ardupilot(make)
     assert upload(client, [to(client, 0, 0, 0), to(client, 0, 20, 10)]) == 0
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     said = [one for one in client.fly(9.0) if one.get_type().startswith("MISSION_")]
     assert [one.get_type() for one in said] == ["MISSION_REQUEST"] * 8 + ["MISSION_ACK"]
     assert said[-1].type == 15
@@ -348,23 +348,23 @@ def test_ardupilot_refuses_field_by_field(make: Make, row: Row, verdict: int) ->
 def test_ardupilot_counts_and_sequences(make: Make) -> None:
     """Too many, another sequence, a type that is none, an item without an upload."""
     client = ready_ardupilot(make)
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 5000, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 5000, 0))
     assert step(client)[0].type == 4
     assert "Only 650 items are supported" in client.texts()
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     step(client)
-    client.say(item(2, to(client, 0, 0, 0)))
+    client.send(item(2, to(client, 0, 0, 0)))
     assert step(client)[0].type == 13
-    client.say(item(0, to(client, 0, 0, 0)))
+    client.send(item(0, to(client, 0, 0, 0)))
     assert step(client)[0].type == 1
-    client.say(mavlink.MAVLink_mission_request_list_message(1, 1, 7))
+    client.send(mavlink.MAVLink_mission_request_list_message(1, 1, 7))
     assert (step(client)[0].type, client.last("MISSION_ACK").mission_type) == (3, 7)
 
 
 def test_ardupilot_flies_as_observed(make: Make) -> None:
     """The texts and the items reached, in the order in which the real one gave them."""
     client = make(simspec("ardupilot"), system=255)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(43.0)
     rows = [
         to(client, 0, 0, 0),
@@ -386,11 +386,11 @@ def test_ardupilot_flies_as_observed(make: Make) -> None:
     client.fly(2.0)
     assert client.vehicle.condition().landed
     assert client.command(300) == [0]
-    begun = len(client.heard)
+    begun = len(client.received)
     client.fly(90.0)
     log = [
         one.text if one.get_type() == "STATUSTEXT" else one.seq
-        for one in client.heard[begun:]
+        for one in client.received[begun:]
         if one.get_type() in ("STATUSTEXT", "MISSION_ITEM_REACHED")
     ]
     remarks = [one for one in log if isinstance(one, str) and one.startswith(("EKF3 ", "SIM "))]
@@ -417,7 +417,7 @@ def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
     client = ready_ardupilot(make)
     assert client.command(224, 1) == [2]
     client = make(simspec("ardupilot"), system=255)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(43.0)
     turns = (18, 3, 2, 0, 8, 0, *client.vehicle_goal(0, 20), 10)
     rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), turns, to(client, 0, 40, 10, 19, hold=5.0), to(client, 0, 0, 0, 21)]
@@ -452,11 +452,11 @@ def test_thousands_of_items_and_rings_cost_a_step_little(make: Make) -> None:
     client.airborne()
     rows = [bare(178, 1, 3.0, -1)] * 3000 + [bare(177, 0, -1)]
     assert upload(client, rows) == 0
-    client.say(mavlink.MAVLink_mission_set_current_message(1, 1, 0))
+    client.send(mavlink.MAVLink_mission_set_current_message(1, 1, 0))
     client.command(176, 1, 4, 4)
     client.fly(5.0)
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.5)
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, 65535, 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, 65535, 0))
     assert [one.type for one in step(client)] == [4]
 
 

@@ -91,7 +91,7 @@ def test_px4_old_message(make: Make) -> None:
     """SET_MODE works and is answered with COMMAND_ACK 176."""
     client = make()
     client.fly(5.0)
-    client.say(mavlink.MAVLink_set_mode_message(1, 1, 7 << 16))
+    client.send(mavlink.MAVLink_set_mode_message(1, 1, 7 << 16))
     client.fly(0.1)
     assert client.vehicle.condition().mode == "STABILIZED"
     assert (client.last("COMMAND_ACK").command, client.last("COMMAND_ACK").result) == (176, ACCEPTED)
@@ -101,12 +101,12 @@ def test_copter_on_the_ground(make: Make) -> None:
     """Every mode that exists is granted, with the GUIDED bit where it steers; the others fail with their texts."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     steers = (3, 4, 5, 7, 9, 16, 17, 19, 20, 21, 24)
     for number in (1, 0, 2, 6, 11, 18, *steers):
-        before = len(client.heard)
+        before = len(client.received)
         assert client.command(176, 1, number) == [ACCEPTED], number
-        kinds = [one.get_type() for one in client.heard[before:]]
+        kinds = [one.get_type() for one in client.received[before:]]
         assert kinds.index("COMMAND_ACK") < kinds.index("HEARTBEAT")
         client.fly(1.0)
         beat = client.last("HEARTBEAT")
@@ -127,7 +127,7 @@ def test_copter_old_message_is_obeyed_in_silence(make: Make) -> None:
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
     for number in (4, 99):
-        client.say(mavlink.MAVLink_set_mode_message(1, 1, number))
+        client.send(mavlink.MAVLink_set_mode_message(1, 1, number))
         assert not [one for one in client.fly(0.2) if one.get_type() == "COMMAND_ACK"]
     assert client.vehicle.condition().mode == "GUIDED"
     assert "No such mode 99" in client.texts()

@@ -10,11 +10,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import all as plain
 
-from vehicle_models.controller import PERSONALITIES
+from vehicle_models.controller import AUTOPILOTS
 from vehicle_models.controller.links._dialect import dialect
 from vehicle_models.controller.links._frames import KINDS, Packer, wire_values
 
-HOT = sorted(frozenset.union(*(one.messages for one in PERSONALITIES.values())) | {"STATUSTEXT", "COMMAND_ACK", "PARAM_VALUE"})
+HOT = sorted(
+    frozenset.union(*(autopilot.telemetry.messages for autopilot in AUTOPILOTS.values()))
+    | {"STATUSTEXT", "COMMAND_ACK", "PARAM_VALUE"}
+)
 FLOATS = (0.0, -0.0, math.nan, math.inf, -math.inf, 1e-45, 3.4e38)
 
 

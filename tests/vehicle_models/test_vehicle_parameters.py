@@ -17,7 +17,7 @@ def values(messages: list[Any]) -> list[Any]:
 
 
 def put(client: Client, name: str, value: float, kind: int = 9) -> list[Any]:
-    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
     return client.fly(0.02)
 
 
@@ -29,16 +29,16 @@ def bits(number: int) -> float:
 def test_px4_list_begins_with_a_hash_that_a_client_can_compute(make: Make) -> None:
     """_HASH_CHECK first, then every index in order of names; the hash is the CRC over names and values received."""
     client = make()
-    client.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     first, *rest = values(client.fly(1.5))
     assert (first.param_id, first.param_index, first.param_type) == ("_HASH_CHECK", 65535, 5)
     assert [one.param_index for one in rest] == list(range(first.param_count))
     names = [one.param_id for one in rest]
     assert names == sorted(names)
     assert len(names) > 600
-    from vehicle_models.controller.px4 import Px4
+    from vehicle_models.controller.px4 import PX4
 
-    volatile = {one.name for one in Px4.parameters if one.volatile}
+    volatile = {one.name for one in PX4.parameters.definitions if one.volatile}
     crc = 0xFFFFFFFF
     for one in rest:
         if one.param_id not in volatile:
@@ -49,7 +49,7 @@ def test_px4_list_begins_with_a_hash_that_a_client_can_compute(make: Make) -> No
 def test_px4_list_ends_when_the_client_knows_the_hash(make: Make) -> None:
     """A ground station with a cache sets _HASH_CHECK: no more values come, and no answer."""
     client = make()
-    client.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     client.fly(0.1)
     put(client, "_HASH_CHECK", 0.0)
     assert not values(client.fly(1.0))
@@ -68,7 +68,7 @@ def test_px4_set_reports_twice_and_errors(make: Make) -> None:
 def test_ardupilot_pushes_and_clamps(make: Make) -> None:
     """Ground pressures when the origin is found and running time every 30 s; integers clamped, any case, index 65535."""
     client = make(simspec("ardupilot"))
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     pushed = values(client.fly(61.0))
     assert [(one.param_id, one.param_index) for one in pushed] == [
         ("BARO1_GND_PRESS", 65535),
@@ -84,9 +84,9 @@ def test_ardupilot_pushes_and_clamps(make: Make) -> None:
 
 def test_table_rows_stand_for_many() -> None:
     """Spans of numbers and of texts, and a default that carries the number."""
-    from vehicle_models.controller.ardupilot import ArduPilot
+    from vehicle_models.controller.ardupilot import ARDUPILOT
 
-    found = {one.name: one for one in ArduPilot.parameters}
+    found = {one.name: one for one in ARDUPILOT.parameters.definitions}
     assert [found[f"SERVO{number}_FUNCTION"].default for number in (1, 4, 5)] == [31, 34, 0]
     assert {"COMPASS_OFS_X", "COMPASS_OFS2_X", "COMPASS_OFS3_X", "INS_USE", "INS_USE2"} <= set(found)
-    assert len(found) == len(ArduPilot.parameters)
+    assert len(found) == len(ARDUPILOT.parameters.definitions)

@@ -14,7 +14,7 @@ from bench.contracts import LinkSpec, VehiclePlan, load_plugin
 from bench.errors import SetupError
 from bench.simulation import fly, run_standalone, standalone_simspec
 from vehicle_models import TangentPlane, open_x500
-from vehicle_models._jsbsim import Place
+from vehicle_models._jsbsim import StartPose
 from vehicle_models.x500 import X500Plant
 
 
@@ -39,7 +39,7 @@ def test_the_plane_reaches_over_the_date_line() -> None:
 
 def test_far_from_the_origin_setpoints_still_mean_the_plane() -> None:
     """JSBSim measures from the start of the flight and we in the plane of the origin: 4 km away both still meet."""
-    plant = X500Plant(Place(47.0, 8.0, 400.0, 4000.0, 3000.0), 0.02)
+    plant = X500Plant(StartPose(47.0, 8.0, 400.0, 4000.0, 3000.0), 0.02)
     assert (plant.motion.east_m, plant.motion.north_m) == pytest.approx((4000.0, 3000.0), abs=1e-3)
     for name in ("armed", "flying", "position-mode", "height-mode"):
         plant.write(name, 1.0)

@@ -64,7 +64,7 @@ def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
     assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
     assert client.command(511, 285, 100_000) == [0]
     client.fly(1.0)
-    said = [one for one in client.heard if one.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    said = [one for one in client.received if one.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
     assert 9 <= len(said) <= 11
     w, _, y, _ = said[-1].q
     assert math.degrees(2.0 * math.atan2(y, w)) == pytest.approx(-60.0, abs=0.1)
@@ -75,11 +75,11 @@ def test_control_is_given_back_and_taken_by_another(make: Make) -> None:
     client = make(carrying(gimbal=True))
     client.command(1001, 9, 9, -1, -1, 0, 0, 0)
     assert client.command(1001, -3, -3, -1, -1, 0, 0, 0) == [0]
-    client.say(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
+    client.send(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
     client.fly(1.0)
     assert tilt_deg(client) == pytest.approx(60.0)
     client.command(1001, -2, -2, -1, -1, 0, 0, 0)
-    client.say(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
+    client.send(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
     client.fly(1.0)
     assert tilt_deg(client) == pytest.approx(0.0)
 
@@ -115,7 +115,7 @@ def test_ardupilot_mount_commands_and_messages(make: Make) -> None:
     assert client.command(205, -30, 0, 40, 0, 0, 0, 2) == [0]
     client.fly(1.5)
     assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(30.0), pytest.approx(40.0))
-    client.say(mavlink.MAVLink_mount_control_message(1, 1, -9000, 0, 0, 0))
+    client.send(mavlink.MAVLink_mount_control_message(1, 1, -9000, 0, 0, 0))
     client.fly(1.5)
     assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(90.0), pytest.approx(0.0))
     assert client.command(205, 0, 0, 0, 0, 0, 0, 1) == [0]
@@ -149,8 +149,8 @@ def test_nonsense_leaves_the_gimbal_where_it_is(make: Make) -> None:
     assert client.command(1000, math.inf, -math.inf, math.inf, NAN, 0, 0, 0) == [0]
     assert client.command(195, 0, 0, 0, 0, math.inf, NAN, 0) == [2]
     quaternion = [NAN, math.inf, 0.0, 1.0]
-    client.say(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, quaternion, math.inf, math.inf, NAN))
-    client.say(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, [2.0, 9e30, 9e30, 1.0], NAN, NAN, NAN))
+    client.send(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, quaternion, math.inf, math.inf, NAN))
+    client.send(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, [2.0, 9e30, 9e30, 1.0], NAN, NAN, NAN))
     client.fly(0.5)
     assert math.isfinite(tilt_deg(client))
     assert math.isfinite(pan_deg(client))
@@ -166,7 +166,7 @@ def test_without_a_gimbal_nothing_of_it_exists(make: Make) -> None:
 
 def camera_command(client: Client, number: int, *params: float) -> list[int]:
     padded = [*params, *[0.0] * (7 - len(params))]
-    client.say(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
+    client.send(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
     heard = client.fly(0.02)
     return [one.result for one in heard if one.get_type() == "COMMAND_ACK" and one.get_srcComponent() == 100]
 
@@ -180,14 +180,14 @@ def expose(client: Client, frames: range) -> None:
 
 
 def images(client: Client) -> list[Any]:
-    return [one for one in client.heard if one.get_type() == "CAMERA_IMAGE_CAPTURED"]
+    return [one for one in client.received if one.get_type() == "CAMERA_IMAGE_CAPTURED"]
 
 
 def test_the_camera_is_a_component_of_its_own(make: Make) -> None:
     """A heartbeat a second from component 100, and information that gives back the SimSpec's numbers."""
     client = make(carrying(mavlink=True, gimbal=True))
     client.fly(3.0)
-    beats = [one for one in client.heard if one.get_type() == "HEARTBEAT" and one.get_srcComponent() == 100]
+    beats = [one for one in client.received if one.get_type() == "HEARTBEAT" and one.get_srcComponent() == 100]
     assert len(beats) in (3, 4)
     assert (beats[0].type, beats[0].autopilot) == (30, 8)
     assert camera_command(client, 512, 259) == [0]
@@ -262,7 +262,7 @@ def in_mission(make: Make, autopilot: str, rows: Callable[[Client], list[Any]], 
         assert upload(client, rows(client)) == 0
         assert client.command(300)[-1] == 0
     else:
-        client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         client.fly(43.0)
         assert upload(client, [to(client, 0, 0, 0), *rows(client)]) == 0
         client.command(176, 1, 4)

@@ -39,7 +39,7 @@ def test_long_texts_come_in_pieces(make: Make) -> None:
     """A text of 52 characters and a tab is two chunks with one id, as PX4 sends it."""
     client = make()
     client.command(400, 1)
-    pieces = [one for one in client.heard if one.get_type() == "STATUSTEXT"]
+    pieces = [one for one in client.received if one.get_type() == "STATUSTEXT"]
     assert [one.chunk_seq for one in pieces] == [0, 1]
     assert len({one.id for one in pieces}) == 1
     assert pieces[0].id > 0
@@ -86,10 +86,10 @@ def test_unknown_commands_are_unsupported(make: Make) -> None:
     assert client.command_int(192, 6, -1, 0, 0, NAN, 0, 0, 10) == [UNSUPPORTED]
     assert client.command(1000) == []
     assert client.command(195) == [ACCEPTED]
-    client.say(mavlink.MAVLink_command_long_message(42, 1, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
-    client.say(mavlink.MAVLink_command_long_message(1, 99, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
+    client.send(mavlink.MAVLink_command_long_message(42, 1, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
+    client.send(mavlink.MAVLink_command_long_message(1, 99, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
     assert not [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
-    client.say(mavlink.MAVLink_command_long_message(0, 0, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
+    client.send(mavlink.MAVLink_command_long_message(0, 0, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
     acks = [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
     assert [(one.result, one.target_system, one.target_component) for one in acks] == [(UNSUPPORTED, 245, 190)]
 
@@ -100,7 +100,7 @@ def test_landed_states_follow_the_flight(make: Make) -> None:
     client.airborne(5.0)
     client.command(21)
     client.fly(15.0)
-    states = [one.landed_state for one in client.heard if one.get_type() == "EXTENDED_SYS_STATE"]
+    states = [one.landed_state for one in client.received if one.get_type() == "EXTENDED_SYS_STATE"]
     assert [state for before, state in zip([0, *states], states, strict=False) if state != before] == [1, 3, 2, 4, 1]
 
 
@@ -177,7 +177,7 @@ def test_global_setpoints(make: Make) -> None:
     latitude, longitude = client.vehicle_goal(12.0, -9.0)
 
     def give() -> None:
-        client.say(
+        client.send(
             mavlink.MAVLink_set_position_target_global_int_message(
                 0, 1, 1, 6, 0xDF8, latitude, longitude, 12.0, 0, 0, 0, 0, 0, 0, 0, 0
             )
@@ -194,7 +194,7 @@ def test_global_setpoints(make: Make) -> None:
 def test_parameters_are_listed_with_the_hash_first(make: Make) -> None:
     """_HASH_CHECK, then every index in order; integers as bits; count as stated."""
     client = make()
-    client.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     values = [one for one in client.fly(1.0) if one.get_type() == "PARAM_VALUE"]
     assert values[0].param_id == "_HASH_CHECK"
     assert values[0].param_type == 5
@@ -209,7 +209,7 @@ def test_setting_parameters(make: Make) -> None:
     client = make()
 
     def set_parameter(name: str, value: float, kind: int = 9) -> list[tuple[str, float]]:
-        client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
+        client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
         return [
             (one.get_type(), one.param_value if one.get_type() == "PARAM_VALUE" else one.error)
             for one in client.fly(0.1)
@@ -221,7 +221,7 @@ def test_setting_parameters(make: Make) -> None:
     assert set_parameter("NO_SUCH", 7.0) == [("PARAM_ERROR", 1)]
     assert set_parameter("MIS_TAKEOFF_ALT", 7.0, 6) == [("PARAM_ERROR", 7)]
     assert set_parameter("MPC_XY_VEL_MAX", math.nan) == [("PARAM_VALUE", 12.0)]
-    client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
+    client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
     assert [one.error for one in client.fly(0.1) if one.get_type() == "PARAM_ERROR"] == [1]
     client.fly(4.0)
     client.command(400, 1)
@@ -283,7 +283,7 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
     told = client.last("SYSTEM_TIME")
     begun_us = round(spec.environment.start_utc.timestamp() * 1e6)
     assert told.time_unix_usec == begun_us + told.time_boot_ms * 1000
-    client.say(mavlink.MAVLink_timesync_message(0, 77))
+    client.send(mavlink.MAVLink_timesync_message(0, 77))
     answers = [one for one in client.fly(0.02) if one.get_type() == "TIMESYNC" and one.ts1 == 77]
     assert [one.tc1 for one in answers] == [client.vehicle.time.ns - 20_000_000]
 
@@ -293,7 +293,7 @@ def test_a_lost_station_holds_and_returns_when_asked_to(make: Make) -> None:
     client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
 
     def beat() -> None:
-        client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+        client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
 
     client.airborne()
     client.fly(2.0, beat)

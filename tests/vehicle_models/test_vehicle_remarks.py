@@ -19,7 +19,7 @@ MOTOR_TEST = 209
 @pytest.fixture
 def copter(make: Make) -> Client:
     client = make(simspec("ardupilot"), system=255)
-    client.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     return client
 
 
@@ -31,7 +31,7 @@ def outputs(client: Client) -> list[int]:
 
 
 def put(client: Client, name: str, value: float) -> None:
-    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
     client.fly(0.02)
 
 
@@ -40,7 +40,7 @@ def test_copter_remarks_on_leaving_and_meeting_the_ground(copter: Client) -> Non
     copter.fly(43.0)
     assert copter.command(176, 1, 4) == [0]
     for _ in range(2):
-        copter.heard.clear()
+        copter.received.clear()
         assert copter.command(400, 1) == [0]
         assert copter.command(22, 0, 0, 0, NAN, 0, 0, 6) == [0]
         copter.fly(3.5)
@@ -59,9 +59,9 @@ def test_copter_remarks_on_leaving_and_meeting_the_ground(copter: Client) -> Non
 
 def test_copter_streams_terrain_and_wind(copter: Client) -> None:
     """In group 12: requests for the grid of the place at 0.5 Hz at most, reports that know nothing, wind with the receiver."""
-    copter.say(mavlink.MAVLink_request_data_stream_message(1, 1, 12, 4, 1))
+    copter.send(mavlink.MAVLink_request_data_stream_message(1, 1, 12, 4, 1))
     copter.fly(19.0 - copter.vehicle.time.ns * 1e-9)
-    assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & {one.get_type() for one in copter.heard}
+    assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & {one.get_type() for one in copter.received}
     copter.fly(23.0)
     heard = Counter(one.get_type() for one in copter.fly(20.0))
     assert (heard["TERRAIN_REQUEST"], heard["TERRAIN_REPORT"], heard["WIND"]) == (10, 80, 80)

@@ -30,29 +30,29 @@ def names(messages: list[Any]) -> list[str]:
 def put(client: Client, autopilot: str, name: str, value: int) -> None:
     kind = 6 if autopilot == "px4" else 4
     packed = struct.unpack("<f", struct.pack("<i", value))[0] if autopilot == "px4" else value
-    client.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), packed, kind))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), packed, kind))
     assert "PARAM_VALUE" in names(client.fly(0.1))
 
 
 def asked(client: Client, number: int, system: int = 1) -> Any:
     """The message of that number, requested."""
-    client.say(mavlink.MAVLink_command_long_message(system, 1, 512, 0, number, 0, 0, 0, 0, 0, 0))
+    client.send(mavlink.MAVLink_command_long_message(system, 1, 512, 0, number, 0, 0, 0, 0, 0, 0))
     return next(one for one in client.fly(0.1) if one.get_msgId() == number)
 
 
 def upload(client: Client, count: int) -> None:
     """A mission of waypoints around home."""
-    place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.heard) else None) or (473977500, 85456500)
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
+    place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.received) else None) or (473977500, 85456500)
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
     for _ in range(count):
         wanted = next(one for one in client.fly(0.1) if one.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"))
         item = mavlink.MAVLink_mission_item_int_message
-        client.say(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
+        client.send(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
     assert next(one for one in client.fly(0.1) if one.get_type() == "MISSION_ACK").type == 0
 
 
 def items_of(client: Client, system: int) -> int:
-    client.say(mavlink.MAVLink_mission_request_list_message(system, 1, 0))
+    client.send(mavlink.MAVLink_mission_request_list_message(system, 1, 0))
     count: int = next(one for one in client.fly(0.1) if one.get_type() == "MISSION_COUNT").count
     return count
 
@@ -88,7 +88,7 @@ def test_it_begins_anew(make: Make, autopilot: str) -> None:
     heard = client.fly(ready_s)
     assert asked(client, 1, system=7).onboard_control_sensors_health & READY
     assert "HOME_POSITION" in names(heard)
-    client.say(mavlink.MAVLink_command_long_message(7, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    client.send(mavlink.MAVLink_command_long_message(7, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     client.fly(0.1)
     assert client.vehicle.condition().armed
 
@@ -118,7 +118,7 @@ def test_streams_that_were_asked_for_end_with_it(make: Make) -> None:
     """Rates of REQUEST_DATA_STREAM are not saved; rates that somebody wrote into the parameters are."""
     client = make(simspec("ardupilot"), system=255)
     put(client, "ardupilot", "SR0_RC_CHAN", 2)
-    client.say(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
+    client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
     assert {"ATTITUDE", "RC_CHANNELS"} <= set(names(client.fly(2.0)))
     assert client.command(REBOOT, 1) == [ACCEPTED]
     heard = set(names(client.fly(3.0)))

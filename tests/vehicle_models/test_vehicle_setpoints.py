@@ -21,14 +21,14 @@ def local(client: Client, mask: int, frame: int = 1, **at: float) -> None:
     """SET_POSITION_TARGET_LOCAL_NED by field names; what is not named is 0."""
     fields = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
     values = [at.get(name, 0.0) for name in fields]
-    client.say(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *values))
+    client.send(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *values))
 
 
 def earth(client: Client, mask: int, frame: int, north: float, east: float, altitude: float, **at: float) -> None:
     latitude, longitude = client.vehicle_goal(east, north)
     values = [at.get(name, 0.0) for name in ("vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")]
     message = mavlink.MAVLink_set_position_target_global_int_message
-    client.say(message(0, 1, 1, frame, mask, latitude, longitude, altitude, *values))
+    client.send(message(0, 1, 1, frame, mask, latitude, longitude, altitude, *values))
 
 
 def attitude(client: Client, mask: int, roll: float, pitch: float, yaw: float, thrust: float, *rates: float) -> None:
@@ -37,7 +37,7 @@ def attitude(client: Client, mask: int, roll: float, pitch: float, yaw: float, t
     cp, sp = math.cos(pitch * DEG / 2), math.sin(pitch * DEG / 2)
     cy, sy = math.cos(yaw * DEG / 2), math.sin(yaw * DEG / 2)
     q = (cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy)
-    client.say(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *(rates or (0.0, 0.0, 0.0)), thrust))
+    client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *(rates or (0.0, 0.0, 0.0)), thrust))
 
 
 def stream(client: Client, seconds: float, say: Callable[[], None]) -> list[Any]:

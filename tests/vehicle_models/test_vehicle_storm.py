@@ -78,7 +78,7 @@ def still_flies(client: Client) -> None:
     assert not condition.landed
     assert up > 5.0
     assert math.isfinite(east + north + up)
-    client.say_bytes(b"\xfd")
+    client.send_bytes(b"\xfd")
     client.fly(1.0)
     assert client.command(31999) == [3]  # it listens and answers
 
@@ -86,11 +86,11 @@ def still_flies(client: Client) -> None:
 def fire(client: Client, datagrams: Iterator[bytes], per_step: int) -> int:
     sent = 0
     for number, data in enumerate(datagrams):
-        client.say_bytes(data)
+        client.send_bytes(data)
         sent += 1
         if number % per_step == per_step - 1:
             client.fly(0.02)
-            client.heard.clear()
+            client.received.clear()
             client.raw = b""
     return sent
 

@@ -59,7 +59,7 @@ def test_modes_that_are_none_leave_it_flying(make: Make, autopilot: str) -> None
     before = client.vehicle.condition().mode
     for base in (0, 1, 127, 255):
         for custom in (99, 2**31 - 1, 2**31, 2**32 - 1):
-            client.say(mavlink.MAVLink_set_mode_message(1, base, custom))
+            client.send(mavlink.MAVLink_set_mode_message(1, base, custom))
             client.fly(0.02)
     for value in (math.nan, math.inf, -math.inf, 3.4e38, -1.0):
         client.command(176, 1, value, value)
@@ -73,7 +73,7 @@ def test_a_signing_key_of_extremes_shuts_out_and_no_more(make: Make) -> None:
     """SETUP_SIGNING with limits in its fields: the vehicle hears nobody without the key, says that it did not, and holds on."""
     client = make(simspec())
     client.airborne(10.0)
-    client.say(mavlink.MAVLink_setup_signing_message(1, 1, [255] * 32, 2**64 - 1))
+    client.send(mavlink.MAVLink_setup_signing_message(1, 1, [255] * 32, 2**64 - 1))
     client.fly(0.1)
     before = client.vehicle.counters()
     assert client.command(176, 1, 4, 5) == []

@@ -85,13 +85,13 @@ def test_copter_by_group(make: Make) -> None:
     """REQUEST_DATA_STREAM 1 and 10 at 4 Hz, stopped again; the parameters show it."""
     client = make(simspec("ardupilot"), system=255)
     for group in (1, 10):
-        client.say(mavlink.MAVLink_request_data_stream_message(1, 1, group, 4, 1))
+        client.send(mavlink.MAVLink_request_data_stream_message(1, 1, group, 4, 1))
     client.fly(1.0)
     heard = counted(client, 4.0)
     of_groups = ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "ATTITUDE", "SIMSTATE", "AHRS2")
     assert {name: rate for name, rate in heard.items() if name in of_groups} == dict.fromkeys(of_groups, 4.0)
-    client.say(mavlink.MAVLink_param_request_read_message(1, 1, b"SR0_EXTRA1", -1))
-    client.say(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
+    client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"SR0_EXTRA1", -1))
+    client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
     client.fly(0.1)
     assert client.last("PARAM_VALUE").param_value == 4.0
     assert not set(counted(client, 4.0)) & set(of_groups)
@@ -106,7 +106,7 @@ def test_copter_rates_by_parameter(make: Make) -> None:
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 10.0
     assert client.command(511, 33, 0) == [0]
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == pytest.approx(5.0, abs=0.3)
-    client.say(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 0, 9))
+    client.send(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 0, 9))
     client.fly(0.1)
     assert "GLOBAL_POSITION_INT" not in counted(client, 2.0)
 
@@ -125,7 +125,7 @@ def test_long_texts_come_in_pieces(make: Make) -> None:
     """50 characters and the tab behind them: a second piece with nothing but the tab, and the same id."""
     client = make()
     client.fly(1.0)
-    client.vehicle._controller._board.texts.say(6, "x" * 50)  # type: ignore[attr-defined]
+    client.vehicle._controller._context.texts.send(6, "x" * 50)  # type: ignore[attr-defined]
     pieces = [one for one in client.fly(0.1) if one.get_type() == "STATUSTEXT"]
     assert [(one.text, one.chunk_seq) for one in pieces] == [("x" * 50, 0), ("\t", 1)]
     assert len({one.id for one in pieces}) == 1

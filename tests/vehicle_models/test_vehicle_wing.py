@@ -196,7 +196,7 @@ def test_attitude_setpoints_are_flown(make_wing: MakeWing) -> None:
 
     def give() -> None:
         q = (cr * cp, sr * cp, cr * sp, -sr * sp)
-        client.say(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, 0.4))
+        client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, 0.4))
 
     client.fly(0.3, give)
     assert client.command(176, 1, 6) == [0, 0]
@@ -244,7 +244,7 @@ def test_returns_and_circles_where_no_landing_is_wanted(make_wing: MakeWing) -> 
 
 def upload(client: Client, rows: list[tuple[Any, ...]]) -> None:
     """Upload a mission of (command, frame, four params, x, y, z)."""
-    client.say(mavlink.MAVLink_mission_count_message(1, 1, len(rows), 0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, len(rows), 0))
     for _ in range(4 * len(rows) + 4):
         for said in client.fly(0.02):
             if said.get_type() == "MISSION_ACK":
@@ -253,7 +253,7 @@ def upload(client: Client, rows: list[tuple[Any, ...]]) -> None:
             if said.get_type() == "MISSION_REQUEST_INT":
                 command, frame, *params, x, y, z = rows[said.seq]
                 message = mavlink.MAVLink_mission_item_int_message
-                client.say(message(1, 1, said.seq, frame, command, int(said.seq == 0), 1, *params, x, y, z, 0))
+                client.send(message(1, 1, said.seq, frame, command, int(said.seq == 0), 1, *params, x, y, z, 0))
     raise AssertionError("no end of the upload")
 
 
@@ -285,7 +285,7 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     assert max(nearest) < 26.0
     assert turned > 15  # seconds on the circle
     assert away_m(client, 0.0, 0.0) < 50.0
-    reached = {one.seq for one in client.heard if one.get_type() == "MISSION_ITEM_REACHED"}
+    reached = {one.seq for one in client.received if one.get_type() == "MISSION_ITEM_REACHED"}
     assert {0, 1, 2, 3, 4} <= reached
 
 
@@ -301,7 +301,7 @@ def test_a_leg_is_flown_along_its_line_in_a_side_wind(make_wing: MakeWing, from_
     while client.vehicle.time.s < 200.0 and north < 370.0:
         client.fly(0.5)
         east, north, _ = client.vehicle.truth().position_enu_m
-        reached = {one.seq for one in client.heard if one.get_type() == "MISSION_ITEM_REACHED"}
+        reached = {one.seq for one in client.received if one.get_type() == "MISSION_ITEM_REACHED"}
         if 0 in reached and north > 150.0:
             beside.append(abs(east - 150.0))
     assert north >= 370.0
@@ -317,6 +317,6 @@ def test_two_flights_are_the_same_to_the_last_bit(make_wing: MakeWing) -> None:
         take_off(client)
         circle(client, 100.0, 100.0, 70.0)
         client.fly(10.0)
-        return client.vehicle.truth(), [one.get_msgbuf() for one in client.heard]
+        return client.vehicle.truth(), [one.get_msgbuf() for one in client.received]
 
     assert flown() == flown()

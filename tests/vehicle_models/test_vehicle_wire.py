@@ -21,14 +21,14 @@ Make = Callable[..., Client]
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, autopilot: str) -> None:
     """All that is ever streamed, heard in flight or asked for: decoded by pymavlink and packed again, the same bytes."""
-    from vehicle_models.controller import PERSONALITIES
+    from vehicle_models.controller import AUTOPILOTS
 
     client = make(simspec(autopilot, environment={"wind": {"speed_mps": 3.0, "turbulence_mps": 3.0}}))
     client.fly(45.0)
     if autopilot == "px4":
         client.airborne(3.0)
         client.offboard(3, 2, -4)
-    names = PERSONALITIES[autopilot].messages
+    names = AUTOPILOTS[autopilot].telemetry.messages
     raw = len(client.raw)
     for name in sorted(names):
         client.command(512, KINDS[name].id)
@@ -169,7 +169,7 @@ def test_extreme_values_leave_it_flying(make: Make) -> None:
             ]
             if name.startswith("command") and 400 in filled:
                 continue  # disarming in the air would be obeyed, and rightly
-            client.say_bytes(Packer(9, 9).pack(number, 0, filled))
+            client.send_bytes(Packer(9, 9).pack(number, 0, filled))
         client.fly(0.2)
     client.fly(5.0)
     position = client.vehicle.truth().position_enu_m

@@ -36,44 +36,44 @@ class Client:
         self.port = self.socket.getsockname()[1]
         self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.mav.robust_parsing = True
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
         self.raw = b""
         self.peer: tuple[str, int] | None = None
         self.vehicle: Vehicle
 
-    def say(self, message: Any) -> None:
-        self.say_bytes(bytes(message.pack(self.mav)))
+    def send(self, message: Any) -> None:
+        self.send_bytes(bytes(message.pack(self.mav)))
 
-    def say_bytes(self, data: bytes) -> None:
+    def send_bytes(self, data: bytes) -> None:
         assert self.peer, "let the vehicle speak first"
         self.socket.sendto(data, self.peer)
 
     def command(self, number: int, *params: float) -> list[int]:
         """Send a COMMAND_LONG, let one step pass, and return the results acknowledged."""
         padded = [*params, *[0.0] * (7 - len(params))]
-        self.say(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
+        self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
         return [one.result for one in self.fly(0.02) if one.get_type() == "COMMAND_ACK" and one.command == number]
 
     def command_int(self, number: int, frame: int, *params: float) -> list[int]:
-        self.say(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
+        self.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
         return [one.result for one in self.fly(0.02) if one.get_type() == "COMMAND_ACK" and one.command == number]
 
     def setpoint(self, north: float, east: float, down: float, mask: int = 2552, frame: int = 1, **more: float) -> None:
         v = (more.get("vn", 0.0), more.get("ve", 0.0), more.get("vd", 0.0))
         yaw = (more.get("yaw", 0.0), more.get("yawrate", 0.0))
         message = mavlink.MAVLink_set_position_target_local_ned_message
-        self.say(message(0, 1, 1, frame, mask, north, east, down, *v, 0, 0, 0, *yaw))
+        self.send(message(0, 1, 1, frame, mask, north, east, down, *v, 0, 0, 0, *yaw))
 
     def fly(self, seconds: float, each: Callable[[], None] | None = None) -> list[Any]:
         """Let time pass, calling `each` ten times a second; the messages heard meanwhile."""
-        begun = len(self.heard)
+        begun = len(self.received)
         for step in range(round(seconds * 50)):
             if each and step % 5 == 0:
                 each()
             self.vehicle.receive()
             self.vehicle.step()
             self._listen()
-        return self.heard[begun:]
+        return self.received[begun:]
 
     def _listen(self) -> None:
         while True:
@@ -82,7 +82,7 @@ class Client:
             except BlockingIOError:
                 return
             self.raw += data
-            self.heard += self.mav.parse_buffer(data) or []
+            self.received += self.mav.parse_buffer(data) or []
 
     def vehicle_goal(self, east_m: float, north_m: float) -> tuple[int, int]:
         """Latitude and longitude (1e-7 degree) so far from home."""
@@ -92,10 +92,10 @@ class Client:
         return TangentPlane(home.latitude * 1e-7, home.longitude * 1e-7).geodetic_e7(east_m, north_m)
 
     def last(self, name: str) -> Any:
-        return next(one for one in reversed(self.heard) if one.get_type() == name)
+        return next(one for one in reversed(self.received) if one.get_type() == name)
 
     def texts(self) -> list[str]:
-        return [one.text for one in self.heard if one.get_type() == "STATUSTEXT"]
+        return [one.text for one in self.received if one.get_type() == "STATUSTEXT"]
 
     def airborne(self, height_m: float = 10.0) -> None:
         """Arm a PX4, take off, wait until it holds."""

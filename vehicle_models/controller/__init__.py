@@ -1,25 +1,25 @@
-"""The flight controller: small MAVLink services around one vehicle state, and the personalities that tell them how."""
+"""The flight controller: small MAVLink services around one flight state, and the policies of the autopilots."""
 
 from __future__ import annotations
 
+from ._autopilot import Autopilot as Autopilot
 from ._controller import Controller as Controller
-from ._flight import Airframe as Airframe
-from ._flight import Attitude as Attitude
-from ._flight import Flight as Flight
-from ._flight import Home as Home
-from ._flight import Target as Target
-from ._personality import Personality as Personality
-from .ardupilot import ArduPilot as ArduPilot
+from ._flight_state import Airframe as Airframe
+from ._flight_state import FlightState as FlightState
+from ._flight_state import FlightTarget as FlightTarget
+from ._flight_state import ReferencePoint as ReferencePoint
+from ._flight_state import TargetAttitude as TargetAttitude
+from .ardupilot import ARDUPILOT as ARDUPILOT
 from .guidance._manoeuvres import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres
 from .guidance._wing import WingTarget as WingTarget
 from .links._links import Link as Link
 from .links._links import open_links as open_links
 from .payload._equipment import Equipment as Equipment
-from .px4 import Px4 as Px4
-from .px4 import Px4Wing as Px4Wing
-from .services._restart import Kept as Kept
-from .telemetry._telemetry import attitude_quaternion as attitude_quaternion
+from .px4 import PX4 as PX4
+from .px4_wing import PX4_WING as PX4_WING
+from .services._restart import PersistentState as PersistentState
+from .telemetry._attitude import attitude_quaternion as attitude_quaternion
 
-PERSONALITIES: dict[str, Personality] = {"px4": Px4(), "ardupilot": ArduPilot()}
-WING_PERSONALITIES: dict[str, Personality] = {"px4": Px4Wing()}
+AUTOPILOTS: dict[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}
+WING_AUTOPILOTS: dict[str, Autopilot] = {"px4": PX4_WING}

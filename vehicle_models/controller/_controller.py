@@ -1,4 +1,4 @@
-"""The flight controller: takes what came in, lets every service do its work, flies, and says what is due."""
+"""The flight controller: takes the messages of a step, runs every service, flies, and sends what is due."""
 
 from __future__ import annotations
 
@@ -8,169 +8,228 @@ from typing import Any
 
 from bench.contracts import MavlinkTap
 
-from ._flight import Airframe, Behaviour, Flight, Landed, Target
-from ._personality import Event, Personality
-from ._service import Handler, Sender, Service, Ticking
+from ._autopilot import Autopilot
+from ._flight_state import Airframe, Behaviour, FlightState, FlightTarget
+from ._liftoff import LiftoffAndLanding
+from ._service import (
+    AnswersRequests,
+    HandlesCommands,
+    HandlesMessages,
+    MessageAnswer,
+    MessageHandler,
+    MessageSender,
+    Stream,
+    StreamsMessages,
+    Ticks,
+)
 from ._service_context import ServiceContext
-from .files._files import Files
 from .files._ftp import FileTransfer
+from .files._served_files import ServedFiles
 from .guidance._guidance import Guidance
-from .guidance._land_detector import LandDetector
-from .guidance._manoeuvres import Manoeuvres, Takeoff
+from .guidance._manoeuvres import Manoeuvres
 from .links._frames import KINDS, Decoder, Packer, message_id, sender
 from .links._links import Link
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
 from .missions._mission_flight import MissionFlight
 from .missions._protocol import MissionProtocol
-from .missions._store import Plans
+from .missions._store import StoredPlans
 from .parameters._parameters import Parameters
 from .parameters._store import ParameterStore
 from .payload._camera import CameraComponent
 from .payload._equipment import Equipment
 from .payload._gimbal import Gimbal
+from .safety._battery_monitor import BatteryMonitor
 from .safety._failsafe import Failsafe
 from .safety._failure_injection import FailureInjection
-from .safety._fence import Fence, Rally
+from .safety._fence import Fence
+from .safety._fence_boundary import FenceBoundary
 from .safety._health import Health
-from .safety._simulated_battery import SimulatedBattery
+from .safety._rally import Rally
 from .services._arming import Arming
-from .services._clock import Clock
+from .services._clock import ClockService
 from .services._commands import Commands
-from .services._follow_me import FollowMe
+from .services._follow_target import FollowTargetService
 from .services._home import HomeKeeper
 from .services._identity import Identity
-from .services._manual import Manual
+from .services._manual_control import ManualControl
 from .services._modes import Modes
 from .services._motor_test import MotorTest
 from .services._navigator import Navigator
-from .services._restart import Kept, Restart
+from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
 from .services._signing_keys import SigningKeys
-from .telemetry._events import Events
+from .telemetry._attitude import AttitudeCache
+from .telemetry._events import EventService
 from .telemetry._ground_texts import GroundTexts
+from .telemetry._motion import MotionTelemetry
+from .telemetry._power import PowerTelemetry
+from .telemetry._remote_identification import RemoteIdentification
+from .telemetry._sensors import SensorTelemetry
 from .telemetry._streams import Streams
-from .telemetry._telemetry import Telemetry
-from .telemetry._texts import Texts
+from .telemetry._system import SystemTelemetry
+from .telemetry._targets import TargetTelemetry
+from .telemetry._terrain import Terrain
+from .telemetry._texts import FlightEvent, Texts
+from .telemetry._truth import TruthStream
 
-COMPONENT = 1
+COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 
 
 class Controller:
-    """One flight controller on its links. `receive`, then `control`, then (after the physics) `report`, once a step."""
+    """One flight controller on its links. `receive`, then `control`, then (after the physics) `report`, once a step.
+
+    `initial_parameters` differ from the autopilot's defaults. `persistent` is what the previous controller of the same
+    vehicle left, and takes their place.
+    """
 
     def __init__(
         self,
-        personality: Personality,
-        flight: Flight,
+        autopilot: Autopilot,
+        flight: FlightState,
         airframe: Airframe,
         links: Sequence[Link],
-        given: Mapping[str, float],
+        initial_parameters: Mapping[str, float],
         tap: MavlinkTap | None = None,
         manoeuvres: Manoeuvres | None = None,
-        payload: Equipment | None = None,
-        kept: Kept | None = None,
+        equipment: Equipment | None = None,
+        persistent: PersistentState | None = None,
     ) -> None:
-        parameters = ParameterStore(personality.parameters, kept.parameters if kept else given)
-        self._system = min(max(int(parameters[personality.system_parameter]), 1), 255)
-        packer = Packer(self._system, COMPONENT)
-        self._signing = kept.signing if kept else open_signing([link.spec for link in links], flight.unix_start_us)
-        self._earlier = kept.counts if kept else {}
+        self._autopilot = autopilot
         self._flight = flight
         self._tap = tap
+        parameters = ParameterStore(autopilot.parameters.definitions, persistent.parameters if persistent else initial_parameters)
+        self._system = min(max(int(parameters[autopilot.parameters.system_id]), 1), 255)
+        self._signing = persistent.signing if persistent else open_signing([link.spec for link in links], flight.unix_start_us)
+        packer = Packer(self._system, COMPONENT)
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
-        radio = Radio(self.channels, tap, personality.speaks_when_spoken_to)
-        texts = Texts(radio, personality.text_ending)
-        self._board = board = ServiceContext(flight, airframe, personality, radio, texts, parameters)
-        self._guidance = Guidance(flight, personality.limits(parameters), manoeuvres)
-        parameters.on_change(self._limits_changed)
-        self._setpoints = Setpoints(board, self._guidance)
-        modes = Modes(board, self._guidance, self._setpoints.fresh)
-        home = HomeKeeper(board)
-        self._arming = Arming(board, modes, self._guidance, home, self._setpoints.fresh)
-        telemetry = Telemetry(board)
-        telemetry.has_setpoints = self._setpoints.fresh
-        self._streams = Streams(board, telemetry)
-        if personality.heartbeat_on_mode_change:
-            modes.on_change.append(self._streams.heartbeat_now)
-        identity = Identity(board)
-        self._streams.add_answers(identity.answers())
-        events = Events(board, personality.event_names)
-        telemetry.event_sequence = lambda: events.sequence
-        files = FileTransfer(board, Files(personality.files(parameters), personality.files_writable), personality.file_sessions)
-        commands = Commands(board)
-        navigator = Navigator(board, modes, self._guidance)
-        telemetry.orbit = navigator.orbit_status
-        failsafe = Failsafe(board, modes, self._setpoints, lambda: self._arming.disarm(Event.DISARMED))
-        telemetry.charge_state = failsafe.charge_state
-        plans = Plans()
-        restart = Restart(board)
-        self._fence = fence = Fence(board, modes, failsafe, plans)
-        self._guidance.refuge = Rally(board, plans).refuge
-        camera = payload.camera if payload else None
-        gimbal = Gimbal(board, math.radians(camera.tilt_deg)) if camera and camera.gimbal else None
-        self._camera = CameraComponent(board, camera, self._system) if camera and camera.mavlink else None
-        missions = MissionFlight(board, modes, self._guidance, plans, self._arming.arm, gimbal, self._camera)
-        telemetry.mission_current, telemetry.fence_status = missions.current, fence.status
-        self._plans, self._restart = plans, restart
-        # The order of this list is the order in which services work; a failsafe has the last word.
-        self._services: list[Service] = [
+        radio = Radio(self.channels, tap, autopilot.telemetry.waits_for_client)
+        texts = Texts(radio, autopilot.identity.texts, autopilot.identity.text_ending)
+        self._context = ServiceContext(flight, airframe, radio, texts, parameters)
+        self._plans = StoredPlans()
+        self._camera: CameraComponent | None = None
+        services = self._build_services(manoeuvres, equipment or Equipment())
+        self._ticks = [service.tick for service in services if isinstance(service, Ticks)]
+        self._handlers = _handlers_by_id(services)
+        if persistent:
+            for kind, items in persistent.plans.items():
+                self._plans.by_type[kind].put(items)
+        self._boot_texts = list(autopilot.identity.boot_texts(flight))
+        self._decoder = Decoder()
+        self._unhandled = 0
+        self._previous_counts = persistent.counts if persistent else {}
+
+    def _build_services(self, manoeuvres: Manoeuvres | None, equipment: Equipment) -> list[object]:
+        """Every service, in the order in which they tick."""
+        context, autopilot, plans = self._context, self._autopilot, self._plans
+        flight, airframe, parameters = context.flight, context.airframe, context.parameters
+        fence_policy = autopilot.safety.fence
+
+        boundary = FenceBoundary(fence_policy, flight, airframe, parameters, plans.fence)
+        rally = Rally(fence_policy, airframe, parameters, plans.rally)
+        limits = autopilot.parameters.limits(parameters)
+        self._guidance = guidance = Guidance(flight, limits, rally.return_point, manoeuvres)
+        parameters.on_change(self._update_limits)
+        self._setpoints = setpoints = Setpoints(context, autopilot.setpoints, guidance, boundary)
+        modes = Modes(context, autopilot.modes, guidance, setpoints.fresh)
+        home = HomeKeeper(context, autopilot.commands, autopilot.modes.knows_position)
+        self._arming = arming = Arming(context, autopilot.modes, modes, guidance, home, setpoints.fresh)
+        self._liftoff = LiftoffAndLanding(context, autopilot.modes, guidance, arming)
+        battery = BatteryMonitor(context, autopilot.safety)
+        failsafe = Failsafe(context, autopilot.safety, modes, setpoints, battery, autopilot.modes.termination, self._disarm)
+        self._fence = fence = Fence(context, boundary, modes, failsafe)
+        gimbal = self._build_camera(equipment)
+        missions = MissionFlight(
+            context,
+            autopilot.missions,
+            autopilot.modes.mission,
+            modes,
+            guidance,
+            boundary,
+            plans,
+            arming.arm,
+            gimbal,
+            self._camera,
+        )
+        commands = Commands(context, autopilot.commands)
+        self._restart = Restart(context, autopilot.commands)
+        served = {**(autopilot.identity.metadata.contents() if autopilot.identity.metadata else {})}
+        files = ServedFiles({**served, **autopilot.identity.files(parameters)}, autopilot.identity.files_writable)
+
+        # A failsafe has the last word on the mode, so it ticks behind all that change it.
+        services: list[object] = [
             commands,
-            Parameters(board),
-            Clock(board),
+            Parameters(context, autopilot.parameters),
+            ClockService(context, autopilot.commands.answers_ping),
             SigningKeys(self._signing),
-            restart,
-            identity,
-            events,
-            files,
-            MissionProtocol(board, plans),
+            self._restart,
+            Identity(context, autopilot.identity, autopilot.modes),
+            EventService(context, autopilot.identity.event_names),
+            FileTransfer(context, files, autopilot.identity.file_sessions),
+            MissionProtocol(context, autopilot.missions, plans),
             home,
-            self._setpoints,
-            self._arming,
-            Manual(board, self._guidance, modes),
-            FollowMe(board, self._guidance),
-            navigator,
+            setpoints,
+            arming,
+            ManualControl(context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station),
+            FollowTargetService(context, guidance),
+            Navigator(context, autopilot.commands, autopilot.modes, modes, guidance, boundary, autopilot.missions.guided_items),
             modes,
             missions,
-            self._streams,
             fence,
-            Health(board),
-            MotorTest(board),
-            GroundTexts(board),
-            SimulatedBattery(board),
+            Health(context, autopilot.modes),
+            MotorTest(context, autopilot.commands.motor_test_order),
+            GroundTexts(context, autopilot.identity),
+            battery,
             failsafe,
         ]
-        if payload:
-            self._carry(payload, gimbal)
-        self._ticks = [service.tick for service in self._services if isinstance(service, Ticking)]
-        self._handlers: dict[int, list[Handler]] = {}
-        for service in self._services:
-            commands.add(service.commands())
-            for name, handler in service.handlers().items():
-                self._handlers.setdefault(KINDS[name].id, []).append(handler)
-        if kept:
-            for kind, items in kept.plans.items():
-                plans.by_type[kind].put(items)
-        self._boot = list(personality.boot_texts(flight))
-        self._decoder = Decoder()
-        self._detector = LandDetector()
-        self._unheard = 0
-
-    def _carry(self, payload: Equipment, gimbal: Gimbal | None) -> None:
-        """Services of what the vehicle carries, and of what the bench allows."""
-        board = self._board
         if gimbal:
-            self._services.append(gimbal)
-            self._streams.add_answers(gimbal.answers())
-            for name, values in gimbal.streams().items():
-                self._streams.add(name, values, board.personality.gimbal_streams.get(name))
-        if payload.truth:
-            self._streams.add("HIL_STATE_QUATERNION", payload.truth)
-        if payload.break_part:
-            self._services.append(FailureInjection(board, payload.break_part))
+            services.append(gimbal)
+        if equipment.truth:
+            services.append(TruthStream(equipment.truth))
+        if equipment.break_part:
+            services.append(FailureInjection(parameters, autopilot.safety.failure_parameter, equipment.break_part))
+        services += self._build_telemetry(battery, failsafe)
+        self._streams = self._collect_streams(services)
+        services.append(self._streams)
+        for service in services:
+            if isinstance(service, HandlesCommands):
+                commands.add(service.commands())
+        if autopilot.modes.heartbeat_on_change:
+            modes.on_change.append(self._streams.send_heartbeat)
+        return services
+
+    def _build_camera(self, equipment: Equipment) -> Gimbal | None:
+        camera = equipment.camera
+        if camera and camera.mavlink:
+            self._camera = CameraComponent(self._context, camera, self._system)
+        has_gimbal = camera and camera.gimbal
+        return Gimbal(self._context, self._autopilot.commands, math.radians(camera.tilt_deg)) if camera and has_gimbal else None
+
+    def _build_telemetry(self, battery: BatteryMonitor, failsafe: Failsafe) -> list[object]:
+        context, autopilot = self._context, self._autopilot
+        attitude = AttitudeCache(context.flight)
+        return [
+            SystemTelemetry(context, autopilot.telemetry, autopilot.identity, autopilot.modes, battery, self._setpoints.fresh),
+            MotionTelemetry(context, attitude),
+            TargetTelemetry(context, autopilot.setpoints),
+            SensorTelemetry(context, autopilot.telemetry, attitude),
+            PowerTelemetry(context, autopilot.telemetry, battery, failsafe.charge_state),
+            RemoteIdentification(context),
+            Terrain(context),
+        ]
+
+    def _collect_streams(self, services: Sequence[object]) -> Streams:
+        streams: dict[str, Stream] = {}
+        answers: dict[str, MessageAnswer] = {}
+        for service in services:
+            if isinstance(service, StreamsMessages):
+                streams.update(service.streams())
+            if isinstance(service, AnswersRequests):
+                answers.update(service.answers())
+        return Streams(self._context, self._autopilot.telemetry, streams, answers)
 
     def record_exposure(self, frame: int) -> None:
-        """The scene has made a frame of the vehicle's camera."""
+        """The scene has exposed a frame of the vehicle's camera."""
         if self._camera:
             self._camera.record_exposure(frame)
 
@@ -179,26 +238,26 @@ class Controller:
         for channel in self.channels:
             channel.link.poll()
 
-    def control(self) -> Target | None:
-        """Messages, services and guidance of one step; the target flown, or None on the ground."""
+    def control(self) -> FlightTarget | None:
+        """Run messages, services and guidance of one step; the target flown, or None on the ground."""
         self._signing.follow(self._flight.unix_start_us + self._flight.time_ns // 1000)
-        self._board.radio.begin()
+        self._context.radio.begin()
         for channel in self.channels:
             if channel.link.inbox:
-                self._hear(channel)
+                self._handle_messages(channel)
         for tick in self._ticks:
             tick()
         if self._camera:
             self._camera.tick()
-        while self._boot and self._boot[0][0] <= self._flight.time_s:
-            _, severity, text = self._boot.pop(0)
-            self._board.texts.say(severity, text)
+        while self._boot_texts and self._boot_texts[0].at_s <= self._flight.time_s:
+            boot_text = self._boot_texts.pop(0)
+            self._context.texts.send(boot_text.severity, boot_text.text)
         return self._fly()
 
     def report(self) -> None:
-        """Everything that is due at the present moment, and everything said during the step, out to the links."""
-        self._streams.say_due()
-        self._board.radio.flush()
+        """Send everything that is due at the present moment, and everything that was queued during the step."""
+        self._streams.send_due()
+        self._context.radio.flush()
 
     def crash(self) -> None:
         """The vehicle has hit something: the rotors stop for good."""
@@ -207,24 +266,24 @@ class Controller:
             flight.crashed = True
             if flight.mode.behaviour is Behaviour.TERMINATE:
                 return  # stays armed, with rotors that do not turn
-            self._arming.disarm(Event.CRASHED)
+            self._arming.disarm(FlightEvent.CRASHED)
 
     def changed_parameters(self) -> dict[str, float]:
         """Parameters that differ from their defaults."""
-        return self._board.parameters.changed()
+        return self._context.parameters.changed()
 
     @property
-    def wants_restart(self) -> bool:
-        """Whether a restart was accepted; it is due when the acknowledgement has gone out."""
-        return self._restart.wanted
+    def restart_requested(self) -> bool:
+        """Whether a restart was accepted; it is due when the acknowledgement has been sent."""
+        return self._restart.requested
 
-    def kept(self) -> Kept:
-        """What the controller that begins after this one starts with."""
+    def persistent_state(self) -> PersistentState:
+        """What the next controller of the same vehicle starts with."""
         plans = {kind: plan.items for kind, plan in self._plans.by_type.items()}
-        return Kept(self.changed_parameters(), plans, self._signing, self._counts())
+        return PersistentState(self.changed_parameters(), plans, self._signing, self._counts())
 
     def counters(self) -> dict[str, int]:
-        """What was dropped or had no sense, by name; since the first start."""
+        """Messages that were dropped or made no sense, by name; since the first start."""
         links = [channel.link for channel in self.channels]
         return {
             "mavlink_garbage_bytes": sum(link.garbage_bytes for link in links),
@@ -234,105 +293,84 @@ class Controller:
         }
 
     def _counts(self) -> dict[str, int]:
-        own = {
+        counts = {
             "mavlink_malformed": self._decoder.malformed,
-            "mavlink_unheard": self._unheard,
+            "mavlink_unheard": self._unhandled,
             "setpoints_ignored": self._setpoints.ignored,
         }
-        return {name: count + self._earlier.get(name, 0) for name, count in own.items()}
+        return {name: count + self._previous_counts.get(name, 0) for name, count in counts.items()}
 
-    def _limits_changed(self) -> None:
-        self._guidance.limits = self._board.personality.limits(self._board.parameters)
+    def _update_limits(self) -> None:
+        self._guidance.limits = self._autopilot.parameters.limits(self._context.parameters)
 
-    def _hear(self, channel: Channel) -> None:
+    def _is_ground_station(self, system: int) -> bool:
+        return self._autopilot.safety.is_ground_station(system, self._context.parameters)
+
+    def _disarm(self) -> None:
+        self._arming.disarm(FlightEvent.DISARMED)
+
+    def _handle_messages(self, channel: Channel) -> None:
         frames = channel.take()
         if self._tap and frames:
             self._tap(channel.name, "from_agent", b"".join(frames))
         for frame in frames:
             if channel.admits(frame):
-                self._hear_frame(channel, frame)
+                self._handle_frame(channel, frame)
 
-    def _hear_frame(self, channel: Channel, frame: bytes) -> None:
+    def _handle_frame(self, channel: Channel, frame: bytes) -> None:
         handlers = self._handlers.get(message_id(frame))
         message = self._decoder.decode(frame) if handlers else None
-        if self._camera and message is not None and self._camera.takes(message, self._system):
-            self._camera.hear(message, Sender(*sender(frame), channel))
+        if self._camera and message is not None and self._camera.is_addressed(message, self._system):
+            self._camera.handle(message, MessageSender(*sender(frame), channel))
             return
-        for_us = message is None or _addressed(message, self._system, self._board.personality.any_component)
+        for_us = message is None or _is_addressed(message, self._system, self._autopilot.commands.any_component)
         for_us_alone = message is not None and for_us and message_target(message) == self._system
         if not for_us_alone:
             for other in self.channels:
                 if other is not channel:
                     other.forward(frame)
         if message is None or not handlers:
-            self._unheard += 1
+            self._unhandled += 1
             return
         if for_us:
-            said_by = Sender(*sender(frame), channel)
+            message_sender = MessageSender(*sender(frame), channel)
             for handler in handlers:
-                handler(message, said_by)
+                handler(message, message_sender)
 
-    def _fly(self) -> Target | None:
-        flight, airframe = self._flight, self._board.airframe
+    def _fly(self) -> FlightTarget | None:
+        flight, airframe = self._flight, self._context.airframe
         if not flight.armed:
-            if flight.on_ground:
-                flight.landed = Landed.ON_GROUND  # disarmed by force just above it, say
+            self._liftoff.rest_disarmed()
             return None
         if flight.mode.behaviour is Behaviour.TERMINATE:
             airframe.disarm()
             return None
-        target = self._fence.held(flight, self._guidance.target(flight))
-        if not self._off_the_ground(target):
+        target = self._fence.constrained(flight, self._guidance.target(flight))
+        if not self._liftoff.update(target):
             airframe.rest()
             return None
         flight.target = target
         airframe.fly(target)
         return target
 
-    def _off_the_ground(self, target: Target) -> bool:
-        """Keep account of lifting off and coming down; whether the vehicle flies during the next step."""
-        if self._flight.flying:
-            self._watch_ground(target)
-        elif self._detector.wants_off(self._flight, target):
-            self._lift_off()
-        return self._flight.flying
 
-    def _lift_off(self) -> None:
-        flight, personality = self._flight, self._board.personality
-        flight.landed = Landed.TAKING_OFF
-        self._detector = LandDetector()
-        self._arming.lifted()
-        if Event.TAKEOFF_DETECTED in personality.texts:
-            self._board.texts.say(*personality.texts[Event.TAKEOFF_DETECTED])
-
-    def _watch_ground(self, target: Target) -> None:
-        """Follow the way from lifting off to having landed."""
-        flight, manoeuvre = self._flight, self._guidance.manoeuvre
-        if self._detector.landed(flight, target):
-            flight.landed = Landed.ON_GROUND
-            if Event.LANDING_DETECTED in self._board.personality.texts:
-                self._board.texts.say(*self._board.personality.texts[Event.LANDING_DETECTED])
-            self._arming.landed()
-        elif self._guidance.landing:
-            flight.landed = Landed.LANDING
-        elif flight.landed is Landed.TAKING_OFF:
-            rising = isinstance(manoeuvre, Takeoff)
-            if manoeuvre.done(flight) if rising else flight.height_m > 0.5:
-                flight.landed = Landed.IN_AIR
-                if rising and flight.mode.behaviour is Behaviour.FOLLOW and not self._board.personality.takeoff_mode:
-                    self._guidance.begin(Behaviour.FOLLOW, flight)
-        elif flight.landed is Landed.LANDING:
-            flight.landed = Landed.IN_AIR
+def _handlers_by_id(services: Sequence[object]) -> dict[int, list[MessageHandler]]:
+    handlers: dict[int, list[MessageHandler]] = {}
+    for service in services:
+        if isinstance(service, HandlesMessages):
+            for name, handler in service.handlers().items():
+                handlers.setdefault(KINDS[name].id, []).append(handler)
+    return handlers
 
 
 def message_target(message: Any) -> int:
-    """The system that a message is for; 0 for everybody, also where the message names nobody."""
+    """The system that a message is for; 0 for every system, also where the message names none."""
     system: int = getattr(message, "target_system", 0) or getattr(message, "target", 0)
     return system
 
 
-def _addressed(message: Any, own: int, any_component: bool) -> bool:
+def _is_addressed(message: Any, system_id: int, any_component: bool) -> bool:
     """Whether a message is for this vehicle: its system, or every system; its autopilot, or every component."""
     system = message_target(message)
     component = getattr(message, "target_component", 0)
-    return system in (0, own) and (system == 0 or any_component or component in (0, COMPONENT))
+    return system in (0, system_id) and (system == 0 or any_component or component in (0, COMPONENT))

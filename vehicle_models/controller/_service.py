@@ -1,4 +1,7 @@
-"""How a MAVLink service joins the flight controller: the messages and commands it takes, and the results it gives."""
+"""How a service joins the flight controller: what it takes, carries out, streams and answers, each a protocol of its own.
+
+A service is any object that has one or more of these methods; the controller finds out which when it is built.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 from .links._radio import Channel
 
 
-class Result(IntEnum):
+class CommandResult(IntEnum):
     """Values of MAV_RESULT."""
 
     ACCEPTED = 0
@@ -24,7 +27,15 @@ class Result(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Sender:
+class Refusal:
+    """Why something is not done: the result to acknowledge (None: no answer at all), and texts to send."""
+
+    result: CommandResult | None
+    texts: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSender:
     """Who sent a message, and over which channel an answer reaches it."""
 
     system: int
@@ -34,39 +45,61 @@ class Sender:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """COMMAND_LONG and COMMAND_INT alike: `params` are seven floats, coordinates in degrees, NaN where nothing is said."""
+    """COMMAND_LONG and COMMAND_INT alike: `params` are seven floats, coordinates in degrees, NaN for a value left out."""
 
     number: int
     params: tuple[float, ...]
     frame: int | None  # None for COMMAND_LONG
-    sender: Sender
+    sender: MessageSender
 
     def flag(self, index: int, bit: int) -> bool:
-        """Whether a parameter that holds flags has `bit`; False for what is no number of flags."""
-        value = self.params[index]
-        return 0.0 <= value < 2**31 and bool(int(value) & bit)
+        """Whether a parameter that holds flags has `bit`."""
+        return has_flag(self.params[index], bit)
 
 
-Handler = Callable[[Any, Sender], None]
+def has_flag(value: float, bit: int) -> bool:
+    """Whether a float that holds flags has `bit`; False for a value that cannot be flags."""
+    return 0.0 <= value < 2**31 and bool(int(value) & bit)
 
 
-CommandHandler = Callable[[Command], "Result | None"]
-"""Does what a command says and returns the result to acknowledge; None answers nothing."""
-
-
-class Service(Protocol):
-    """One MAVLink service of the flight controller."""
-
-    def handlers(self) -> Mapping[str, Handler]:
-        """Messages that it answers, by name."""
-
-    def commands(self) -> Mapping[int, CommandHandler]:
-        """Commands that it carries out, by number."""
+Values = tuple[Any, ...]
+"""A message's fields in wire order."""
+Fields = dict[str, Any]
+"""A message's fields by name."""
+MessageHandler = Callable[[Any, MessageSender], None]
+CommandHandler = Callable[[Command], "CommandResult | None"]
+"""Carries a command out and returns the result to acknowledge; None answers nothing."""
+Stream = Callable[[], "Values | None"]
+"""Gives the values of a message at the present moment; None sends nothing."""
+MessageAnswer = Callable[[Command], "Fields | list[Fields] | None"]
+"""Gives the message that a REQUEST_MESSAGE asks for, or several of them; None refuses the request."""
 
 
 @runtime_checkable
-class Ticking(Protocol):
-    """A service that has something to do without being spoken to."""
+class HandlesMessages(Protocol):
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        """Messages that the service takes, by name."""
 
+
+@runtime_checkable
+class HandlesCommands(Protocol):
+    def commands(self) -> Mapping[int, CommandHandler]:
+        """Commands that the service carries out, by number."""
+
+
+@runtime_checkable
+class StreamsMessages(Protocol):
+    def streams(self) -> Mapping[str, Stream]:
+        """Messages that may be streamed, by name."""
+
+
+@runtime_checkable
+class AnswersRequests(Protocol):
+    def answers(self) -> Mapping[str, MessageAnswer]:
+        """Messages that are sent on request only, by name."""
+
+
+@runtime_checkable
+class Ticks(Protocol):
     def tick(self) -> None:
-        """Once a step, after the messages of the step."""
+        """Called once a step, after the messages of the step."""

@@ -14,7 +14,7 @@ import math
 from bench.contracts import Vector
 
 from .._geodesy import TangentPlane
-from ..controller import Attitude, Target, WingTarget
+from ..controller import FlightTarget, TargetAttitude, WingTarget
 from ._plant import AREA_M2, DRAG_0, DRAG_PER_LIFT2, LIFT_0, LIFT_PER_RAD, MASS_KG, WingPlant, most_thrust_n
 
 _G = 9.80665
@@ -55,7 +55,7 @@ class WingAirframe:
     def rest(self) -> None:
         self._lie()
 
-    def fly(self, target: Target) -> None:
+    def fly(self, target: FlightTarget) -> None:
         """Steer towards `target`; from rest on the ground the catapult throws it off first."""
         motion, write = self._plant.motion, self._plant.write
         if not self._flies:
@@ -79,7 +79,7 @@ class WingAirframe:
         write("flying", 1.0)
         self._wanted = (roll, pitch, motion.yaw_rad, throttle)
 
-    def _given(self, target: Target, attitude: Attitude) -> tuple[float, float, float]:
+    def _given(self, target: FlightTarget, attitude: TargetAttitude) -> tuple[float, float, float]:
         """An attitude that somebody gives, as far as the airframe goes; body rates are not flown: wings level instead."""
         pitch, throttle = self._climb(target)
         if attitude.rates_radps is not None:
@@ -136,13 +136,13 @@ class WingAirframe:
         if over:
             self._thrown_s = None
 
-    def _roll_rad(self, target: Target) -> float:
+    def _roll_rad(self, target: FlightTarget) -> float:
         """The bank whose turn has the acceleration that guidance wants."""
         bank = min(target.bank_max_rad, _BANK_MAX_RAD) if isinstance(target, WingTarget) else _BANK_MAX_RAD
         roll = math.atan(self._sideways_mps2(target) / _G)
         return min(max(roll, -bank), bank)
 
-    def _sideways_mps2(self, target: Target) -> float:
+    def _sideways_mps2(self, target: FlightTarget) -> float:
         motion = self._plant.motion
         vn, ve = motion.vn_mps, motion.ve_mps
         if target.north_east_m is None:
@@ -156,7 +156,7 @@ class WingAirframe:
             return _toward(vn, ve, north, east)
         return _around(vn, ve, north, east, math.copysign(max(abs(radius), _TIGHTEST_M), radius))
 
-    def _climb(self, target: Target) -> tuple[float, float]:
+    def _climb(self, target: FlightTarget) -> tuple[float, float]:
         """Pitch in radians, and throttle 0 to 1."""
         motion, speed = self._plant.motion, max(self._airspeed_mps, 8.0)
         wanted_mps = min(max(target.speed_max_mps, _SLOWEST_MPS), _FASTEST_MPS)
@@ -181,7 +181,7 @@ class WingAirframe:
         throttle = min(max(need_n / most_n, 0.0), 1.0) if motor else 0.0
         return min(max(pitch, _PITCH_RAD[0]), _PITCH_RAD[1]), throttle
 
-    def _climb_mps(self, target: Target) -> float:
+    def _climb_mps(self, target: FlightTarget) -> float:
         sinking = target.velocity_ned_mps[2]
         if target.down_m is None:
             climb = -sinking

@@ -6,7 +6,7 @@ import math
 
 from bench.contracts import Vector
 
-from .._jsbsim import JsbsimPlant, Place
+from .._jsbsim import JsbsimPlant, StartPose
 
 MASS_KG, AREA_M2 = 2.5, 0.45
 LIFT_0, LIFT_PER_RAD = 0.2, 4.8
@@ -30,7 +30,7 @@ def most_thrust_n(airspeed_mps: float) -> float:
 class WingPlant(JsbsimPlant):
     """One fixed wing lying on its belly at `place`."""
 
-    def __init__(self, place: Place, step_s: float, physics_hz: int = 200) -> None:
+    def __init__(self, place: StartPose, step_s: float, physics_hz: int = 200) -> None:
         super().__init__("wing", place, _FEET_M, _WRITTEN, step_s, physics_hz)
         self._held = self.node("forces/hold-down").set_double_value
         self._works = self.node("motor/works").set_double_value

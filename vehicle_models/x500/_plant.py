@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._jsbsim import JsbsimPlant, Place
+from .._jsbsim import JsbsimPlant, StartPose
 
 _FT = 0.3048
 _OUTER_EVERY = 4  # execrate of the outer channel in x500.xml
@@ -58,7 +58,7 @@ class X500Plant(JsbsimPlant):
     Raises SetupError when the step is not a whole number of physics steps.
     """
 
-    def __init__(self, place: Place, step_s: float, physics_hz: int = 200) -> None:
+    def __init__(self, place: StartPose, step_s: float, physics_hz: int = 200) -> None:
         super().__init__("x500", place, _FEET_M, _WRITTEN, step_s, physics_hz)
         self._start_north, self._start_east = (self.node(name).get_double_value for name in _FROM_START)
         self._motors = [self.node(f"motor/{name}").get_double_value for name in ROTORS]

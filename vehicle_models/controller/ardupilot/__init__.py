@@ -1,5 +1,24 @@
-"""ArduCopter's way, as observed on its SITL, as far as it is filled in (docs/flight-controller.md)."""
+"""ArduCopter as observed on its SITL, as far as it is filled in (docs/flight-controller.md)."""
 
 from __future__ import annotations
 
-from ._personality import ArduPilot as ArduPilot
+from .._autopilot import Autopilot
+from ._commands import COMMANDS
+from ._identity import IDENTITY
+from ._missions import MISSIONS
+from ._modes import MODES
+from ._parameters import PARAMETERS
+from ._safety import SAFETY
+from ._setpoints import SETPOINTS
+from ._telemetry import TELEMETRY
+
+ARDUPILOT = Autopilot(
+    identity=IDENTITY,
+    parameters=PARAMETERS,
+    modes=MODES,
+    commands=COMMANDS,
+    setpoints=SETPOINTS,
+    telemetry=TELEMETRY,
+    missions=MISSIONS,
+    safety=SAFETY,
+)

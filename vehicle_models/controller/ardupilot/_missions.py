@@ -1,141 +1,172 @@
-"""ArduCopter's way with missions, fences and rally points."""
+"""How ArduCopter transfers plans and flies missions."""
 
 from __future__ import annotations
 
 import math
 
-from ..missions._policy import MissionPolicy, Text, Verdict
-from ..missions._store import ABOVE_GROUND, ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
+from ..links._enums import MAV_CMD, MAV_FRAME
+from ..missions._store import ABOVE_GROUND, ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
 from ..parameters._store import ParameterStore
-from ..telemetry._texts import DEBUG, INFO, WARNING
+from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
+from ..telemetry._texts import DEBUG, INFO, WARNING, StatusText
 
-_NAMES = {
-    16: "WP",
-    17: "LoitUnlim",
-    18: "LoitTurns",
-    19: "LoitTime",
-    20: "RTL",
-    21: "Land",
-    22: "Takeoff",
-    31: "LoitAltitude",
-    82: "SplineWP",
-    84: "VTOLTakeoff",
-    85: "VTOLLand",
-    92: "GuidedEnable",
-    93: "Delay",
-    94: "PayloadPlace",
-    112: "CondDelay",
-    114: "CondDist",
-    115: "CondYaw",
-    177: "Jump",
-    178: "ChangeSpeed",
-    179: "SetHome",
-    181: "SetRelay",
-    182: "RepeatRelay",
-    183: "SetServo",
-    184: "RepeatServo",
-    189: "LandStart",
-    201: "SetROI",
-    195: "SetROI",
-    197: "SetROI",
-    203: "DigiCamCtrl",
-    206: "SetCamTrigDst",
-    207: "FenceEnable",
-    208: "Parachute",
-    211: "Gripper",
-    222: "GuidedLimits",
-    1000: "GimbalPitchYaw",
-    2000: "ImageStartCapture",
-    2001: "ImageStopCapture",
-    2500: "VideoStartCapture",
-    2501: "VideoStopCapture",
-    3000: "VTOLTransition",
-    205: "MountControl",
-    42600: "Winch",
+# Commands of missions, with the names in the text that is sent as an item begins.
+_NAMES: dict[int, str] = {
+    MAV_CMD.NAV_WAYPOINT: "WP",
+    MAV_CMD.NAV_LOITER_UNLIM: "LoitUnlim",
+    MAV_CMD.NAV_LOITER_TURNS: "LoitTurns",
+    MAV_CMD.NAV_LOITER_TIME: "LoitTime",
+    MAV_CMD.NAV_RETURN_TO_LAUNCH: "RTL",
+    MAV_CMD.NAV_LAND: "Land",
+    MAV_CMD.NAV_TAKEOFF: "Takeoff",
+    MAV_CMD.NAV_LOITER_TO_ALT: "LoitAltitude",
+    MAV_CMD.NAV_SPLINE_WAYPOINT: "SplineWP",
+    MAV_CMD.NAV_VTOL_TAKEOFF: "VTOLTakeoff",
+    MAV_CMD.NAV_VTOL_LAND: "VTOLLand",
+    MAV_CMD.NAV_GUIDED_ENABLE: "GuidedEnable",
+    MAV_CMD.NAV_DELAY: "Delay",
+    MAV_CMD.NAV_PAYLOAD_PLACE: "PayloadPlace",
+    MAV_CMD.CONDITION_DELAY: "CondDelay",
+    MAV_CMD.CONDITION_DISTANCE: "CondDist",
+    MAV_CMD.CONDITION_YAW: "CondYaw",
+    MAV_CMD.DO_JUMP: "Jump",
+    MAV_CMD.DO_CHANGE_SPEED: "ChangeSpeed",
+    MAV_CMD.DO_SET_HOME: "SetHome",
+    MAV_CMD.DO_SET_RELAY: "SetRelay",
+    MAV_CMD.DO_REPEAT_RELAY: "RepeatRelay",
+    MAV_CMD.DO_SET_SERVO: "SetServo",
+    MAV_CMD.DO_REPEAT_SERVO: "RepeatServo",
+    MAV_CMD.DO_LAND_START: "LandStart",
+    MAV_CMD.DO_SET_ROI: "SetROI",
+    MAV_CMD.DO_SET_ROI_LOCATION: "SetROI",
+    MAV_CMD.DO_SET_ROI_NONE: "SetROI",
+    MAV_CMD.DO_DIGICAM_CONTROL: "DigiCamCtrl",
+    MAV_CMD.DO_SET_CAM_TRIGG_DIST: "SetCamTrigDst",
+    MAV_CMD.DO_FENCE_ENABLE: "FenceEnable",
+    MAV_CMD.DO_PARACHUTE: "Parachute",
+    MAV_CMD.DO_GRIPPER: "Gripper",
+    MAV_CMD.DO_GUIDED_LIMITS: "GuidedLimits",
+    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW: "GimbalPitchYaw",
+    MAV_CMD.IMAGE_START_CAPTURE: "ImageStartCapture",
+    MAV_CMD.IMAGE_STOP_CAPTURE: "ImageStopCapture",
+    MAV_CMD.VIDEO_START_CAPTURE: "VideoStartCapture",
+    MAV_CMD.VIDEO_STOP_CAPTURE: "VideoStopCapture",
+    MAV_CMD.DO_VTOL_TRANSITION: "VTOLTransition",
+    MAV_CMD.DO_MOUNT_CONTROL: "MountControl",
+    MAV_CMD.DO_WINCH: "Winch",
 }
-_FENCE_KINDS = {5000, 5001, 5002, 5003, 5004}
+_POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+_COMMANDS: dict[int, frozenset[int]] = {
+    MISSION: frozenset(_NAMES),
+    FENCE: frozenset(
+        {
+            MAV_CMD.NAV_FENCE_RETURN_POINT,
+            *_POLYGONS,
+            MAV_CMD.NAV_FENCE_CIRCLE_INCLUSION,
+            MAV_CMD.NAV_FENCE_CIRCLE_EXCLUSION,
+        }
+    ),
+    RALLY: frozenset({MAV_CMD.NAV_RALLY_POINT}),
+}
 _FRAMES = ABOVE_SEA | ABOVE_HOME | ABOVE_GROUND | PLACELESS
-_FAR_M = 1e6
+_MAX_HEIGHT_M = 1e6
 
 
-class ArduPilotMissions(MissionPolicy):
-    mode = "AUTO"
-    request = "MISSION_REQUEST"
-    repeat_s, give_up_s = 1.0, 8.0
-    gives_up_with = Verdict.OPERATION_CANCELLED
-    gives_up_text = (WARNING, "Mission upload timeout")
-    clears_first = True
-    limits = {MISSION: 650, FENCE: 256, RALLY: 64}
-    too_many_text = (WARNING, "Only {} items are supported")
-    taken_texts = {MISSION: (INFO, "Flight plan received"), FENCE: (DEBUG, "Fence Indexed OK")}
-    bad_item_text = None
-    wrong_sequence_ends = True
-    no_upload_text = None
-    bad_type = Verdict.UNSUPPORTED
-    clears_all_types = False
-    one_at_a_time = False
-    client_cancels = False
-    partial = True
-    past_the_end = Verdict.ERROR
-    guided_items = True
-    home_first = True
-    item_float_text = (WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
-    request_float_text = (WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")
-    waits_for_start = True
-    forgets_when_disarmed = True
-    reached_again_s = None
-    reached_counts_next = True
-    begin_text = climb_text = end_text = None
-    no_such_item_text = outside_text = None
-    alt_reached_m = 2.0
-    item_yaw = False
-    return_is_a_mode = False
-    arms_at_start = False
-    set_current_command = True
-    tells_speed = False
-    starts_anywhere = True
-    start_text = None
-    no_landing_texts = ((WARNING, "No landing sequence found"), (WARNING, "Mode change to AUTO RTL failed: init failed"))
+def _refuse_item(kind: int, item: MissionItem, as_float: bool) -> MissionResult | None:
+    if item.command not in _COMMANDS[kind]:
+        return MissionResult.UNSUPPORTED
+    if item.frame not in _FRAMES:
+        return MissionResult.UNSUPPORTED_FRAME
+    if not math.isfinite(item.params[0]):
+        return MissionResult.INVALID_PARAM1
+    if item.frame not in PLACELESS:
+        if abs(item.x) > 900_000_000:
+            return MissionResult.INVALID_PARAM5_X
+        if abs(item.y) > 1_800_000_000:
+            return MissionResult.INVALID_PARAM6_Y
+    return None if abs(item.z) < _MAX_HEIGHT_M else MissionResult.INVALID_PARAM7
 
-    def fault(self, kind: int, item: Item, as_float: bool) -> Verdict | None:
-        known = {MISSION: _NAMES.keys(), FENCE: _FENCE_KINDS, RALLY: {5100}}[kind]
-        if item.command not in known:
-            return Verdict.UNSUPPORTED
-        if item.frame not in _FRAMES:
-            return Verdict.UNSUPPORTED_FRAME
-        if any(math.isnan(one) or math.isinf(one) for one in item.params[:1]):
-            return Verdict.INVALID_PARAM1
-        if item.frame not in PLACELESS:
-            if abs(item.x) > 900_000_000:
-                return Verdict.INVALID_PARAM5_X
-            if abs(item.y) > 1_800_000_000:
-                return Verdict.INVALID_PARAM6_Y
-        return None if abs(item.z) < _FAR_M else Verdict.INVALID_PARAM7
 
-    def plan_fault(self, kind: int, items: tuple[Item, ...]) -> tuple[Verdict, tuple[Text, ...]] | None:
-        """Jumps lead somewhere; polygons have three vertices or more, all of which are there."""
-        if kind == MISSION:
-            for item in items[1:]:
-                if item.command == 177 and not 1.0 <= item.params[0] < len(items):
-                    return Verdict.ERROR, ()
-        at = 0
-        while kind == FENCE and at < len(items):
-            if items[at].command not in (5001, 5002):
-                at += 1
-                continue
-            count = items[at].params[0]
-            alike = all(one.command == items[at].command for one in items[at : at + int(min(count, 1e4))])
-            if not 3 <= count <= len(items) - at or not alike:
-                invalid = f"Invalid vertex count ({int(min(max(count, -1e4), 1e4))})"
-                return Verdict.ERROR, ((WARNING, invalid), (WARNING, "Fence validation failed"))
-            at += int(count)
-        return None
+def _refuse_plan(kind: int, items: tuple[MissionItem, ...]) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
+    """Refuse a jump to an item that does not exist, and a polygon of less than three vertices or with some missing."""
+    if kind == MISSION:
+        jumps = [item for item in items[1:] if item.command == MAV_CMD.DO_JUMP]
+        return None if all(1.0 <= jump.params[0] < len(items) for jump in jumps) else (MissionResult.ERROR, ())
+    index = 0
+    while kind == FENCE and index < len(items):
+        if items[index].command not in _POLYGONS:
+            index += 1
+            continue
+        count = items[index].params[0]
+        alike = all(item.command == items[index].command for item in items[index : index + int(min(count, 1e4))])
+        if not 3 <= count <= len(items) - index or not alike:
+            invalid = f"Invalid vertex count ({int(min(max(count, -1e4), 1e4))})"
+            return MissionResult.ERROR, ((WARNING, invalid), (WARNING, "Fence validation failed"))
+        index += int(count)
+    return None
 
-    def shown_frame(self, item: Item, as_float: bool) -> int:
-        return 0 if item.frame in ABOVE_SEA | PLACELESS else 3 if item.frame in ABOVE_HOME else 10
 
-    def radius_m(self, item: Item, p: ParameterStore) -> float:
-        return max(p["WPNAV_RADIUS"], 5.0) / 100.0
+def _shown_frame(item: MissionItem, as_float: bool) -> int:
+    if item.frame in ABOVE_SEA | PLACELESS:
+        return MAV_FRAME.GLOBAL
+    return MAV_FRAME.GLOBAL_RELATIVE_ALT if item.frame in ABOVE_HOME else MAV_FRAME.GLOBAL_TERRAIN_ALT
 
-    def name(self, item: Item) -> Text | None:
-        return INFO, f"Mission: {{}} {_NAMES.get(item.command, 'Cmd')}"
+
+def _item_text(item: MissionItem) -> StatusText | None:
+    return INFO, f"Mission: {{}} {_NAMES.get(item.command, 'Cmd')}"
+
+
+def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
+    return max(p["WPNAV_RADIUS"], 5.0) / 100.0
+
+
+MISSIONS = MissionPolicy(
+    transfer=TransferPolicy(
+        request="MISSION_REQUEST",
+        repeat_s=1.0,
+        timeout_s=8.0,
+        timeout_result=MissionResult.OPERATION_CANCELLED,
+        timeout_text=(WARNING, "Mission upload timeout"),
+        clears_at_start=True,
+        max_items={MISSION: 650, FENCE: 256, RALLY: 64},
+        too_many_text=(WARNING, "Only {} items are supported"),
+        uploaded_texts={MISSION: (INFO, "Flight plan received"), FENCE: (DEBUG, "Fence Indexed OK")},
+        bad_item_text=None,
+        wrong_sequence_ends=True,
+        no_upload_text=None,
+        bad_type=MissionResult.UNSUPPORTED,
+        clears_all_types=False,
+        one_at_a_time=False,
+        client_cancels=False,
+        partial_lists=True,
+        past_the_end=MissionResult.ERROR,
+        item_float_text=(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT"),
+        request_float_text=(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!"),
+        refuse_item=_refuse_item,
+        refuse_plan=_refuse_plan,
+        shown_frame=_shown_frame,
+    ),
+    home_first=True,
+    guided_items=True,
+    total_without_mission=0,
+    waits_for_start=True,
+    restarts_when_disarmed=True,
+    reached_repeat_s=None,
+    reached_counts_next=True,
+    begin_text=None,
+    climb_text=None,
+    end_text=None,
+    no_such_item_text=None,
+    outside_fence_text=None,
+    item_text=_item_text,
+    acceptance_radius_m=_acceptance_radius_m,
+    acceptance_height_m=2.0,
+    items_have_heading=False,
+    return_changes_mode=False,
+    arms_at_start=False,
+    set_current_command=True,
+    broadcasts_speed=False,
+    starts_without_mission=True,
+    start_refused_text=None,
+    no_landing_texts=((WARNING, "No landing sequence found"), (WARNING, "Mode change to AUTO RTL failed: init failed")),
+)

@@ -1,32 +1,46 @@
-"""ArduCopter's modes. `base` carries the GUIDED flag where the mode steers position."""
+"""ArduCopter's modes, the checks before arming, and the timeline of its start."""
 
 from __future__ import annotations
 
-from .._flight import Behaviour, Mode, Stick
+from .._flight_state import Behaviour, FlightMode, FlightState, StickControl
+from .._service import CommandResult, Refusal, has_flag
+from ..links._enums import MAV_MODE_FLAG, MAV_STATE
+from ..parameters._store import ParameterStore
+from ..policies._modes import ModePolicy
+from ..telemetry._texts import CRITICAL, WARNING
+from ._safety import battery_volts
 
-_STEERS, _PLAIN = 89, 81
+# Simulated seconds after the start at which the SITL was seen to reach each state.
+STANDBY_S, ESTIMATOR_S, ALIGNED_S, RECEIVER_S, POSITION_S = 2.9, 4.4, 5.8, 9.8, 20.0
+AHRS_S, STABILIZE_READY_S, USES_GPS_S, GUIDED_READY_S = 22.5, 23.5, 41.5, 42.5
 
-MODES = (
-    Mode("STABILIZE", 0, _PLAIN, Behaviour.PILOT, stick=Stick.ATTITUDE),
-    Mode("ACRO", 1, _PLAIN, Behaviour.PILOT, stick=Stick.RATES),
-    Mode("ALT_HOLD", 2, _PLAIN, Behaviour.PILOT, stick=Stick.ALTITUDE),
-    Mode("AUTO", 3, _STEERS, Behaviour.MISSION, armable=False),
-    Mode("GUIDED", 4, _STEERS, Behaviour.FOLLOW),
-    Mode("LOITER", 5, _STEERS, Behaviour.PILOT, stick=Stick.POSITION),
-    Mode("RTL", 6, _PLAIN, Behaviour.RETURN, armable=False),
-    Mode("CIRCLE", 7, _STEERS, Behaviour.CIRCLE, stick=Stick.POSITION),
-    Mode("LAND", 9, _STEERS, Behaviour.LAND, armable=False),
-    Mode("DRIFT", 11, _PLAIN, Behaviour.PILOT, stick=Stick.ATTITUDE),
-    Mode("POSHOLD", 16, _STEERS, Behaviour.PILOT, stick=Stick.POSITION),
-    Mode("BRAKE", 17, _STEERS, Behaviour.HOLD, armable=False),
-    Mode("THROW", 18, _PLAIN, Behaviour.HOLD),
-    Mode("AVOID_ADSB", 19, _STEERS, Behaviour.FOLLOW, armable=False),
-    Mode("GUIDED_NOGPS", 20, _STEERS, Behaviour.FOLLOW),
-    Mode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False),
-    Mode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=Stick.POSITION),
+_CUSTOM, _STABILIZE = MAV_MODE_FLAG.CUSTOM_MODE_ENABLED, MAV_MODE_FLAG.STABILIZE_ENABLED
+_PLAIN = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
+_STEERS = int(_PLAIN | MAV_MODE_FLAG.GUIDED_ENABLED)  # of modes that steer position
+_ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
+
+_MODES = (
+    FlightMode("STABILIZE", 0, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE),
+    FlightMode("ACRO", 1, _PLAIN, Behaviour.PILOT, stick=StickControl.RATES),
+    FlightMode("ALT_HOLD", 2, _PLAIN, Behaviour.PILOT, stick=StickControl.ALTITUDE),
+    FlightMode("AUTO", 3, _STEERS, Behaviour.MISSION, armable=False),
+    FlightMode("GUIDED", 4, _STEERS, Behaviour.OFFBOARD),
+    FlightMode("LOITER", 5, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
+    FlightMode("RTL", 6, _PLAIN, Behaviour.RETURN, armable=False),
+    FlightMode("CIRCLE", 7, _STEERS, Behaviour.CIRCLE, stick=StickControl.POSITION),
+    FlightMode("LAND", 9, _STEERS, Behaviour.LAND, armable=False),
+    FlightMode("DRIFT", 11, _PLAIN, Behaviour.PILOT, stick=StickControl.ATTITUDE),
+    FlightMode("POSHOLD", 16, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
+    FlightMode("BRAKE", 17, _STEERS, Behaviour.HOLD, armable=False),
+    FlightMode("THROW", 18, _PLAIN, Behaviour.HOLD),
+    FlightMode("AVOID_ADSB", 19, _STEERS, Behaviour.OFFBOARD, armable=False),
+    FlightMode("GUIDED_NOGPS", 20, _STEERS, Behaviour.OFFBOARD),
+    FlightMode("SMART_RTL", 21, _STEERS, Behaviour.RETURN, armable=False),
+    FlightMode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
 )
-# Numbers that exist and cannot be had here: the name, and what else is said.
-REFUSING = {
+_NAMED = {mode.name: mode for mode in _MODES}
+# Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the refusal.
+_UNAVAILABLE = {
     14: ("FLIP", ""),
     15: ("AUTOTUNE", ""),
     22: ("FLOWHOLD", ""),
@@ -35,3 +49,109 @@ REFUSING = {
     27: ("AUTO RTL", "No return path or landing sequence found"),
     28: ("TURTLE", ""),
 }
+
+
+def steers_position(flight: FlightState) -> bool:
+    return flight.mode.base == _STEERS
+
+
+def ready(flight: FlightState) -> bool:
+    """Whether the vehicle could be armed in its present mode."""
+    placed = flight.time_s >= GUIDED_READY_S and flight.position_ok
+    return (placed if steers_position(flight) else flight.time_s >= STABILIZE_READY_S) and not flight.crashed
+
+
+def knows_position(flight: FlightState) -> bool:
+    return flight.time_s >= POSITION_S
+
+
+def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
+    """The checks that keep the vehicle from being armed in its present mode, in the order in which they are sent."""
+    now_s = flight.time_s
+    if now_s < STANDBY_S:
+        return ("System not initialised",)
+    if now_s < ALIGNED_S:
+        ahrs = "AHRS: not using configured AHRS type" if now_s < ESTIMATOR_S else "AHRS: EKF3 still initialising"
+        return ("Accels inconsistent", "EKF attitude is bad", ahrs)
+    low = battery_volts(flight, p) < p["BATT_LOW_VOLT"]
+    failures = ["Battery 1 low voltage failsafe", "Battery failsafe"] if low else []
+    if now_s < RECEIVER_S:
+        return (*failures, "AHRS: EK3 sources require GPS")
+    if steers_position(flight) and (now_s < GUIDED_READY_S or not flight.position_ok):
+        return (*failures, "Need Position Estimate")
+    if now_s < STABILIZE_READY_S:
+        return (*failures, "AHRS: waiting for home")
+    return tuple(failures)
+
+
+def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
+    base = flight.mode.base | (_ARMED if flight.armed or flight.tests_motors else 0)
+    if flight.time_s < STANDBY_S:
+        return _STEERS, MAV_STATE.BOOT
+    if flight.failsafe and flight.armed:
+        return base, MAV_STATE.CRITICAL
+    return base, MAV_STATE.ACTIVE if flight.armed and flight.flying else MAV_STATE.STANDBY
+
+
+def _refuse_arm_value(value: float) -> Refusal | None:
+    return None if value in (0.0, 1.0) else Refusal(CommandResult.UNSUPPORTED)
+
+
+def _refuse_arming(flight: FlightState, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+    if flight.mode.behaviour is Behaviour.MISSION and not flight.mission_ready:
+        return Refusal(CommandResult.FAILED, ((CRITICAL, "Arm: Mode requires mission"),))
+    if not flight.mode.armable:
+        return Refusal(CommandResult.FAILED, ((CRITICAL, f"Arm: {flight.mode.name} mode not armable"),))
+    failures = _prearm_failures(flight, parameters)
+    if forced and ready(flight):
+        return None
+    if not failures and not flight.crashed:
+        return None
+    return Refusal(CommandResult.FAILED, tuple((CRITICAL, f"Arm: {text}") for text in failures))
+
+
+def _refuse_disarming(flight: FlightState, forced: bool) -> Refusal | None:
+    return None if forced or not flight.flying else Refusal(CommandResult.FAILED)
+
+
+def _refuse_mode(flight: FlightState, wanted: FlightMode | None, number: int, has_setpoints: bool) -> Refusal | None:
+    if wanted is None:
+        unavailable = _UNAVAILABLE.get(number)
+        if unavailable is None:
+            return Refusal(CommandResult.FAILED, ((WARNING, f"No such mode {number}"),))
+        name, reason = unavailable
+        reasons = ((WARNING, reason),) if reason else ()
+        return Refusal(CommandResult.FAILED, (*reasons, (WARNING, f"Mode change to {name} failed: init failed")))
+    if wanted.behaviour is Behaviour.MISSION and flight.armed and not flight.mission_ready:
+        return Refusal(CommandResult.FAILED, ((WARNING, "Mode change to AUTO failed: init failed"),))
+    return None
+
+
+def _number_of_command(params: tuple[float, ...]) -> int | None:
+    number = params[1]
+    return int(number) if has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED) and 0 <= number < 2**24 else None
+
+
+MODES = ModePolicy(
+    modes=_MODES,
+    initial=_NAMED["STABILIZE"],
+    hold=_NAMED["BRAKE"],
+    land=_NAMED["LAND"],
+    return_home=_NAMED["RTL"],
+    offboard=_NAMED["GUIDED"],
+    reposition=_NAMED["GUIDED"],
+    mission=_NAMED["AUTO"],
+    loiter=_NAMED["LOITER"],
+    acknowledges_set_mode=False,
+    heartbeat_on_change=True,
+    heartbeat=_heartbeat,
+    refuse_mode=_refuse_mode,
+    number_of_command=_number_of_command,
+    knows_position=knows_position,
+    refuse_arming=_refuse_arming,
+    refuse_disarming=_refuse_disarming,
+    refuse_arm_value=_refuse_arm_value,
+    prearm_failures=_prearm_failures,
+    checks_when_armed=CommandResult.TEMPORARILY_REJECTED,
+    manual_landing_disarms=False,
+)

@@ -1,12 +1,19 @@
-"""The parameters of ArduCopter that exist here, with its defaults."""
+"""The parameters of ArduCopter that exist here, and the flight limits that they give."""
 
 from __future__ import annotations
 
-from ..parameters._store import INT8, INT16, INT32, Parameter
+import math
+from pathlib import Path
 
-_RATES = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB")
+from ..guidance._limits import FlightLimits, FollowTargetLimits, StickLimits
+from ..parameters._store import INT8, INT16, INT32, Parameter, ParameterStore
+from ..parameters._table import read_parameters
+from ..policies._parameters import ParameterPolicy, ParameterPush
 
-PARAMETERS = (
+_RATE_PARAMETERS = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB")
+
+# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same name, that one counts.
+_EXTRA = (
     Parameter("ACRO_RP_RATE", 360.0),
     Parameter("ANGLE_MAX", 3000, INT16),
     Parameter("ARMING_CHECK", 1, INT32),
@@ -52,5 +59,71 @@ PARAMETERS = (
     Parameter("WPNAV_SPEED", 1000.0),
     Parameter("WPNAV_SPEED_DN", 150.0),
     Parameter("WPNAV_SPEED_UP", 250.0),
-    *(Parameter(f"SR0_{name}", 0, INT16) for name in _RATES),
+    *(Parameter(f"SR0_{name}", 0, INT16) for name in _RATE_PARAMETERS),
+)
+
+
+def limits(p: ParameterStore) -> FlightLimits:
+    # ArduPilot's parameters are in centimetres, centidegrees and milliseconds.
+    cruise_mps = max(p["WPNAV_SPEED"], 20.0) / 100.0
+    climb_mps = max(p["WPNAV_SPEED_UP"], 10.0) / 100.0
+    descent_mps = max(p["WPNAV_SPEED_DN"], 10.0) / 100.0
+    return FlightLimits(
+        cruise_mps=cruise_mps,
+        speed_max_mps=max(cruise_mps, 10.0),
+        setpoint_climb_mps=climb_mps,
+        setpoint_descent_mps=descent_mps,
+        climb_mps=climb_mps,
+        descent_mps=descent_mps,
+        takeoff_mps=climb_mps,
+        takeoff_spool_s=2.6,
+        takeoff_ramp_s=1.0,
+        takeoff_height_m=2.5,
+        land_mps=max(p["LAND_SPEED"], 20.0) / 100.0,
+        land_slow_below_m=10.0,
+        land_fast_above_m=10.0,
+        return_height_m=p["RTL_ALT"] / 100.0,
+        return_near_m=0.0,
+        return_climbs_by_m=max(p["RTL_CLIMB_MIN"], 0.0) / 100.0,
+        landed_disarm_s=0.4,
+        idle_disarm_s=p["DISARM_DELAY"] if p["DISARM_DELAY"] > 0 else None,
+        setpoint_timeout_s=max(p["GUID_TIMEOUT"], 0.1),
+        sticks=StickLimits(
+            tilt_rad=math.radians(min(max(p["ANGLE_MAX"] / 100.0, 10.0), 45.0)),
+            speed_mps=max(p["LOIT_SPEED"], 20.0) / 100.0,
+            climb_mps=max(p["PILOT_SPEED_UP"], 50.0) / 100.0,
+            descent_mps=max(p["PILOT_SPEED_DN"] or p["PILOT_SPEED_UP"], 50.0) / 100.0,
+            yaw_radps=math.radians(max(p["PILOT_Y_RATE"], 1.0)),
+            rates_radps=math.radians(max(p["ACRO_RP_RATE"], 1.0)),
+            dead=0.05,
+            lost_after_s=p["RC_OVERRIDE_TIME"] if p["RC_OVERRIDE_TIME"] > 0 else math.inf,
+        ),
+        follow_target=FollowTargetLimits(height_m=8.0, distance_m=8.0, angle_rad=math.pi, speed_mps=5.0),
+        goto_mps=cruise_mps,
+        faces_beyond_m=None,
+        return_faces_home=False,
+        return_waits_s=max(p["RTL_LOIT_TIME"], 0.0) / 1000.0,
+        orbit_radius_max_m=math.inf,
+        circle_radius_m=max(p["CIRCLE_RADIUS"], 100.0) / 100.0,
+        circle_radps=math.radians(p["CIRCLE_RATE"]),
+        thrust_is_climb=not int(p["GUID_OPTIONS"]) & 8,
+    )
+
+
+PARAMETERS = ParameterPolicy(
+    definitions=read_parameters(Path(__file__).with_name("parameters.csv"), _EXTRA),
+    system_id="SYSID_THISMAV",
+    limits=limits,
+    bytewise=False,
+    hash_first=False,
+    unknown="silence",
+    index_in_replies=False,
+    any_case=True,
+    changes_twice=False,
+    checks_type=False,
+    pushes=(
+        ParameterPush("BARO1_GND_PRESS", 20.0),
+        ParameterPush("BARO2_GND_PRESS", 20.0),
+        ParameterPush("STAT_RUNTIME", 30.0, every_s=30.0, counts_seconds=True),
+    ),
 )

@@ -1,4 +1,4 @@
-"""MAVLink FTP: what is asked for in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch area."""
+"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch area."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from .._service import CommandHandler, Handler, Sender
+from .._service import MessageHandler, MessageSender
 from .._service_context import ServiceContext
 from ..parameters._store import crc32_plain
-from ._files import Files
+from ._served_files import ServedFiles
 
 DATA = 239  # bytes of data in one payload
-_HEAD = struct.Struct("<HBBBBBBI")  # sequence, session, opcode, size, asked opcode, burst complete, padding, offset
-_IDLE_NS = 10_000_000_000  # a session that nobody uses so long is closed
+_HEAD = struct.Struct("<HBBBBBBI")  # sequence, session, opcode, size, requested opcode, burst complete, padding, offset
+_IDLE_NS = 10_000_000_000  # a session that is not used for so long is closed
 _BURST_PER_STEP = 8
-_BURST_BYTES = 35 * 1024  # then the client asks again
+_BURST_BYTES = 35 * 1024  # then the client requests the next burst
+_MAX_CLIENTS = 64  # whose last answers are remembered
 
 
-class Op(IntEnum):
-    """Opcodes."""
+class FtpOpcode(IntEnum):
+    """Opcodes of a payload."""
 
     NONE = 0
     TERMINATE = 1
@@ -44,7 +45,7 @@ class Op(IntEnum):
     NAK = 129
 
 
-class Error(IntEnum):
+class FtpError(IntEnum):
     """Error codes of a NAK."""
 
     ERRNO = 2  # a POSIX number follows
@@ -59,15 +60,15 @@ class Error(IntEnum):
 
 
 _BY_ERRNO = {
-    errno.EEXIST: Error.EXISTS,
-    errno.ENOENT: Error.NOT_FOUND,
-    errno.EACCES: Error.PROTECTED,
-    errno.EROFS: Error.PROTECTED,
+    errno.EEXIST: FtpError.EXISTS,
+    errno.ENOENT: FtpError.NOT_FOUND,
+    errno.EACCES: FtpError.PROTECTED,
+    errno.EROFS: FtpError.PROTECTED,
 }
 
 
-class _Refused(Exception):
-    def __init__(self, error: Error, number: int | None = None) -> None:
+class _FtpRefusal(Exception):
+    def __init__(self, error: FtpError, number: int | None = None) -> None:
         self.error = error
         self.data = bytes([error]) if number is None else bytes([error, number & 0xFF])
 
@@ -90,15 +91,15 @@ class _Request:
 class _Session:
     content: bytes
     used_ns: int
-    writes: str | None = None  # the path of a file that is written
+    writes: str | None = None  # the path of a file that is open for writing
 
 
 @dataclass(slots=True)
 class _Burst:
-    sender: Sender
+    sender: MessageSender
     session: int
     sequence: int
-    at: int
+    offset: int
     end: int
     size: int
 
@@ -106,206 +107,203 @@ class _Burst:
 class FileTransfer:
     """Sessions, reading, bursts, listings and checksums; writing, where the files can be written.
 
-    `sessions` is how many files may be open; with one, its number is the vehicle's to give (0), with several the
-    client's to choose, as the two autopilots have it.
+    `max_sessions` is how many files may be open. With one, as on PX4, the vehicle numbers it (0); with several, as on
+    ArduPilot, the client chooses the number.
     """
 
-    def __init__(self, board: ServiceContext, files: Files, sessions: int) -> None:
-        self._flight = board.flight
+    def __init__(self, context: ServiceContext, files: ServedFiles, max_sessions: int) -> None:
+        self._flight = context.flight
         self._files = files
-        self._most = sessions
+        self._max_sessions = max_sessions
         self._sessions: dict[int, _Session] = {}
         self._bursts: dict[int, _Burst] = {}
         self._last: dict[tuple[int, int, str], tuple[bytes, bytes]] = {}  # by client: the last request and its answer
         self._table: dict[int, Callable[[_Request], bytes]] = {
-            Op.NONE: lambda asked: b"",
-            Op.TERMINATE: self._terminate,
-            Op.RESET: self._reset,
-            Op.LIST: self._list,
-            Op.OPEN: self._open,
-            Op.READ: self._read,
-            Op.CRC32: self._checksum,
-            Op.CREATE: lambda asked: self._open_to_write(asked, keeps=False),
-            Op.OPEN_WRITE: lambda asked: self._open_to_write(asked, keeps=True),
-            Op.WRITE: self._write,
-            Op.REMOVE: lambda asked: self._change(files.remove, asked.path),
-            Op.MAKE_FOLDER: lambda asked: self._change(files.make_folder, asked.path),
-            Op.REMOVE_FOLDER: lambda asked: self._change(files.remove_folder, asked.path),
-            Op.TRUNCATE: lambda asked: self._change(files.truncate, asked.path, asked.offset),
-            Op.RENAME: self._rename,
+            FtpOpcode.NONE: lambda request: b"",
+            FtpOpcode.TERMINATE: self._terminate,
+            FtpOpcode.RESET: self._reset,
+            FtpOpcode.LIST: self._list,
+            FtpOpcode.OPEN: self._open,
+            FtpOpcode.READ: self._read,
+            FtpOpcode.CRC32: self._checksum,
+            FtpOpcode.CREATE: lambda request: self._open_to_write(request, truncate=True),
+            FtpOpcode.OPEN_WRITE: lambda request: self._open_to_write(request, truncate=False),
+            FtpOpcode.WRITE: self._write,
+            FtpOpcode.REMOVE: lambda request: self._change(files.remove, request.path),
+            FtpOpcode.MAKE_FOLDER: lambda request: self._change(files.make_folder, request.path),
+            FtpOpcode.REMOVE_FOLDER: lambda request: self._change(files.remove_folder, request.path),
+            FtpOpcode.TRUNCATE: lambda request: self._change(files.truncate, request.path, request.offset),
+            FtpOpcode.RENAME: self._rename,
         }
 
-    def handlers(self) -> Mapping[str, Handler]:
-        return {"FILE_TRANSFER_PROTOCOL": self._hear}
-
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"FILE_TRANSFER_PROTOCOL": self._take_request}
 
     def tick(self) -> None:
         if self._bursts:
             for number in list(self._bursts):
-                self._go_on(number)
+                self._continue_burst(number)
 
-    def _hear(self, message: Any, sender: Sender) -> None:
+    def _take_request(self, message: Any, sender: MessageSender) -> None:
         payload = bytes(message.payload)
         sequence, session, opcode, size, _, _, _, offset = _HEAD.unpack_from(payload)
         client = (sender.system, sender.component, sender.channel.name)
-        known, answer = self._last.get(client, (b"", b""))
-        if payload == known and answer:
-            self._send(sender, answer)  # the answer was lost
+        previous, answer = self._last.get(client, (b"", b""))
+        if payload == previous and answer:  # the client repeats it because the answer was lost
+            self._send(sender, answer)
             return
-        self._forget_idle()
-        asked = _Request(sequence, session, opcode, size, offset, payload[_HEAD.size : _HEAD.size + min(size, DATA)])
-        answer = self._answer(asked, sender)
-        if len(self._last) > 64:
+        self._close_idle()
+        request = _Request(sequence, session, opcode, size, offset, payload[_HEAD.size : _HEAD.size + min(size, DATA)])
+        answer = self._answer(request, sender)
+        if len(self._last) > _MAX_CLIENTS:
             self._last.clear()
         self._last[client] = (payload, answer)
         if answer:
             self._send(sender, answer)
 
-    def _answer(self, asked: _Request, sender: Sender) -> bytes:
-        """The payload to send back; empty when a burst answers instead."""
+    def _answer(self, request: _Request, sender: MessageSender) -> bytes:
+        """The payload to send back; empty where a burst answers instead."""
         try:
-            if asked.size > DATA:
-                raise _Refused(Error.INVALID_SIZE)
-            if asked.opcode == Op.BURST:
-                return self._begin_burst(asked, sender)
-            handler = self._table.get(asked.opcode)
+            if request.size > DATA:
+                raise _FtpRefusal(FtpError.INVALID_SIZE)
+            if request.opcode == FtpOpcode.BURST:
+                return self._begin_burst(request, sender)
+            handler = self._table.get(request.opcode)
             if handler is None:
-                raise _Refused(Error.UNKNOWN_COMMAND)
-            data = handler(asked)
-        except _Refused as refused:
-            return _payload(asked.sequence + 1, asked.session, Op.NAK, asked.opcode, asked.offset, refused.data)
-        session = self._opened if asked.opcode in (Op.OPEN, Op.CREATE, Op.OPEN_WRITE) else asked.session
-        return _payload(asked.sequence + 1, session, Op.ACK, asked.opcode, asked.offset, data)
+                raise _FtpRefusal(FtpError.UNKNOWN_COMMAND)
+            data = handler(request)
+        except _FtpRefusal as refused:
+            return _payload(request.sequence + 1, request.session, FtpOpcode.NAK, request.opcode, request.offset, refused.data)
+        session = self._opened if request.opcode in (FtpOpcode.OPEN, FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE) else request.session
+        return _payload(request.sequence + 1, session, FtpOpcode.ACK, request.opcode, request.offset, data)
 
-    def _open(self, asked: _Request) -> bytes:
-        number = self._free(asked)
-        content = self._files.read(asked.path)
+    def _open(self, request: _Request) -> bytes:
+        number = self._free_session(request)
+        content = self._files.read(request.path)
         if content is None:
-            raise _Refused(Error.NOT_FOUND)
+            raise _FtpRefusal(FtpError.NOT_FOUND)
         self._sessions[number] = _Session(content, self._flight.time_ns)
         self._opened = number
         return struct.pack("<I", len(content))
 
-    def _open_to_write(self, asked: _Request, *, keeps: bool) -> bytes:
-        """Answered with the size that the file had, as PX4 does."""
-        number = self._free(asked)
+    def _open_to_write(self, request: _Request, *, truncate: bool) -> bytes:
+        """Open a file for writing; the answer is the size that the file had, as on PX4."""
+        number = self._free_session(request)
         try:
-            size = self._files.create(asked.path, keeps)
+            size = self._files.create(request.path, truncate)
         except OSError as error:
             raise _refused(error) from error
-        self._sessions[number] = _Session(b"", self._flight.time_ns, asked.path)
+        self._sessions[number] = _Session(b"", self._flight.time_ns, request.path)
         self._opened = number
         return struct.pack("<I", size)
 
-    def _free(self, asked: _Request) -> int:
+    def _free_session(self, request: _Request) -> int:
         """The number of the session to be opened."""
-        number = 0 if self._most == 1 else asked.session
-        if len(self._sessions) >= self._most and (self._most == 1 or number not in self._sessions):
-            raise _Refused(Error.NO_SESSIONS)
+        number = 0 if self._max_sessions == 1 else request.session
+        if len(self._sessions) >= self._max_sessions and (self._max_sessions == 1 or number not in self._sessions):
+            raise _FtpRefusal(FtpError.NO_SESSIONS)
         return number
 
-    def _write(self, asked: _Request) -> bytes:
-        session = self._session(asked.session)
+    def _write(self, request: _Request) -> bytes:
+        session = self._session(request.session)
         if session.writes is None:
-            raise _Refused(Error.ERRNO, errno.EBADF)
+            raise _FtpRefusal(FtpError.ERRNO, errno.EBADF)
         try:
-            return struct.pack("<I", self._files.write(session.writes, asked.offset, asked.data))
+            return struct.pack("<I", self._files.write(session.writes, request.offset, request.data))
         except OSError as error:
             raise _refused(error) from error
 
-    def _rename(self, asked: _Request) -> bytes:
-        old, _, new = asked.data.partition(b"\0")
+    def _rename(self, request: _Request) -> bytes:
+        old, _, new = request.data.partition(b"\0")
         new = new.split(b"\0", 1)[0]
         if not new:
-            raise _Refused(Error.ERRNO, errno.EINVAL)
+            raise _FtpRefusal(FtpError.ERRNO, errno.EINVAL)
         return self._change(self._files.rename, old.decode("utf-8", "replace"), new.decode("utf-8", "replace"))
 
-    def _change(self, change: Callable[..., None], *what: str | int) -> bytes:
+    def _change(self, change: Callable[..., None], *arguments: str | int) -> bytes:
         try:
-            change(*what)
+            change(*arguments)
         except OSError as error:
             raise _refused(error) from error
         return b""
 
-    def _read(self, asked: _Request) -> bytes:
-        session = self._session(asked.session)
+    def _read(self, request: _Request) -> bytes:
+        session = self._session(request.session)
         if session.writes is not None:
-            raise _Refused(Error.ERRNO, errno.EBADF)
-        if asked.offset >= len(session.content):
-            raise _Refused(Error.END_OF_FILE)
-        return session.content[asked.offset : asked.offset + (asked.size or DATA)]
+            raise _FtpRefusal(FtpError.ERRNO, errno.EBADF)
+        if request.offset >= len(session.content):
+            raise _FtpRefusal(FtpError.END_OF_FILE)
+        return session.content[request.offset : request.offset + (request.size or DATA)]
 
-    def _terminate(self, asked: _Request) -> bytes:
-        self._session(asked.session)
-        del self._sessions[asked.session]
-        self._bursts.pop(asked.session, None)
+    def _terminate(self, request: _Request) -> bytes:
+        self._session(request.session)
+        del self._sessions[request.session]
+        self._bursts.pop(request.session, None)
         return b""
 
-    def _reset(self, asked: _Request) -> bytes:
+    def _reset(self, request: _Request) -> bytes:
         self._sessions.clear()
         self._bursts.clear()
         return b""
 
-    def _list(self, asked: _Request) -> bytes:
-        entries = self._files.entries(asked.path)
+    def _list(self, request: _Request) -> bytes:
+        entries = self._files.entries(request.path)
         if entries is None:
-            raise _Refused(Error.NOT_FOUND)
+            raise _FtpRefusal(FtpError.NOT_FOUND)
         data = b""
-        for entry in entries[asked.offset :]:
-            more = entry.encode() + b"\0"
-            if len(data) + len(more) > DATA:
+        for entry in entries[request.offset :]:
+            encoded = entry.encode() + b"\0"
+            if len(data) + len(encoded) > DATA:
                 break
-            data += more
+            data += encoded
         if not data:
-            raise _Refused(Error.END_OF_FILE)
+            raise _FtpRefusal(FtpError.END_OF_FILE)
         return data
 
-    def _checksum(self, asked: _Request) -> bytes:
-        content = self._files.read(asked.path)
+    def _checksum(self, request: _Request) -> bytes:
+        content = self._files.read(request.path)
         if content is None:
-            raise _Refused(Error.NOT_FOUND)
+            raise _FtpRefusal(FtpError.NOT_FOUND)
         return struct.pack("<I", crc32_plain(content))
 
-    def _begin_burst(self, asked: _Request, sender: Sender) -> bytes:
-        session = self._session(asked.session)
-        if asked.offset >= len(session.content):
-            raise _Refused(Error.END_OF_FILE)
-        end = min(asked.offset + _BURST_BYTES, len(session.content))
-        size = asked.size or DATA
-        self._bursts[asked.session] = _Burst(sender, asked.session, asked.sequence + 1, asked.offset, end, size)
+    def _begin_burst(self, request: _Request, sender: MessageSender) -> bytes:
+        session = self._session(request.session)
+        if request.offset >= len(session.content):
+            raise _FtpRefusal(FtpError.END_OF_FILE)
+        end = min(request.offset + _BURST_BYTES, len(session.content))
+        size = request.size or DATA
+        self._bursts[request.session] = _Burst(sender, request.session, request.sequence + 1, request.offset, end, size)
         return b""
 
-    def _go_on(self, number: int) -> None:
-        """A step's worth of a burst."""
+    def _continue_burst(self, number: int) -> None:
+        """Send as much of a burst as goes out in one step."""
         burst, session = self._bursts[number], self._sessions.get(number)
         for _ in range(_BURST_PER_STEP):
-            if session is None or burst.at >= burst.end:
+            if session is None or burst.offset >= burst.end:
                 self._bursts.pop(number, None)
                 return
-            data = session.content[burst.at : min(burst.at + burst.size, burst.end)]
-            last = burst.at + len(data) >= burst.end
+            data = session.content[burst.offset : min(burst.offset + burst.size, burst.end)]
+            last = burst.offset + len(data) >= burst.end
             session.used_ns = self._flight.time_ns
-            self._send(burst.sender, _payload(burst.sequence, number, Op.ACK, Op.BURST, burst.at, data, last))
-            burst.at += len(data)
+            self._send(burst.sender, _payload(burst.sequence, number, FtpOpcode.ACK, FtpOpcode.BURST, burst.offset, data, last))
+            burst.offset += len(data)
             burst.sequence += 1
 
     def _session(self, number: int) -> _Session:
         session = self._sessions.get(number)
         if session is None:
-            raise _Refused(Error.INVALID_SESSION)
+            raise _FtpRefusal(FtpError.INVALID_SESSION)
         session.used_ns = self._flight.time_ns
         return session
 
-    def _forget_idle(self) -> None:
+    def _close_idle(self) -> None:
         now = self._flight.time_ns
         for number, session in list(self._sessions.items()):
             if now - session.used_ns > _IDLE_NS:
                 del self._sessions[number]
 
-    def _send(self, sender: Sender, payload: bytes) -> None:
-        sender.channel.tell(
+    def _send(self, sender: MessageSender, payload: bytes) -> None:
+        sender.channel.send_message(
             "FILE_TRANSFER_PROTOCOL",
             target_network=0,
             target_system=sender.system,
@@ -316,13 +314,15 @@ class FileTransfer:
     _opened = 0
 
 
-def _refused(error: OSError) -> _Refused:
-    """What the protocol makes of a POSIX number: an error of its own where it has one."""
+def _refused(error: OSError) -> _FtpRefusal:
+    """The protocol's error for a POSIX number: one of its own where it has one."""
     number = error.errno or errno.EIO
-    own = _BY_ERRNO.get(number)
-    return _Refused(own) if own else _Refused(Error.ERRNO, number)
+    error_code = _BY_ERRNO.get(number)
+    return _FtpRefusal(error_code) if error_code else _FtpRefusal(FtpError.ERRNO, number)
 
 
-def _payload(sequence: int, session: int, opcode: Op, asked: int, offset: int, data: bytes, last: bool = False) -> bytes:
-    head = _HEAD.pack(sequence & 0xFFFF, session, opcode, len(data), asked, last, 0, offset)
+def _payload(
+    sequence: int, session: int, opcode: FtpOpcode, requested: int, offset: int, data: bytes, last: bool = False
+) -> bytes:
+    head = _HEAD.pack(sequence & 0xFFFF, session, opcode, len(data), requested, last, 0, offset)
     return head + data + bytes(DATA - len(data))

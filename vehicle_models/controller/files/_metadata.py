@@ -1,4 +1,4 @@
-"""Component metadata: JSON files that tell a ground station what parameters and events mean, compressed, with checksums."""
+"""Component metadata: compressed JSON files with checksums that explain parameters and events to a ground station."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from ..parameters._store import REAL32, Parameter, crc32_plain
 from ..telemetry._event_names import EventName
-from ._files import Content
+from ._served_files import FileContent
 
 FOLDER = "etc/extras"
 GENERAL = f"{FOLDER}/component_general.json.xz"
@@ -17,7 +17,7 @@ _PARAMETERS, _EVENTS = 1, 4  # COMP_METADATA_TYPE
 
 
 class Metadata:
-    """The files of one autopilot. They are made when first asked for, once."""
+    """The files of one autopilot. They are made when they are first requested, once."""
 
     def __init__(self, parameters: Iterable[Parameter], events: Iterable[EventName]) -> None:
         self._parameters = tuple(parameters)
@@ -32,13 +32,13 @@ class Metadata:
         """The checksum of the general file."""
         return crc32_plain(self._make(GENERAL))
 
-    def contents(self) -> Mapping[str, Content]:
+    def contents(self) -> Mapping[str, FileContent]:
         return {path: self._content(path) for path in (GENERAL, *self._listed().values())}
 
     def _listed(self) -> dict[int, str]:
         return {_PARAMETERS: f"{FOLDER}/parameters.json.xz", _EVENTS: f"{FOLDER}/all_events.json.xz"}
 
-    def _content(self, path: str) -> Content:
+    def _content(self, path: str) -> FileContent:
         return lambda query: self._make(path)
 
     def _make(self, path: str) -> bytes:
@@ -49,34 +49,36 @@ class Metadata:
     def _document(self, path: str) -> dict[str, Any]:
         listed = self._listed()
         if path == listed[_PARAMETERS]:
-            return {"version": 1, "parameters": [_parameter(one) for one in self._parameters]}
+            return {"version": 1, "parameters": [_parameter_entry(parameter) for parameter in self._parameters]}
         if path == listed[_EVENTS]:
-            events = {str(one.number & 0xFFFFFF): {"name": one.name, "message": one.message} for one in self._events}
+            events = {str(event.number & 0xFFFFFF): {"name": event.name, "message": event.message} for event in self._events}
             groups = {"default": {"events": events}}
             return {"version": 2, "components": {"1": {"namespace": "px4", "enums": {}, "event_groups": groups}}}
-        types = [{"type": kind, "uri": f"mftp://{one}", "fileCrc": crc32_plain(self._make(one))} for kind, one in listed.items()]
+        types = [
+            {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32_plain(self._make(path))} for kind, path in listed.items()
+        ]
         return {"version": 1, "metadataTypes": types}
 
 
-def _parameter(one: Parameter) -> dict[str, Any]:
-    whole = one.kind != REAL32
+def _parameter_entry(parameter: Parameter) -> dict[str, Any]:
+    whole = parameter.kind != REAL32
     entry: dict[str, Any] = {
-        "name": one.name,
+        "name": parameter.name,
         "type": "Int32" if whole else "Float",
-        "group": one.group or "Miscellaneous",
+        "group": parameter.group or "Miscellaneous",
         "category": "Standard",
-        "default": int(one.default) if whole else one.default,
-        "shortDesc": one.description,
+        "default": int(parameter.default) if whole else parameter.default,
+        "shortDesc": parameter.description,
     }
     if not whole:
         entry["decimalPlaces"] = 3
-    bounds = {"min": one.low, "max": one.high}
+    bounds = {"min": parameter.low, "max": parameter.high}
     entry.update({key: int(value) if whole else value for key, value in bounds.items() if value is not None})
-    if one.unit:
-        entry["units"] = one.unit
-    if one.needs_reboot:
+    if parameter.unit:
+        entry["units"] = parameter.unit
+    if parameter.needs_reboot:
         entry["rebootRequired"] = True
-    if one.volatile:
+    if parameter.volatile:
         entry["volatile"] = True
     return entry
 

@@ -1,4 +1,4 @@
-"""Guidance: the manoeuvre that each behaviour begins, and where the nose looks meanwhile."""
+"""Guidance: the manoeuvre that each behaviour begins with, and where the nose points meanwhile."""
 
 from __future__ import annotations
 
@@ -7,59 +7,64 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from .._flight import Behaviour, Flight, Home, Target
-from .._personality import Limits
-from ._manoeuvres import Circle, Land, Manoeuvre, Manoeuvres, Piloted, Return
+from .._flight_state import Behaviour, FlightState, FlightTarget, NorthEast, ReferencePoint
+from ._limits import FlightLimits
+from ._manoeuvres import Circle, Land, Manoeuvre, Manoeuvres, ManualFlight, Return
 
-_FACES_FROM_MPS = 0.5
+_MIN_FACING_SPEED_MPS = 0.5
 
 
-class Heading(Protocol):
-    """A heading that somebody wants, whatever is being flown."""
+class HeadingCommand(Protocol):
+    """A heading that a command asks for, whatever is being flown."""
 
     turn_max_radps: float
 
-    def yaw_rad(self, flight: Flight) -> float:
+    def yaw_rad(self, flight: FlightState) -> float:
         """The heading at this moment."""
 
 
 class FixedHeading:
-    """A heading once and for all."""
+    """One heading."""
 
     def __init__(self, yaw_rad: float, turn_max_radps: float = 1.0) -> None:
         self._yaw_rad = yaw_rad
         self.turn_max_radps = turn_max_radps
 
-    def yaw_rad(self, flight: Flight) -> float:
+    def yaw_rad(self, flight: FlightState) -> float:
         return self._yaw_rad
 
 
-class HeadingTo:
-    """Towards a place."""
+class HeadingToPlace:
+    """The heading towards a place."""
 
     turn_max_radps = 1.0
 
-    def __init__(self, north_east_m: tuple[float, float]) -> None:
+    def __init__(self, north_east_m: NorthEast) -> None:
         self._place = north_east_m
 
-    def yaw_rad(self, flight: Flight) -> float:
+    def yaw_rad(self, flight: FlightState) -> float:
         return math.atan2(self._place[1] - flight.east_m, self._place[0] - flight.north_m)
 
 
 class Guidance:
     """The manoeuvre being flown. `begin` starts that of a behaviour."""
 
-    def __init__(self, flight: Flight, limits: Limits, manoeuvres: Manoeuvres | None = None) -> None:
+    def __init__(
+        self,
+        flight: FlightState,
+        limits: FlightLimits,
+        return_point: Callable[[FlightState], ReferencePoint | None],
+        manoeuvres: Manoeuvres | None = None,
+    ) -> None:
         self.limits = limits
         self.manoeuvres = manoeuvres or Manoeuvres()
         self.manoeuvre: Manoeuvre = self.manoeuvres.hold(flight)
         self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
-        self.heading: Heading | None = None  # of CONDITION_YAW or a region of interest: before any heading of the manoeuvre
+        self.heading: HeadingCommand | None = None  # of CONDITION_YAW or a region of interest; overrides the manoeuvre's
+        self.return_point = return_point
 
-        self.refuge: Callable[[Flight], Home | None] = lambda flight: flight.home  # where a return leads
-
-    def begin(self, behaviour: Behaviour, flight: Flight) -> None:
-        """Start what a behaviour flies by default."""
+    def begin(self, behaviour: Behaviour, flight: FlightState) -> None:
+        """Start the manoeuvre that a behaviour begins with."""
         self.speed_mps = None
         self.heading = None
         match behaviour:
@@ -68,18 +73,18 @@ class Guidance:
             case Behaviour.LAND:
                 self.manoeuvre = self.manoeuvres.land(flight, ground_down_m=flight.home.down_m if flight.home else 0.0)
             case Behaviour.RETURN if flight.home:
-                self.manoeuvre = self.manoeuvres.go_home(flight, self.refuge(flight) or flight.home, self.limits)
-            case Behaviour.FOLLOW:
+                self.manoeuvre = self.manoeuvres.go_home(flight, self.return_point(flight) or flight.home, self.limits)
+            case Behaviour.OFFBOARD:
                 self.manoeuvre = self.manoeuvres.follow(flight)
             case Behaviour.PILOT if flight.mode.stick:
-                self.manoeuvre = Piloted(flight, flight.mode.stick)
+                self.manoeuvre = ManualFlight(flight, flight.mode.stick)
             case Behaviour.CIRCLE:
                 self.manoeuvre = Circle.around_point_ahead(flight, self.limits)
             case _:
                 self.manoeuvre = self.manoeuvres.hold(flight)
 
-    def target(self, flight: Flight) -> Target:
-        """Where to go, and where to look meanwhile."""
+    def target(self, flight: FlightState) -> FlightTarget:
+        """Where to go during the next step, and where the nose points meanwhile."""
         target = self.manoeuvre.target(flight, self.limits)
         target = self.manoeuvres.shaped(self.manoeuvre, target, flight, self.limits)
         if self.heading and target.attitude is None:
@@ -87,7 +92,7 @@ class Guidance:
             return replace(target, yaw_rad=yaw, yawrate_radps=0.0, turn_max_radps=self.heading.turn_max_radps)
         if target.faces_motion:
             speed = math.hypot(flight.vn_mps, flight.ve_mps)
-            if speed > _FACES_FROM_MPS:
+            if speed > _MIN_FACING_SPEED_MPS:
                 return replace(target, yaw_rad=math.atan2(flight.ve_mps, flight.vn_mps))
         return target
 

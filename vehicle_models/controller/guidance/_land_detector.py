@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .._flight import Flight, Target
+from .._flight_state import FlightState, FlightTarget
 
 
 class LandDetector:
@@ -15,7 +15,7 @@ class LandDetector:
     def __init__(self) -> None:
         self._still_s = 0.0
 
-    def landed(self, flight: Flight, target: Target) -> bool:
+    def landed(self, flight: FlightState, target: FlightTarget) -> bool:
         """Whether the vehicle has come to rest on the ground; to be asked once a step while it flies."""
         attitude = target.attitude
         if attitude and attitude.thrust is not None:
@@ -27,7 +27,7 @@ class LandDetector:
         self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
         return self._still_s >= self.SETTLE_S
 
-    def wants_off(self, flight: Flight, target: Target) -> bool:
+    def wants_off(self, flight: FlightState, target: FlightTarget) -> bool:
         """Whether a target, given on the ground, leads off it."""
         if target.attitude and target.attitude.thrust is not None:
             return target.attitude.thrust > flight.hover_thrust
@@ -35,5 +35,5 @@ class LandDetector:
             return target.velocity_ned_mps[2] < -0.1
         return target.down_m < flight.down_m - 0.3
 
-    def off(self, flight: Flight) -> bool:
+    def off(self, flight: FlightState) -> bool:
         return not flight.on_ground and flight.vd_mps < 0.0

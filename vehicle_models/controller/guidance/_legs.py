@@ -6,43 +6,42 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
-from .._flight import Flight, Landed, Target
-from .._personality import Limits
+from .._flight_state import FlightState, FlightTarget, LandedState, NorthEast
+from ._limits import FlightLimits
 from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
 
-Place = tuple[float, float]
-Look = Callable[[Flight, Place], "float | None"]
+HeadingFunction = Callable[[FlightState, NorthEast], "float | None"]
 """The heading to fly with towards a place; None keeps the present one."""
 
 _WIDEST_M = 2550.0  # the widest that ArduPilot can store
 _NEAR_M = 3.0  # nearer than this a direction has no meaning
 
 
-class Leg(Protocol):
+class MissionLeg(Protocol):
     """One item being flown. `manoeuvre` is what guidance flies meanwhile."""
 
     @property
     def manoeuvre(self) -> Manoeuvre: ...
 
-    def over(self, flight: Flight) -> bool:
+    def over(self, flight: FlightState) -> bool:
         """Whether the next item may begin; asked once a step."""
 
 
-class Goto(Hold):
+class GotoLeg(Hold):
     """To a place and stay there for a time (not at all: pass through; for ever: infinity)."""
 
     def __init__(
         self,
-        flight: Flight,
-        place: Place,
+        flight: FlightState,
+        place: NorthEast,
         down_m: float,
-        look: Look,
+        look: HeadingFunction,
         radius_m: float,
         height_m: float,
         stays_s: float,
-        aim: Place | None = None,
+        aim: NorthEast | None = None,
         speed_mps: float | None = None,
-        begin: Place | None = None,
+        begin: NorthEast | None = None,
     ) -> None:
         super().__init__(flight, aim or place, down_m, speed_mps=speed_mps)
         self._goal, self._height = place, down_m
@@ -58,11 +57,11 @@ class Goto(Hold):
     def manoeuvre(self) -> Manoeuvre:
         return self
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         heading = self._look(flight, self._goal)
         if heading is not None:
             self._heading_rad = heading
-        return Target(
+        return FlightTarget(
             north_east_m=self._place,
             down_m=self._height,
             yaw_rad=self._heading_rad,
@@ -72,12 +71,12 @@ class Goto(Hold):
         )
 
     @property
-    def stays_at(self) -> Place | None:
+    def stays_at(self) -> NorthEast | None:
         """The place that it stays at, for a time or for ever; None on the way to it, and where it only passes."""
         here = self._stays_ns == math.inf or (self._arrived_ns is not None and self._stays_ns > 0.0)
         return self._goal if here else None
 
-    def over(self, flight: Flight) -> bool:
+    def over(self, flight: FlightState) -> bool:
         if self._arrived_ns is None:
             near = math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
             if near and abs(self._height - flight.down_m) < self._height_m:
@@ -85,34 +84,41 @@ class Goto(Hold):
         return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= self._stays_ns
 
 
-class Climb(Takeoff):
+class ClimbLeg(Takeoff):
     """Straight up, off the ground or in the air."""
 
     @property
     def manoeuvre(self) -> Manoeuvre:
         return self
 
-    def over(self, flight: Flight) -> bool:
-        return flight.landed in (Landed.IN_AIR, Landed.LANDING) and self.done(flight)
+    def over(self, flight: FlightState) -> bool:
+        return flight.landed in (LandedState.IN_AIR, LandedState.LANDING) and self.done(flight)
 
 
-class Descend:
+class DescendLeg:
     """Land, or return and land; over when it stands."""
 
     def __init__(self, manoeuvre: Land | Return) -> None:
         self.manoeuvre: Manoeuvre = manoeuvre
         self._begun = False
 
-    def over(self, flight: Flight) -> bool:
+    def over(self, flight: FlightState) -> bool:
         self._begun = self._begun or flight.flying
-        return self._begun and flight.landed is Landed.ON_GROUND
+        return self._begun and flight.landed is LandedState.ON_GROUND
 
 
-class Turns:
+class TurnsLeg:
     """So many turns around a place; a negative radius turns left."""
 
     def __init__(
-        self, flight: Flight, centre: Place, down_m: float, radius_m: float, turns: float, look: Look, speed_mps: float | None
+        self,
+        flight: FlightState,
+        centre: NorthEast,
+        down_m: float,
+        radius_m: float,
+        turns: float,
+        look: HeadingFunction,
+        speed_mps: float | None,
     ) -> None:
         self._centre, self._down_m, self._look = centre, down_m, look
         self._radius_m = min(max(abs(radius_m), 1.0), _WIDEST_M)
@@ -123,7 +129,7 @@ class Turns:
         self.speed_mps = speed_mps
 
     @property
-    def circle(self) -> tuple[Place, float, float]:
+    def circle(self) -> tuple[NorthEast, float, float]:
         """Centre, height (down) and radius, negative to the left."""
         return self._centre, self._down_m, self._radius_m * self._sense
 
@@ -131,17 +137,17 @@ class Turns:
     def manoeuvre(self) -> Manoeuvre:
         return self
 
-    def _angle(self, flight: Flight) -> float:
+    def _angle(self, flight: FlightState) -> float:
         return math.atan2(flight.east_m - self._centre[1], flight.north_m - self._centre[0])
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         angle, radius = self._angle(flight), self._radius_m
         speed = min(self.speed_mps or limits.cruise_mps, math.sqrt(2.0 * radius))
         north, east = math.cos(angle), math.sin(angle)
         away_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])
         self._on_it = self._on_it or abs(away_m - radius) < max(2.0, 0.05 * radius)
         turning = (-east * speed * self._sense, north * speed * self._sense, 0.0) if self._on_it else (0.0, 0.0, 0.0)
-        return Target(
+        return FlightTarget(
             north_east_m=(self._centre[0] + north * radius, self._centre[1] + east * radius),
             down_m=self._down_m,
             velocity_ned_mps=turning,
@@ -151,10 +157,10 @@ class Turns:
             descent_max_mps=limits.descent_mps,
         )
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
-    def over(self, flight: Flight) -> bool:
+    def over(self, flight: FlightState) -> bool:
         angle = self._angle(flight)
         if self._on_it:
             self._missing_rad -= self._sense * math.remainder(angle - self._angle_rad, 2.0 * math.pi)
@@ -162,7 +168,7 @@ class Turns:
         return self._missing_rad <= 0.0
 
 
-def bearing(flight: Flight, place: Place) -> float | None:
+def bearing(flight: FlightState, place: NorthEast) -> float | None:
     """Towards a place; None where it is too near for that."""
     north, east = place[0] - flight.north_m, place[1] - flight.east_m
     return math.atan2(east, north) if math.hypot(north, east) > _NEAR_M else None

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 from typing import Literal, Protocol
 
-from .._flight import Attitude, Flight, Home, Stick, Sticks, Target
-from .._personality import Limits
+from .._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint, StickControl, StickPositions, TargetAttitude
+from ._limits import FlightLimits
 
 _STOPPING_MPS2 = 2.0  # braking that the airframe manages with ease
 
@@ -15,10 +15,10 @@ _STOPPING_MPS2 = 2.0  # braking that the airframe manages with ease
 class Manoeuvre(Protocol):
     """One thing being flown."""
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         """Where to go during the next step."""
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         """Whether it has reached its end; what follows is the modes' business."""
 
 
@@ -27,8 +27,8 @@ class Hold:
 
     def __init__(
         self,
-        flight: Flight,
-        north_east_m: tuple[float, float] | None = None,
+        flight: FlightState,
+        north_east_m: NorthEast | None = None,
         down_m: float | None = None,
         yaw_rad: float | None = None,
         speed_mps: float | None = None,
@@ -39,13 +39,13 @@ class Hold:
         self._speed_mps = speed_mps
         self._faces = False
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._faces and limits.faces_beyond_m is not None:
             north, east = self._place[0] - flight.north_m, self._place[1] - flight.east_m
             if math.hypot(north, east) > limits.faces_beyond_m:
                 self._yaw_rad = math.atan2(east, north)
         along = self._faces and limits.faces_beyond_m is None
-        return Target(
+        return FlightTarget(
             north_east_m=self._place,
             down_m=self._down_m,
             yaw_rad=None if along else self._yaw_rad,
@@ -66,7 +66,7 @@ class Hold:
     def change_speed(self, speed_mps: float) -> None:
         self._speed_mps = speed_mps
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
 
@@ -76,20 +76,20 @@ class Takeoff:
     REACHED_M = 0.3
     SLOWEST_MPS = 0.2
 
-    def __init__(self, flight: Flight, down_m: float) -> None:
+    def __init__(self, flight: FlightState, down_m: float) -> None:
         self._place = (flight.north_m, flight.east_m)
         self._down_m = min(down_m, flight.down_m)
         self._yaw_rad = flight.yaw_rad
         self._begun_ns: int | None = None
         self._spools = not flight.flying
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._begun_ns is None:
             self._begun_ns = flight.time_ns
         climbing_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
         waits = self._spools and climbing_s < 0.0
         share = climbing_s / limits.takeoff_ramp_s if self._spools and climbing_s < limits.takeoff_ramp_s else 1.0
-        return Target(
+        return FlightTarget(
             north_east_m=self._place,
             down_m=flight.down_m if waits else self._down_m,
             yaw_rad=self._yaw_rad,
@@ -98,10 +98,10 @@ class Takeoff:
             descent_max_mps=limits.descent_mps,
         )
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return abs(flight.down_m - self._down_m) < self.REACHED_M
 
-    def hold(self, flight: Flight) -> Hold:
+    def hold(self, flight: FlightState) -> Hold:
         """Staying where it was going to."""
         return Hold(flight, self._place, self._down_m, self._yaw_rad)
 
@@ -109,19 +109,19 @@ class Takeoff:
 class Land:
     """Straight down, slower near the ground. The ground is where the feet meet it, not where a map says."""
 
-    def __init__(self, flight: Flight, north_east_m: tuple[float, float] | None = None, ground_down_m: float = 0.0) -> None:
+    def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
         self._place = north_east_m or _stopping_place(flight)
         self._ground_down_m = ground_down_m
         self._yaw_rad = flight.yaw_rad
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         height_m = self._ground_down_m - flight.down_m
         span_m = limits.land_fast_above_m - limits.land_slow_below_m
         share = 1.0 if span_m <= 0.0 else min(max((height_m - limits.land_slow_below_m) / span_m, 0.0), 1.0)
         if span_m <= 0.0 and height_m < limits.land_slow_below_m:
             share = 0.0
         speed = limits.land_mps + share * (limits.descent_mps - limits.land_mps)
-        return Target(
+        return FlightTarget(
             # With its feet on the ground it holds still: going after a wandering position would only turn it over.
             north_east_m=None if flight.on_ground else self._place,
             velocity_ned_mps=(0.0, 0.0, speed),
@@ -131,7 +131,7 @@ class Land:
             descent_max_mps=max(speed, 0.1),
         )
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
 
@@ -140,7 +140,7 @@ class Return:
 
     ARRIVED_M = 0.5
 
-    def __init__(self, flight: Flight, home: Home, limits: Limits) -> None:
+    def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
         self._home = home
         away_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
         height_m = home.down_m - flight.down_m
@@ -159,7 +159,7 @@ class Return:
     def landing(self) -> bool:
         return self._land is not None
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._land:
             return self._land.target(flight, limits)
         if self._climbing:
@@ -168,7 +168,7 @@ class Return:
         home = (self._home.north_m, self._home.east_m)
         if self._waited(flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M):
             self._land = Land(flight, home, self._home.down_m)
-        return Target(
+        return FlightTarget(
             north_east_m=home,
             down_m=self._cruise_down_m,
             yaw_rad=self._yaw_home(flight),
@@ -177,24 +177,24 @@ class Return:
             descent_max_mps=limits.descent_mps,
         )
 
-    def _waited(self, flight: Flight, limits: Limits, arrived: bool) -> bool:
+    def _waited(self, flight: FlightState, limits: FlightLimits, arrived: bool) -> bool:
         """Whether it has been above home for long enough."""
         if arrived and self._arrived_ns is None:
             self._arrived_ns = flight.time_ns
         return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(limits.return_waits_s * 1e9)
 
-    def _yaw_home(self, flight: Flight) -> float | None:
+    def _yaw_home(self, flight: FlightState) -> float | None:
         """Nose towards home on the way; kept when near, where the direction has no meaning."""
         if not self._faces:
             return None
         north, east = self._home.north_m - flight.north_m, self._home.east_m - flight.east_m
         return math.atan2(east, north) if math.hypot(north, east) > 3.0 else None
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
 
-class Follow:
+class FollowSetpoints:
     """The setpoints of a companion, as last given.
 
     Where only acceleration is given (`pushes`: horizontally, vertically), its integral is the velocity flown.
@@ -202,13 +202,13 @@ class Follow:
 
     LEAD_MPS = 2.0  # so far may that integral be ahead of what the vehicle really does
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: FlightState) -> None:
         self._rest = Hold(flight)
-        self._given: Target | None = None
+        self._given: FlightTarget | None = None
         self._pushes = (False, False)
         self._pushed_mps = (0.0, 0.0, 0.0)
 
-    def give(self, target: Target, flight: Flight, pushes: tuple[bool, bool] = (False, False)) -> None:
+    def give(self, target: FlightTarget, flight: FlightState, pushes: tuple[bool, bool] = (False, False)) -> None:
         """Fly `target` from now on."""
         before, self._pushes = self._pushes, pushes
         north, east, down = self._pushed_mps
@@ -219,16 +219,16 @@ class Follow:
         self._pushed_mps = (north, east, down)
         self._given = target
 
-    def lapse(self, flight: Flight) -> None:
+    def lapse(self, flight: FlightState) -> None:
         """The companion is silent: stop and stay."""
         self._given, self._rest, self._pushes = None, Hold(flight), (False, False)
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._given is None:
             return self._rest.target(flight, limits)
         return self._pushed(self._given, flight) if any(self._pushes) else self._given
 
-    def _pushed(self, target: Target, flight: Flight) -> Target:
+    def _pushed(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
         moves = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
         most = (target.speed_max_mps, target.speed_max_mps, target.descent_max_mps)
         least = (-target.speed_max_mps, -target.speed_max_mps, -target.climb_max_mps)
@@ -243,7 +243,7 @@ class Follow:
         north, east = pushed[:2] if horizontally else given[:2]
         return replace(target, velocity_ned_mps=(north, east, pushed[2] if vertically else given[2]))
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
 
@@ -254,7 +254,7 @@ class Circle:
 
     def __init__(
         self,
-        centre: tuple[float, float],
+        centre: NorthEast,
         down_m: float,
         radius_m: float,
         speed_mps: float,  # negative: anticlockwise
@@ -264,16 +264,16 @@ class Circle:
         self._looks = looks
         self._angle_rad: float | None = None
         self._flown_mps = 0.0
-        self._height = Throttle()
+        self._height = ThrottleHeight()
 
     @classmethod
-    def around_point_ahead(cls, flight: Flight, limits: Limits) -> Circle:
+    def around_point_ahead(cls, flight: FlightState, limits: FlightLimits) -> Circle:
         """Around a point one radius ahead of the nose."""
         radius = limits.circle_radius_m
         centre = (flight.north_m + radius * math.cos(flight.yaw_rad), flight.east_m + radius * math.sin(flight.yaw_rad))
         return cls(centre, flight.down_m, radius, radius * limits.circle_radps)
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         north, east = flight.north_m - self.centre[0], flight.east_m - self.centre[1]
         if self._angle_rad is None and abs(math.hypot(north, east) - self.radius_m) > self.JOINED_M:
             angle, speed = math.atan2(east, north), 0.0
@@ -285,7 +285,7 @@ class Circle:
         cos, sin = math.cos(angle), math.sin(angle)
         inwards = -speed * speed / self.radius_m
         down, sinks = self._vertical(flight, limits)
-        return Target(
+        return FlightTarget(
             north_east_m=(self.centre[0] + self.radius_m * cos, self.centre[1] + self.radius_m * sin),
             down_m=down,
             velocity_ned_mps=(-speed * sin, speed * cos, sinks),
@@ -296,20 +296,20 @@ class Circle:
             descent_max_mps=limits.descent_mps,
         )
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
-    def _speed_up(self, flight: Flight) -> None:
+    def _speed_up(self, flight: FlightState) -> None:
         most = 1.5 * flight.step_s
         self._flown_mps += min(max(self.speed_mps - self._flown_mps, -most), most)
 
-    def _vertical(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
+    def _vertical(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
         """The radio's throttle has a say in an autopilot's own circling mode."""
         if flight.mode.stick is None or flight.sticks is None:
             return self.down_m, 0.0
         return self._height.target(flight, limits)
 
-    def _yaw_rad(self, angle: float, flight: Flight) -> float | None:
+    def _yaw_rad(self, angle: float, flight: FlightState) -> float | None:
         if self._looks == "in":
             return angle + math.pi
         if self._looks == "ahead":
@@ -317,16 +317,16 @@ class Circle:
         return None
 
 
-class Throttle:
+class ThrottleHeight:
     """Height by a throttle stick: its middle holds, above it climbs, below it sinks."""
 
     def __init__(self) -> None:
         self._held_m: float | None = None
 
-    def target(self, flight: Flight, limits: Limits) -> tuple[float | None, float]:
+    def target(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
         """Height to hold and velocity downwards."""
-        sticks, most = flight.sticks or Sticks(), limits.sticks
-        wish = beyond(sticks.throttle, most.dead)
+        sticks, most = flight.sticks or StickPositions(), limits.sticks
+        wish = beyond_dead_zone(sticks.throttle, most.dead)
         if wish == 0.0:
             if self._held_m is None:
                 self._held_m = flight.down_m + _stopping_m(flight.vd_mps)
@@ -335,36 +335,40 @@ class Throttle:
         return None, -wish * (most.climb_mps if wish > 0.0 else most.descent_mps)
 
 
-class Piloted:
+class ManualFlight:
     """Somebody's sticks."""
 
-    def __init__(self, flight: Flight, stick: Stick) -> None:
+    def __init__(self, flight: FlightState, stick: StickControl) -> None:
         self._stick = stick
-        self._height = Throttle()
-        self._place: tuple[float, float] | None = None
+        self._height = ThrottleHeight()
+        self._place: NorthEast | None = None
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
-        sticks, most = flight.sticks or Sticks(), limits.sticks
-        down, sinks = (None, 0.0) if self._stick in (Stick.RATES, Stick.ATTITUDE) else self._height.target(flight, limits)
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
+        sticks, most = flight.sticks or StickPositions(), limits.sticks
+        down, sinks = (
+            (None, 0.0) if self._stick in (StickControl.RATES, StickControl.ATTITUDE) else self._height.target(flight, limits)
+        )
         moves = self._moves(sticks, flight, limits)
-        return Target(
+        return FlightTarget(
             north_east_m=self._place,
             down_m=down,
             velocity_ned_mps=(*moves, sinks),
-            yawrate_radps=beyond(sticks.yaw, most.dead) * most.yaw_radps,
+            yawrate_radps=beyond_dead_zone(sticks.yaw, most.dead) * most.yaw_radps,
             speed_max_mps=most.speed_mps,
             climb_max_mps=most.climb_mps,
             descent_max_mps=most.descent_mps,
             attitude=self._attitude(sticks, flight, limits),
         )
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return False
 
-    def _moves(self, sticks: Sticks, flight: Flight, limits: Limits) -> tuple[float, float]:
-        if self._stick is not Stick.POSITION:
+    def _moves(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> NorthEast:
+        if self._stick is not StickControl.POSITION:
             return 0.0, 0.0
-        ahead, right = (beyond(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll))
+        ahead, right = (
+            beyond_dead_zone(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll)
+        )
         if ahead == right == 0.0:
             # On its feet it stays where it stands: going after a wandering position would turn it over.
             self._place = None if flight.on_ground else self._place or _stopping_place(flight)
@@ -373,16 +377,16 @@ class Piloted:
         cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
         return cos * ahead - sin * right, sin * ahead + cos * right
 
-    def _attitude(self, sticks: Sticks, flight: Flight, limits: Limits) -> Attitude | None:
-        if self._stick is Stick.POSITION:
+    def _attitude(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> TargetAttitude | None:
+        if self._stick is StickControl.POSITION:
             return None
         most = limits.sticks
-        thrust = None if self._stick is Stick.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
-        if self._stick is Stick.RATES:
+        thrust = None if self._stick is StickControl.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
+        if self._stick is StickControl.RATES:
             rates = (sticks.roll * most.rates_radps, -sticks.pitch * most.rates_radps, sticks.yaw * most.yaw_radps)
-            return Attitude(thrust=thrust, rates_radps=rates)
+            return TargetAttitude(thrust=thrust, rates_radps=rates)
         share = 0.0 if flight.on_ground else 1.0  # no tilting on the feet
-        return Attitude(sticks.roll * most.tilt_rad * share, -sticks.pitch * most.tilt_rad * share, thrust)
+        return TargetAttitude(sticks.roll * most.tilt_rad * share, -sticks.pitch * most.tilt_rad * share, thrust)
 
 
 class Manoeuvres:
@@ -391,14 +395,14 @@ class Manoeuvres:
     lands_from_afar = False  # a landing begins elsewhere than over its place
     passes_m, passes_height_m = 0.0, 0.0  # a waypoint counts as reached this near, if not before
 
-    def turning_radius_m(self, wanted_m: float, limits: Limits) -> float:
+    def turning_radius_m(self, wanted_m: float, limits: FlightLimits) -> float:
         """Radius of the turns that a mission wants; 0 leaves it to the vehicle."""
         return wanted_m or 10.0
 
     def hold(
         self,
-        flight: Flight,
-        north_east_m: tuple[float, float] | None = None,
+        flight: FlightState,
+        north_east_m: NorthEast | None = None,
         down_m: float | None = None,
         yaw_rad: float | None = None,
         speed_mps: float | None = None,
@@ -407,24 +411,24 @@ class Manoeuvres:
         """Stay at a place. `radius_m` is for what cannot stand still: positive clockwise, None as the parameters say."""
         return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
 
-    def takeoff(self, flight: Flight, down_m: float) -> Takeoff:
+    def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
         return Takeoff(flight, down_m)
 
-    def land(self, flight: Flight, north_east_m: tuple[float, float] | None = None, ground_down_m: float = 0.0) -> Land:
+    def land(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> Land:
         return Land(flight, north_east_m, ground_down_m)
 
-    def go_home(self, flight: Flight, home: Home, limits: Limits) -> Return:
+    def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
         return Return(flight, home, limits)
 
-    def follow(self, flight: Flight) -> Follow:
-        return Follow(flight)
+    def follow(self, flight: FlightState) -> FollowSetpoints:
+        return FollowSetpoints(flight)
 
-    def shaped(self, manoeuvre: Manoeuvre, target: Target, flight: Flight, limits: Limits) -> Target:
+    def shaped(self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         """The target of any manoeuvre in the form that this kind of aircraft can fly."""
         return target
 
 
-def beyond(stick: float, dead: float) -> float:
+def beyond_dead_zone(stick: float, dead: float) -> float:
     """A stick's share beyond its dead zone, -1 to 1."""
     return math.copysign(max(abs(stick) - dead, 0.0) / (1.0 - dead), stick)
 
@@ -438,7 +442,7 @@ def _stopping_m(speed_mps: float) -> float:
     return math.copysign(speed_mps * speed_mps / (2.0 * _STOPPING_MPS2), speed_mps)
 
 
-def _stopping_place(flight: Flight) -> tuple[float, float]:
+def _stopping_place(flight: FlightState) -> NorthEast:
     speed = math.hypot(flight.vn_mps, flight.ve_mps)
     ahead_s = speed / (2.0 * _STOPPING_MPS2) + 0.2 * min(speed, 1.0)
     return flight.north_m + flight.vn_mps * ahead_s, flight.east_m + flight.ve_mps * ahead_s

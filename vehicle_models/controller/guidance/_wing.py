@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from .._flight import Flight, Home, Target
-from .._personality import Limits, Seconds
-from ._legs import Goto, Turns
-from ._manoeuvres import Circle, Follow, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
+from .._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint
+from ._legs import GotoLeg, TurnsLeg
+from ._limits import FlightLimits, Seconds
+from ._manoeuvres import Circle, FollowSetpoints, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
 
 _LEAD_S = 2.2  # of flight, how far ahead on a line it aims: what the airframe's lateral law is made for
 _BANK_MAX_RAD = math.radians(45.0)
-Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class WingTarget(Target):
+class WingTarget(FlightTarget):
     """A target for what has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is met by climbing on the way.
 
     With a place, `radius_m` circles around it, clockwise when positive; None flies over it. Without one the direction of
@@ -29,10 +28,10 @@ class WingTarget(Target):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WingLimits(Limits):
+class WingLimits(FlightLimits):
     """Limits with what only a fixed wing has. `cruise_mps`, `speed_max_mps` are airspeeds."""
 
-    slowest_mps: float
+    min_airspeed_mps: float
     landing_mps: float
     loiter_radius_m: float  # negative: against the clock
     return_radius_m: float
@@ -43,7 +42,7 @@ class WingLimits(Limits):
     flare_sink_mps: float
 
 
-def wing_limits(limits: Limits) -> WingLimits:
+def wing_limits(limits: FlightLimits) -> WingLimits:
     """The limits of a fixed wing's personality; TypeError for those of any other."""
     if not isinstance(limits, WingLimits):
         raise TypeError("a fixed wing needs the limits of a fixed wing")
@@ -55,8 +54,8 @@ class WingHold(Hold):
 
     def __init__(
         self,
-        flight: Flight,
-        north_east_m: Place | None = None,
+        flight: FlightState,
+        north_east_m: NorthEast | None = None,
         down_m: float | None = None,
         speed_mps: float | None = None,
         radius_m: float | None = None,
@@ -66,7 +65,7 @@ class WingHold(Hold):
         self._speed_mps = speed_mps
         self._radius_m = radius_m
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         return _circle(wing_limits(limits), self._place, self._down_m, self._radius_m, self._speed_mps)
 
 
@@ -75,13 +74,13 @@ class WingTakeoff(Takeoff):
 
     REACHED_M = 1.5
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         return _climb_ahead(wing_limits(limits), self._down_m, self._yaw_rad)
 
-    def done(self, flight: Flight) -> bool:
+    def done(self, flight: FlightState) -> bool:
         return flight.down_m - self._down_m < self.REACHED_M
 
-    def hold(self, flight: Flight) -> Hold:
+    def hold(self, flight: FlightState) -> Hold:
         """Circling at the height, here."""
         return WingHold(flight, down_m=self._down_m)
 
@@ -93,13 +92,13 @@ class WingLand(Land):
     LEAD_M = 40.0  # how far ahead on the path it aims
     AIM_SHORT_S = 2.1  # of flight at landing speed: the flare floats so far
 
-    def __init__(self, flight: Flight, north_east_m: Place | None = None, ground_down_m: float = 0.0) -> None:
+    def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
         self._spot = north_east_m or (flight.north_m, flight.east_m)
         self._ground_down_m = ground_down_m
         self._course_rad, self._headwind_mps = _into_wind(flight)
         self._phase = "circle"
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         wing = wing_limits(limits)
         height_m = self._ground_down_m - flight.down_m
         along_m, _ = self._along(flight)
@@ -133,7 +132,7 @@ class WingLand(Land):
             bank_max_rad=math.radians(5.0),
         )
 
-    def _along(self, flight: Flight) -> tuple[float, float]:
+    def _along(self, flight: FlightState) -> NorthEast:
         """Where the vehicle is against the landing spot: metres along the landing course, and right of it."""
         north, east = flight.north_m - self._spot[0], flight.east_m - self._spot[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
@@ -145,13 +144,13 @@ class WingLand(Land):
     def _short_m(self, wing: WingLimits) -> float:
         return self.AIM_SHORT_S * max(wing.landing_mps - self._headwind_mps, 0.0)
 
-    def _turn_centre(self, wing: WingLimits) -> Place:
+    def _turn_centre(self, wing: WingLimits) -> NorthEast:
         """Of the clockwise circle that runs into the glide path."""
         back, aside = self._entry_m(wing), abs(wing.loiter_radius_m)
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return self._spot[0] - back * cos - aside * sin, self._spot[1] - back * sin + aside * cos
 
-    def _at_entry(self, flight: Flight, wing: WingLimits, height_m: float) -> bool:
+    def _at_entry(self, flight: FlightState, wing: WingLimits, height_m: float) -> bool:
         along_m, right_m = self._along(flight)
         course = math.atan2(flight.ve_mps, flight.vn_mps)
         aligned = abs(math.remainder(course - self._course_rad, 2.0 * math.pi)) < math.radians(25.0)
@@ -162,7 +161,7 @@ class WingLand(Land):
 class WingReturn(Return):
     """Home at the return height, down in circles over it, and (where the parameters say so) land."""
 
-    def __init__(self, flight: Flight, home: Home, limits: Limits) -> None:
+    def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
         wing = wing_limits(limits)
         self._home = home
         height_m = home.down_m - flight.down_m
@@ -171,7 +170,7 @@ class WingReturn(Return):
         self._low_ns: int | None = None
         self._land = None
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._land:
             return self._land.target(flight, limits)
         wing = wing_limits(limits)
@@ -188,18 +187,18 @@ class WingReturn(Return):
         return _circle(wing, home, down, wing.return_radius_m)
 
 
-class WingFollow(Follow):
+class WingFollowSetpoints(FollowSetpoints):
     """The setpoints of a companion: a position is circled, a velocity is a course with a climb."""
 
-    def __init__(self, flight: Flight) -> None:
+    def __init__(self, flight: FlightState) -> None:
         super().__init__(flight)
         self._rest = WingHold(flight)
 
-    def lapse(self, flight: Flight) -> None:
+    def lapse(self, flight: FlightState) -> None:
         super().lapse(flight)
         self._rest = WingHold(flight)
 
-    def target(self, flight: Flight, limits: Limits) -> Target:
+    def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         wing = wing_limits(limits)
         if self._given is None:
             return self._rest.target(flight, limits)
@@ -224,13 +223,13 @@ class WingManoeuvres(Manoeuvres):
     lands_from_afar = True
     passes_m, passes_height_m = 25.0, 10.0
 
-    def turning_radius_m(self, wanted_m: float, limits: Limits) -> float:
+    def turning_radius_m(self, wanted_m: float, limits: FlightLimits) -> float:
         return math.copysign(max(abs(wanted_m), 30.0), wanted_m) if wanted_m else wing_limits(limits).loiter_radius_m
 
     def hold(
         self,
-        flight: Flight,
-        north_east_m: Place | None = None,
+        flight: FlightState,
+        north_east_m: NorthEast | None = None,
         down_m: float | None = None,
         yaw_rad: float | None = None,
         speed_mps: float | None = None,
@@ -238,29 +237,29 @@ class WingManoeuvres(Manoeuvres):
     ) -> Hold:
         return WingHold(flight, north_east_m, down_m, speed_mps, radius_m)
 
-    def takeoff(self, flight: Flight, down_m: float) -> Takeoff:
+    def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
         return WingTakeoff(flight, down_m)
 
-    def land(self, flight: Flight, north_east_m: Place | None = None, ground_down_m: float = 0.0) -> Land:
+    def land(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> Land:
         return WingLand(flight, north_east_m, ground_down_m)
 
-    def go_home(self, flight: Flight, home: Home, limits: Limits) -> Return:
+    def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
         return WingReturn(flight, home, limits)
 
-    def follow(self, flight: Flight) -> Follow:
-        return WingFollow(flight)
+    def follow(self, flight: FlightState) -> FollowSetpoints:
+        return WingFollowSetpoints(flight)
 
-    def shaped(self, manoeuvre: Manoeuvre, target: Target, flight: Flight, limits: Limits) -> Target:
+    def shaped(self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         """Circles by their centre, climbs straight ahead; the rest is flown as it is."""
         wing = wing_limits(limits)
         if isinstance(target, WingTarget) or target.attitude:
             return target
         if isinstance(manoeuvre, Circle):
             return _circle(wing, manoeuvre.centre, manoeuvre.down_m, math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps))
-        if isinstance(manoeuvre, Turns):
+        if isinstance(manoeuvre, TurnsLeg):
             return _circle(wing, *manoeuvre.circle, manoeuvre.speed_mps)
         down = flight.down_m if target.down_m is None else target.down_m
-        if isinstance(manoeuvre, Goto):
+        if isinstance(manoeuvre, GotoLeg):
             if manoeuvre.stays_at:
                 return _circle(wing, manoeuvre.stays_at, down, None, target.speed_max_mps)
             return replace(target, north_east_m=_along(flight, *manoeuvre.line))
@@ -270,19 +269,19 @@ class WingManoeuvres(Manoeuvres):
 
 
 def _circle(
-    wing: WingLimits, place: Place, down_m: float, radius_m: float | None = None, speed_mps: float | None = None
+    wing: WingLimits, place: NorthEast, down_m: float, radius_m: float | None = None, speed_mps: float | None = None
 ) -> WingTarget:
     return WingTarget(
         north_east_m=place,
         down_m=down_m,
-        speed_max_mps=max(speed_mps or wing.cruise_mps, wing.slowest_mps),
+        speed_max_mps=max(speed_mps or wing.cruise_mps, wing.min_airspeed_mps),
         climb_max_mps=wing.climb_mps,
         descent_max_mps=wing.descent_mps,
         radius_m=radius_m or wing.loiter_radius_m,
     )
 
 
-def _along(flight: Flight, begin: Place, end: Place) -> Place:
+def _along(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
     """The point of a line to aim at: ahead of the nearest, as far as it is away where that is more, and not beyond the end."""
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
@@ -307,7 +306,7 @@ def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarg
     )
 
 
-def _into_wind(flight: Flight) -> tuple[float, float]:
+def _into_wind(flight: FlightState) -> NorthEast:
     """The course against the wind, and the wind, as airspeed and ground speed show them; in a calm the present course."""
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)

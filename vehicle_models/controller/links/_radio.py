@@ -36,7 +36,7 @@ class Channel:
         """Whether somebody listens; settled once a step, so that all of a step goes out or nothing does."""
         return self._on
 
-    def say(self, number: int, values: Iterable[Any]) -> None:
+    def send(self, number: int, values: Iterable[Any]) -> None:
         """Queue a message for everybody on this channel; values in wire order."""
         if not self._on:
             return
@@ -51,9 +51,9 @@ class Channel:
             self._waiting.append(frame)
             self._sequence = (self._sequence + 1) & 0xFF
 
-    def tell(self, name: str, **fields: Any) -> None:
+    def send_message(self, name: str, **fields: Any) -> None:
         """Queue a message given by field names."""
-        self.say(*wire_values(name, **fields))
+        self.send(*wire_values(name, **fields))
 
     def admits(self, frame: bytes) -> bool:
         """Whether what came in may be heard. From it the channel learns who is there, and which MAVLink they speak: 2,
@@ -106,7 +106,7 @@ class Radio:
         number, values = wire_values(name, **fields)
         for channel in self.channels:
             if channel.heard or not self._needs_hearing:
-                channel.say(number, values)
+                channel.send(number, values)
 
     def begin(self) -> None:
         for channel in self.channels:

@@ -1,4 +1,4 @@
-"""Missions in the air: which item is flown, what comes next, and what is said of it."""
+"""The flight of a mission: which item is flown, what comes next, and what is reported of it."""
 
 from __future__ import annotations
 
@@ -7,136 +7,159 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._flight import Behaviour, Flight
-from .._service import Command, CommandHandler, Handler, Result, Sender
+from .._flight_state import Behaviour, FlightMode, FlightState, NorthEast
+from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Stream
 from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
-from ..guidance._legs import Climb, Descend, Goto, Leg, Place, Turns, bearing
+from ..guidance._legs import ClimbLeg, DescendLeg, GotoLeg, MissionLeg, TurnsLeg, bearing
 from ..guidance._manoeuvres import Hold, Land
+from ..links._enums import MAV_CMD
 from ..payload._camera import CameraComponent
 from ..payload._gimbal import Gimbal
+from ..policies._missions import MissionPolicy
+from ..safety._fence_boundary import FenceBoundary
 from ..services._modes import Modes
+from ..telemetry._texts import INFO, StatusText
 from ._payload_items import use_payload
-from ._policy import Text
-from ._store import ABOVE_SEA, PLACELESS, Item, Plans
+from ._store import ABOVE_SEA, PLACELESS, MissionItem, StoredPlans
 
-MISSION_START, SET_CURRENT, LAND_START = 300, 224, 189
-WAYPOINT, UNLIMITED, TURNS, TIME, RETURN, LAND, TAKEOFF, TO_HEIGHT = 16, 17, 18, 19, 20, 21, 22, 31
-SPLINE, VTOL_TAKEOFF, VTOL_LAND, DELAY = 82, 84, 85, 93
-JUMP, SPEED, YAW, WAIT, LANDING_BEGINS, ROI_NONE = 177, 178, 115, 112, 189, 197
-ROI = (80, 195, 201)
-_FLOWN = frozenset({WAYPOINT, UNLIMITED, TURNS, TIME, RETURN, LAND, TAKEOFF, TO_HEIGHT, SPLINE, VTOL_TAKEOFF, VTOL_LAND, DELAY})
-_PASSED = frozenset({WAYPOINT, SPLINE})
-_MOST_JUMPS = 100  # at once: a ring of jumps without anything to fly ends the mission
-_MOST_DOS = 1000  # between two items to fly
-_DOS_A_STEP = 20
-_FARTHEST_M = 500_000.0
+_TAKEOFFS = (MAV_CMD.NAV_TAKEOFF, MAV_CMD.NAV_VTOL_TAKEOFF)
+_LANDINGS = (MAV_CMD.NAV_LAND, MAV_CMD.NAV_VTOL_LAND)
+_PASSED = frozenset({MAV_CMD.NAV_WAYPOINT, MAV_CMD.NAV_SPLINE_WAYPOINT})
+_FLOWN = _PASSED | {
+    *_TAKEOFFS,
+    *_LANDINGS,
+    MAV_CMD.NAV_LOITER_UNLIM,
+    MAV_CMD.NAV_LOITER_TURNS,
+    MAV_CMD.NAV_LOITER_TIME,
+    MAV_CMD.NAV_RETURN_TO_LAUNCH,
+    MAV_CMD.NAV_LOITER_TO_ALT,
+    MAV_CMD.NAV_DELAY,
+}
+_WITH_COURSE = (*_PASSED, MAV_CMD.NAV_LOITER_TIME, MAV_CMD.NAV_LOITER_UNLIM)  # items towards which the vehicle need not brake
+_NO_LIFTOFF = (*_TAKEOFFS, *_LANDINGS, MAV_CMD.NAV_RETURN_TO_LAUNCH, MAV_CMD.NAV_DELAY)  # flown from the ground as they are
+_ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI_LOCATION, MAV_CMD.DO_SET_ROI)
+_MAX_JUMPS = 100  # in a row: a ring of jumps without anything to fly ends the mission
+_MAX_ACTIONS = 1000  # DO and CONDITION items between two items to fly
+_ACTIONS_PER_STEP = 20
+_MAX_DISTANCE_M = 500_000.0  # of an item from the origin
 _BRAKING_MPS2 = 1.5
-NO_MISSION, NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 1, 2, 3, 4, 5  # MISSION_STATE
+_MAX_RESUMED_DISTANCE_M = 20.0  # a target farther away is not where the vehicle stays
+_NO_MISSION, _NOT_STARTED, _ACTIVE, _PAUSED, _COMPLETE = 1, 2, 3, 4, 5  # MISSION_STATE
 
 
 class MissionFlight:
-    """Flies the mission while its mode is on; MISSION_SET_CURRENT, MISSION_START and their kin.
+    """Flies the mission while its mode is active; MISSION_SET_CURRENT, MISSION_START and similar commands.
 
-    `arm` arms the vehicle and says whether it could.
+    `arm` arms the vehicle and returns whether that was allowed.
     """
 
     def __init__(
         self,
-        board: ServiceContext,
+        context: ServiceContext,
+        policy: MissionPolicy,
+        mode: FlightMode,
         modes: Modes,
         guidance: Guidance,
-        plans: Plans,
+        fence: FenceBoundary,
+        plans: StoredPlans,
         arm: Callable[[], bool],
         gimbal: Gimbal | None,
         camera: CameraComponent | None,
     ) -> None:
-        self._board, self._modes, self._guidance = board, modes, guidance
-        self._policy = board.personality.missions
+        self._context, self._modes, self._guidance = context, modes, guidance
+        self._policy = policy
+        self._mode = mode
+        self._fence = fence
         self._plan = plans.mission
         self._plans = plans
         self._arm = arm
         self._gimbal, self._camera = gimbal, camera
-        self._at = 0  # the item that is flown
-        self._leg: Leg | None = None
-        self._from: Place | None = None  # where the present leg begins; None: where the vehicle was
-        self._descends = False  # the present leg is the way to a place to land on
-        self._dos: deque[tuple[int, Item]] = deque()
+        self._index = 0  # of the item that is flown
+        self._leg: MissionLeg | None = None
+        self._from: NorthEast | None = None  # where the present leg begins; None: where the vehicle was
+        self._lands_next = False  # the present leg leads to a place to land on
+        self._actions: deque[tuple[int, MissionItem]] = deque()  # DO and CONDITION items that are due
         self._wait_ns = 0
         self._jumps: dict[int, int] = {}
         self._reached: int | None = None
-        self._say_again_ns = 0
+        self._repeat_ns = 0
         self._complete = False
         self._far = False  # an item lies where nothing can be flown
         self._started = False
-        self._cleared = False  # for leaving the ground
-        self._named = -1
-        self._over_with = False  # disarmed in the mode: nothing begins until it is entered again
+        self._may_lift_off = False
+        self._announced = -1  # item whose text was sent last
+        self._ended = False  # disarmed in the mode: nothing begins until it is entered again
         self._was_armed = False
         self._speed_mps: float | None = None
-        self._roi: Place | None = None
+        self._roi: NorthEast | None = None
         self._yaw_rad: float | None = None
         self._plan.on_change.append(self._changed)
         plans.fence.on_change.append(self._judge)
 
-    def handlers(self) -> Mapping[str, Handler]:
+    def handlers(self) -> Mapping[str, MessageHandler]:
         return {"MISSION_SET_CURRENT": self._set_current}
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        more: dict[int, CommandHandler] = {SET_CURRENT: self._set_current_command} if self._policy.set_current_command else {}
-        return {MISSION_START: self._start, LAND_START: self._land_start, **more}
+        commands: dict[int, CommandHandler] = {MAV_CMD.MISSION_START: self._start, MAV_CMD.DO_LAND_START: self._start_landing}
+        if self._policy.set_current_command:
+            commands[MAV_CMD.DO_SET_MISSION_CURRENT] = self._set_current_command
+        return commands
+
+    def streams(self) -> Mapping[str, Stream]:
+        return {"MISSION_CURRENT": self._current}
 
     def tick(self) -> None:
-        flight = self._board.flight
+        flight = self._context.flight
         if self._was_armed is not flight.armed:
             self._was_armed, self._leg = flight.armed, None
-            self._over_with = not flight.armed
+            self._ended = not flight.armed
             if not flight.armed:
                 self._disarmed()
         if flight.mode.behaviour is not Behaviour.MISSION:
-            self._leg, self._named, self._over_with = None, -1, False
+            self._leg, self._announced, self._ended = None, -1, False
         elif self._leg is None:
-            if flight.armed or (self._policy.waits_for_start and not self._over_with):
+            if flight.armed or (self._policy.waits_for_start and not self._ended):
                 self._enter(flight)
         elif flight.armed:
-            self._go_on(flight, self._leg)
+            self._continue(flight, self._leg)
 
-    def _go_on(self, flight: Flight, leg: Leg) -> None:
+    def _continue(self, flight: FlightState, leg: MissionLeg) -> None:
         if self._guidance.manoeuvre is leg.manoeuvre:  # else it is paused
             if leg.over(flight):
-                self._over(flight)
-            if self._dos:
-                self._do_due(flight)
+                self._leg_over(flight)
+            if self._actions:
+                self._run_due_actions(flight)
         self._repeat(flight)
 
-    def current(self) -> tuple[int, ...]:
+    def _current(self) -> tuple[int, ...]:
         """Values of MISSION_CURRENT in wire order."""
-        items, personality = self._plan.items, self._board.personality
+        items = self._plan.items
         first = 1 if self._policy.home_first else 0
-        total = len(items) - first if len(items) > first else personality.no_mission_total
-        in_mode = self._board.flight.mode.behaviour is Behaviour.MISSION
-        if not self._board.flight.mission_ready:
-            state = NO_MISSION
+        total = len(items) - first if len(items) > first else self._policy.total_without_mission
+        in_mode = self._context.flight.mode.behaviour is Behaviour.MISSION
+        if not self._context.flight.mission_ready:
+            state = _NO_MISSION
         elif self._complete:
-            state = COMPLETE
-        elif in_mode and self._board.flight.armed:
-            state = ACTIVE
+            state = _COMPLETE
+        elif in_mode and self._context.flight.armed:
+            state = _ACTIVE
         else:
-            state = PAUSED if self._started else NOT_STARTED
+            state = _PAUSED if self._started else _NOT_STARTED
         plans = self._plans
         identities = (plans.mission.identity, plans.fence.identity, plans.rally.identity)
-        if not self._policy.one_at_a_time:
+        if not self._policy.transfer.one_at_a_time:
             identities = (0, 0, 0)
-        return (self._at, total, state, 1 if in_mode else 2, *identities)
+        return (self._index, total, state, 1 if in_mode else 2, *identities)
 
-    # What the plan is.
+    # The plan.
 
     def _changed(self) -> None:
         marked = [number for number, item in enumerate(self._plan.items) if item.current and not self._policy.home_first]
         self._judge()
-        if self._far and self._policy.far_note:
-            self._board.texts.note(*self._policy.far_note)
-        self._forget(marked[-1] if marked else self._first)
+        if self._far and self._policy.far_event:
+            self._context.texts.notify(*self._policy.far_event)
+        self._reset(marked[-1] if marked else self._first)
 
     def _judge(self) -> None:
         """Whether the mission can be flown at all."""
@@ -146,374 +169,378 @@ class MissionFlight:
             if item.command not in _FLOWN or item.frame in PLACELESS:
                 continue
             place = None if item.nowhere else self._place(item)
-            if item.nowhere or (place and math.hypot(*place) > _FARTHEST_M):
+            if item.nowhere or (place and math.hypot(*place) > _MAX_DISTANCE_M):
                 ready, self._far = False, True
-            elif place and self._policy.outside_text and not self._board.allows(*place, self._down_m(item)):
-                severity, text = self._policy.outside_text
-                self._board.texts.say(severity, text.format(number + 1))
+            elif place and self._policy.outside_fence_text and not self._fence.allows(*place, self._down_m(item)):
+                severity, text = self._policy.outside_fence_text
+                self._context.texts.send(severity, text.format(number + 1))
                 ready = False
                 break
-        self._board.flight.mission_ready = ready
+        self._context.flight.mission_ready = ready
 
     @property
     def _first(self) -> int:
         return 1 if self._policy.home_first and len(self._plan.items) > 1 else 0
 
-    def _forget(self, at: int) -> None:
-        self._at, self._leg, self._reached, self._complete = at, None, None, False
+    def _reset(self, index: int) -> None:
+        self._index, self._leg, self._reached, self._complete = index, None, None, False
         self._jumps, self._started, self._speed_mps, self._roi, self._yaw_rad = {}, False, None, None, None
-        self._dos.clear()
+        self._actions.clear()
 
     def _disarmed(self) -> None:
-        self._cleared, self._named = False, -1
-        if self._policy.forgets_when_disarmed:
-            self._forget(self._first)
+        self._may_lift_off, self._announced = False, -1
+        if self._policy.restarts_when_disarmed:
+            self._reset(self._first)
 
-    def _place(self, item: Item) -> Place | None:
+    def _place(self, item: MissionItem) -> NorthEast | None:
         degrees = item.place_deg
         if degrees is None or (self._policy.home_first and degrees == (0.0, 0.0)):
             return None
-        return self._board.airframe.to_local_m(*degrees)
+        return self._context.airframe.to_local_m(*degrees)
 
-    def _down_m(self, item: Item) -> float:
-        flight = self._board.flight
+    def _down_m(self, item: MissionItem) -> float:
+        flight = self._context.flight
         home_m = flight.home.altitude_m if flight.home else flight.origin.altitude_m
         altitude = item.z if item.frame in ABOVE_SEA else item.z + home_m
         if not math.isfinite(altitude):
             return flight.down_m
         return flight.origin.altitude_m - min(max(altitude, -1e4), 1e5)
 
-    # Flying it.
+    # The flight.
 
-    def _enter(self, flight: Flight) -> None:
-        """The mode has just begun, or somebody chose another item."""
+    def _enter(self, flight: FlightState) -> None:
+        """Begin or resume the mission: the mode was entered, or a client chose another item."""
         if not flight.mission_ready:
-            self._fly(Goto(flight, (flight.north_m, flight.east_m), flight.down_m, self._look, 1.0, 1.0, math.inf))
+            self._fly(GotoLeg(flight, (flight.north_m, flight.east_m), flight.down_m, self._heading_towards, 1.0, 1.0, math.inf))
             return
         if self._complete:
-            self._forget(self._first)
+            self._reset(self._first)
         self._from = None
-        self._at = max(self._at, self._first)
+        self._index = max(self._index, self._first)
         self._guidance.speed_mps = self._speed_mps
         if not self._started and flight.armed:
-            self._say(self._policy.begin_text)
-        self._begin(self._at)
+            self._send(self._policy.begin_text)
+        self._begin(self._index)
 
-    def _over(self, flight: Flight) -> None:
-        if self._descends:
-            self._descends = False
-            self._fly(Descend(self._landing(flight, self._plan.items[self._at])))
+    def _leg_over(self, flight: FlightState) -> None:
+        if self._lands_next:
+            self._lands_next = False
+            self._fly(DescendLeg(self._landing(flight, self._plan.items[self._index])))
             return
-        self._arrived(self._at)
-        self._from = self._place(self._plan.items[self._at]) if self._at < len(self._plan.items) else None
-        self._begin(self._at + 1)
+        self._arrived(self._index)
+        self._from = self._place(self._plan.items[self._index]) if self._index < len(self._plan.items) else None
+        self._begin(self._index + 1)
 
-    def _begin(self, at: int) -> None:
-        """Fly the next item from `at` on that can be flown; what is to be done on the way is done beside."""
-        self._dos.clear()
+    def _begin(self, index: int) -> None:
+        """Fly the next item from `index` on that can be flown; the actions on the way are carried out meanwhile."""
+        self._actions.clear()
         self._wait_ns, self._yaw_rad, jumps = 0, None, 0
         items = self._plan.items
-        while at < len(items) and items[at].command not in _FLOWN:
-            if items[at].command == JUMP:
-                at = self._jump(at, items[at])
+        while index < len(items) and items[index].command not in _FLOWN:
+            if items[index].command == MAV_CMD.DO_JUMP:
+                index = self._jump(index, items[index])
                 jumps += 1
-                if jumps > _MOST_JUMPS:
+                if jumps > _MAX_JUMPS:
                     break
-            elif len(self._dos) >= _MOST_DOS:
-                at = len(items)
+            elif len(self._actions) >= _MAX_ACTIONS:
+                index = len(items)
             else:
-                self._dos.append((at, items[at]))
-                at += 1
-        flight = self._board.flight
-        self._do_due(flight)
-        if at >= len(items) or jumps > _MOST_JUMPS:
+                self._actions.append((index, items[index]))
+                index += 1
+        flight = self._context.flight
+        self._run_due_actions(flight)
+        if index >= len(items) or jumps > _MAX_JUMPS:
             self._finish(flight)
         else:
-            self._at = at
-            self._fly_item(flight, items[at])
+            self._index = index
+            self._fly_item(flight, items[index])
 
-    def _jump(self, at: int, item: Item) -> int:
+    def _jump(self, index: int, item: MissionItem) -> int:
         goal, times = item.params[0], item.params[1]
-        done = self._jumps.get(at, 0)
+        done = self._jumps.get(index, 0)
         leads = math.isfinite(goal) and self._first <= goal < len(self._plan.items)
         if not leads or not math.isfinite(times) or (times >= 0 and done >= times):
-            return at + 1
-        self._jumps[at] = done + 1
+            return index + 1
+        self._jumps[index] = done + 1
         return int(goal)
 
-    def _finish(self, flight: Flight) -> None:
+    def _finish(self, flight: FlightState) -> None:
         self._end("loitering" if flight.flying else "landed")
-        self._fly(Goto(flight, self._here(flight), flight.down_m, lambda *_: None, 1.0, 1.0, math.inf))
+        self._fly(GotoLeg(flight, self._here(flight), flight.down_m, lambda *_: None, 1.0, 1.0, math.inf))
 
-    def _end(self, how: str) -> None:
+    def _end(self, outcome: str) -> None:
         self._complete = True
         if self._policy.end_text:
-            self._board.texts.say(self._policy.end_text[0], self._policy.end_text[1].format(how))
+            self._context.texts.send(self._policy.end_text[0], self._policy.end_text[1].format(outcome))
 
-    def _here(self, flight: Flight) -> Place:
-        """Where the vehicle was told to be, which is where it stays."""
+    def _here(self, flight: FlightState) -> NorthEast:
+        """Where the vehicle was last sent to, which is where it stays."""
         target = flight.target.north_east_m
-        if target and math.hypot(target[0] - flight.north_m, target[1] - flight.east_m) < 20.0:
+        if target and math.hypot(target[0] - flight.north_m, target[1] - flight.east_m) < _MAX_RESUMED_DISTANCE_M:
             return target
         return flight.north_m, flight.east_m
 
-    def _fly(self, leg: Leg) -> None:
+    def _fly(self, leg: MissionLeg) -> None:
         self._leg = leg
         self._guidance.manoeuvre = leg.manoeuvre
 
-    def _fly_item(self, flight: Flight, item: Item) -> None:
+    def _fly_item(self, flight: FlightState, item: MissionItem) -> None:
         policy = self._policy
-        name = policy.name(item)
-        self._descends = False
-        if name and self._named != self._at:
-            self._named = self._at
-            self._board.texts.say(name[0], name[1].format(self._at))
-        waiting = policy.waits_for_start and not flight.flying and not self._cleared
+        text = policy.item_text(item)
+        self._lands_next = False
+        if text and self._announced != self._index:
+            self._announced = self._index
+            self._context.texts.send(text[0], text[1].format(self._index))
+        waiting = policy.waits_for_start and not flight.flying and not self._may_lift_off
         if waiting:
-            self._fly(Goto(flight, (flight.north_m, flight.east_m), flight.down_m, self._look, 1.0, 1.0, math.inf))
+            self._fly(GotoLeg(flight, (flight.north_m, flight.east_m), flight.down_m, self._heading_towards, 1.0, 1.0, math.inf))
             return
         self._started = True
-        if item.command == RETURN and policy.return_is_a_mode:
+        if item.command == MAV_CMD.NAV_RETURN_TO_LAUNCH and policy.return_changes_mode:
             self._end("loitering")
-            self._modes.to(Behaviour.RETURN)
+            self._modes.switch_to(Behaviour.RETURN)
             return
         down = self._down_m(item)
-        if not flight.flying and item.command not in (TAKEOFF, VTOL_TAKEOFF, LAND, VTOL_LAND, RETURN, DELAY):
+        if not flight.flying and item.command not in _NO_LIFTOFF:
             self._lift(flight, down)  # and then the item itself
             return
         self._fly(self._leg_of(flight, item, down))
 
-    def _lift(self, flight: Flight, down_m: float) -> None:
-        """Up to a waypoint's height before going there: the same item begins again in the air."""
-        lowest = flight.down_m - self._guidance.limits.takeoff_height_m
-        self._say_climb(flight, min(down_m, lowest))
-        self._dos.clear()
-        leg = Climb(flight, min(down_m, lowest))
-        self._fly(_Then(leg, self._again))
+    def _lift(self, flight: FlightState, down_m: float) -> None:
+        """Climb to a waypoint's height before going there; the same item begins again in the air."""
+        highest_down = flight.down_m - self._guidance.limits.takeoff_height_m
+        self._announce_climb(flight, min(down_m, highest_down))
+        self._actions.clear()
+        leg = ClimbLeg(flight, min(down_m, highest_down))
+        self._fly(_LegThen(leg, self._begin_item_again))
 
-    def _again(self) -> None:
-        self._fly_item(self._board.flight, self._plan.items[self._at])
+    def _begin_item_again(self) -> None:
+        self._fly_item(self._context.flight, self._plan.items[self._index])
 
-    def _say_climb(self, flight: Flight, down_m: float) -> None:
+    def _announce_climb(self, flight: FlightState, down_m: float) -> None:
         if self._policy.climb_text:
             severity, text = self._policy.climb_text
             home_down = flight.home.down_m if flight.home else 0.0
-            self._board.texts.say(severity, text.format(home_down - down_m))
+            self._context.texts.send(severity, text.format(home_down - down_m))
 
-    def _leg_of(self, flight: Flight, item: Item, down: float) -> Leg:
-        first, _, third, _ = (one if math.isfinite(one) else 0.0 for one in item.params)
+    def _leg_of(self, flight: FlightState, item: MissionItem, down: float) -> MissionLeg:
+        first, _, third, _ = (param if math.isfinite(param) else 0.0 for param in item.params)
         place = self._place(item) or self._here(flight)
         match item.command:
-            case 22 | 84:
-                self._say_climb(flight, down)
-                return Climb(flight, min(down, flight.down_m))
-            case 20:
+            case MAV_CMD.NAV_TAKEOFF | MAV_CMD.NAV_VTOL_TAKEOFF:
+                self._announce_climb(flight, down)
+                return ClimbLeg(flight, min(down, flight.down_m))
+            case MAV_CMD.NAV_RETURN_TO_LAUNCH:
                 return self._return(flight)
-            case 21 | 85:
-                away_m = math.hypot(place[0] - flight.north_m, place[1] - flight.east_m)
-                if self._place(item) and away_m > 1.0 and not self._guidance.manoeuvres.lands_from_afar:
-                    self._descends = True
+            case MAV_CMD.NAV_LAND | MAV_CMD.NAV_VTOL_LAND:
+                distance_m = math.hypot(place[0] - flight.north_m, place[1] - flight.east_m)
+                if self._place(item) and distance_m > 1.0 and not self._guidance.manoeuvres.lands_from_afar:
+                    self._lands_next = True
                     return self._goto(flight, item, place, flight.down_m, 0.0, radius_m=1.0)
-                return Descend(self._landing(flight, item))
-            case 93:
+                return DescendLeg(self._landing(flight, item))
+            case MAV_CMD.NAV_DELAY:
                 return self._goto(flight, item, self._here(flight), flight.down_m, max(first, 0.0), radius_m=math.inf)
-            case 17:
+            case MAV_CMD.NAV_LOITER_UNLIM:
                 return self._goto(flight, item, place, down, math.inf)
-            case 18:
+            case MAV_CMD.NAV_LOITER_TURNS:
                 radius = self._guidance.manoeuvres.turning_radius_m(third, self._guidance.limits)
-                return Turns(flight, place, down, radius, min(max(first, 0.0), 255.0), self._look, self._guidance.speed_mps)
+                return TurnsLeg(
+                    flight, place, down, radius, min(max(first, 0.0), 255.0), self._heading_towards, self._guidance.speed_mps
+                )
             case _:
-                stays = max(first, 0.0) if item.command != TO_HEIGHT else 0.0
+                stays = max(first, 0.0) if item.command != MAV_CMD.NAV_LOITER_TO_ALT else 0.0
                 aim = self._beyond(flight, place) if item.command in _PASSED and stays == 0.0 else None
                 return self._goto(flight, item, place, down, stays, aim=aim)
 
     def _goto(
         self,
-        flight: Flight,
-        item: Item,
-        place: Place,
+        flight: FlightState,
+        item: MissionItem,
+        place: NorthEast,
         down: float,
         stays_s: float,
         radius_m: float | None = None,
-        aim: Place | None = None,
-    ) -> Goto:
-        radius = radius_m or self._policy.radius_m(item, self._board.parameters)
+        aim: NorthEast | None = None,
+    ) -> GotoLeg:
+        radius = radius_m or self._policy.acceptance_radius_m(item, self._context.parameters)
         degrees = item.params[3]
-        if self._policy.item_yaw and math.isfinite(degrees) and item.command != DELAY:
+        if self._policy.items_have_heading and math.isfinite(degrees) and item.command != MAV_CMD.NAV_DELAY:
             self._yaw_rad = math.radians(math.remainder(degrees, 360.0))
-        height = math.inf if radius == math.inf else self._policy.alt_reached_m
+        height = math.inf if radius == math.inf else self._policy.acceptance_height_m
         manoeuvres = self._guidance.manoeuvres
         radius, height = max(radius, manoeuvres.passes_m), max(height, manoeuvres.passes_height_m)
-        return Goto(flight, place, down, self._look, radius, height, stays_s, aim, self._guidance.speed_mps, self._from)
+        return GotoLeg(
+            flight, place, down, self._heading_towards, radius, height, stays_s, aim, self._guidance.speed_mps, self._from
+        )
 
-    def _beyond(self, flight: Flight, place: Place) -> Place | None:
-        """A point behind a waypoint that is only passed, so far ahead as the course goes on the same way: no braking."""
-        goal = next((one for one in self._plan.items[self._at + 1 : self._at + 9] if one.command in _FLOWN), None)
-        after = self._place(goal) if goal and goal.command in (WAYPOINT, SPLINE, TIME, UNLIMITED) else None
-        if after is None:
+    def _beyond(self, flight: FlightState, place: NorthEast) -> NorthEast | None:
+        """A point behind a waypoint that is only passed, farther ahead the less the course bends: so the vehicle does not brake."""
+        goal = next((item for item in self._plan.items[self._index + 1 : self._index + 9] if item.command in _FLOWN), None)
+        next_place = self._place(goal) if goal and goal.command in _WITH_COURSE else None
+        if next_place is None:
             return None
         along = (place[0] - flight.north_m, place[1] - flight.east_m)
-        on = (after[0] - place[0], after[1] - place[1])
-        lengths = math.hypot(*along) * math.hypot(*on)
+        beyond = (next_place[0] - place[0], next_place[1] - place[1])
+        lengths = math.hypot(*along) * math.hypot(*beyond)
         if lengths < 1e-6:
             return None
-        share = max((along[0] * on[0] + along[1] * on[1]) / lengths, 0.0)
+        share = max((along[0] * beyond[0] + along[1] * beyond[1]) / lengths, 0.0)
         speed = self._guidance.speed_mps or self._guidance.limits.cruise_mps
-        ahead = min(share * share * speed * speed / _BRAKING_MPS2, math.hypot(*on)) / math.hypot(*along)
+        ahead = min(share * share * speed * speed / _BRAKING_MPS2, math.hypot(*beyond)) / math.hypot(*along)
         return place[0] + along[0] * ahead, place[1] + along[1] * ahead
 
-    def _landing(self, flight: Flight, item: Item) -> Land:
+    def _landing(self, flight: FlightState, item: MissionItem) -> Land:
         ground = flight.home.down_m if flight.home else 0.0
         return self._guidance.manoeuvres.land(flight, self._place(item), ground)
 
-    def _return(self, flight: Flight) -> Leg:
-        refuge = self._guidance.refuge(flight) or flight.origin
-        return Descend(self._guidance.manoeuvres.go_home(flight, refuge, self._guidance.limits))
+    def _return(self, flight: FlightState) -> MissionLeg:
+        return_point = self._guidance.return_point(flight) or flight.origin
+        return DescendLeg(self._guidance.manoeuvres.go_home(flight, return_point, self._guidance.limits))
 
-    def _look(self, flight: Flight, place: Place) -> float | None:
+    def _heading_towards(self, flight: FlightState, place: NorthEast) -> float | None:
         if self._roi:
             return bearing(flight, self._roi)
         return self._yaw_rad if self._yaw_rad is not None else bearing(flight, place)
 
-    # What is done beside flying.
+    # DO and CONDITION items.
 
-    def _do_due(self, flight: Flight) -> None:
-        left = _DOS_A_STEP
-        while self._dos and left and flight.time_ns >= self._wait_ns:
-            left -= 1
-            number, item = self._dos.popleft()
-            name = self._policy.name(item)
-            if name:
-                self._board.texts.say(name[0], name[1].format(number))
-            self._do(flight, item)
+    def _run_due_actions(self, flight: FlightState) -> None:
+        remaining = _ACTIONS_PER_STEP
+        while self._actions and remaining and flight.time_ns >= self._wait_ns:
+            remaining -= 1
+            number, item = self._actions.popleft()
+            text = self._policy.item_text(item)
+            if text:
+                self._context.texts.send(text[0], text[1].format(number))
+            self._run_action(flight, item)
             if not self._policy.reached_counts_next:
                 self._arrived(number)
 
-    def _do(self, flight: Flight, item: Item) -> None:
+    def _run_action(self, flight: FlightState, item: MissionItem) -> None:
         first, second = item.params[:2]
-        if item.command == SPEED:
+        if item.command == MAV_CMD.DO_CHANGE_SPEED:
             self._change_speed(item, first, second)
-        elif item.command == WAIT and math.isfinite(first) and self._policy.home_first:
+        elif item.command == MAV_CMD.CONDITION_DELAY and math.isfinite(first) and self._policy.home_first:
             self._wait_ns = flight.time_ns + round(min(max(first, 0.0), 1e6) * 1e9)
-        elif item.command == YAW and math.isfinite(first):
+        elif item.command == MAV_CMD.CONDITION_YAW and math.isfinite(first):
             turn = math.radians(first)
             relative = item.params[3] == 1.0
             self._yaw_rad = flight.yaw_rad + math.copysign(turn, item.params[2] or 1.0) if relative else turn
-        elif item.command == ROI_NONE:
-            self._regard(None, flight.down_m)
-        elif item.command in ROI:
-            self._regard(self._place(item) if item.frame not in PLACELESS else None, self._down_m(item))
+        elif item.command == MAV_CMD.DO_SET_ROI_NONE:
+            self._look_at(None, flight.down_m)
+        elif item.command in _ROI:
+            self._look_at(self._place(item) if item.frame not in PLACELESS else None, self._down_m(item))
         else:
             use_payload(self._gimbal, self._camera, item)
 
-    def _regard(self, place: Place | None, down_m: float) -> None:
-        """A region of interest: the gimbal points at it, or the nose where there is no gimbal."""
+    def _look_at(self, place: NorthEast | None, down_m: float) -> None:
+        """Point the gimbal at a region of interest, or the nose where there is no gimbal; None ends it."""
         gimbal = self._gimbal
         if gimbal is None:
             self._roi = place
         elif place is None:
-            gimbal.forget()
+            gimbal.release()
         else:
             gimbal.look_at(*place, down_m)
 
-    def _change_speed(self, item: Item, kind: float, speed: float) -> None:
+    def _change_speed(self, item: MissionItem, kind: float, speed: float) -> None:
         if kind in (0.0, 1.0) and math.isfinite(speed):
             self._speed_mps = min(speed, self._guidance.limits.speed_max_mps) if speed > 0.0 else None
             manoeuvre = self._guidance.manoeuvre
             self._guidance.speed_mps = self._speed_mps
             if self._speed_mps and isinstance(manoeuvre, Hold):
                 manoeuvre.change_speed(self._speed_mps)
-        if self._policy.tells_speed:
-            one, two, three, four = item.params
-            fields = {"param1": one, "param2": two, "param3": three, "param4": four}
-            self._board.radio.broadcast("COMMAND_LONG", command=SPEED, target_system=1, target_component=0, **fields)
+        if self._policy.broadcasts_speed:
+            fields = {f"param{number}": param for number, param in enumerate(item.params, start=1)}
+            self._context.radio.broadcast(
+                "COMMAND_LONG", command=MAV_CMD.DO_CHANGE_SPEED, target_system=1, target_component=0, **fields
+            )
 
     def _arrived(self, number: int) -> None:
         items, policy = self._plan.items, self._policy
         if policy.reached_counts_next:
             if items[number].command in _PASSED:
-                self._board.texts.say(6, f"Reached command #{number}")
+                self._context.texts.send(INFO, f"Reached command #{number}")
             if number + 1 < len(items) and items[number + 1].command not in _FLOWN:
                 number += 1
         self._reached = number
-        self._board.radio.broadcast("MISSION_ITEM_REACHED", seq=number)
-        if policy.reached_again_s:
-            self._say_again_ns = self._board.flight.time_ns + round(policy.reached_again_s * 1e9)
+        self._context.radio.broadcast("MISSION_ITEM_REACHED", seq=number)
+        if policy.reached_repeat_s:
+            self._repeat_ns = self._context.flight.time_ns + round(policy.reached_repeat_s * 1e9)
 
-    def _repeat(self, flight: Flight) -> None:
-        again_s = self._policy.reached_again_s
-        if again_s and self._reached is not None and flight.time_ns >= self._say_again_ns:
-            self._say_again_ns += round(again_s * 1e9)
-            self._board.radio.broadcast("MISSION_ITEM_REACHED", seq=self._reached)
+    def _repeat(self, flight: FlightState) -> None:
+        repeat_s = self._policy.reached_repeat_s
+        if repeat_s and self._reached is not None and flight.time_ns >= self._repeat_ns:
+            self._repeat_ns += round(repeat_s * 1e9)
+            self._context.radio.broadcast("MISSION_ITEM_REACHED", seq=self._reached)
 
-    def _say(self, text: Text | None) -> None:
+    def _send(self, text: StatusText | None) -> None:
         if text:
-            self._board.texts.say(*text)
+            self._context.texts.send(*text)
 
-    # What clients ask.
+    # Requests of clients.
 
     def _choose(self, number: int) -> bool:
         if not self._first <= number < len(self._plan.items) and not (self._policy.home_first and number == 0):
             return False
         started = self._started
-        self._forget(max(number, self._first))
+        self._reset(max(number, self._first))
         self._started = started
         return True
 
-    def _set_current(self, m: Any, sender: Sender) -> None:
+    def _set_current(self, m: Any, sender: MessageSender) -> None:
         if m.seq < len(self._plan.items) and self._choose(m.seq):
             names = ("seq", "total", "mission_state", "mission_mode", "mission_id", "fence_id", "rally_points_id")
-            sender.channel.tell("MISSION_CURRENT", **dict(zip(names, self.current(), strict=True)))
+            sender.channel.send_message("MISSION_CURRENT", **dict(zip(names, self._current(), strict=True)))
         else:
-            self._say(self._policy.no_such_item_text)
+            self._send(self._policy.no_such_item_text)
 
-    def _set_current_command(self, command: Command) -> Result | None:
-        number, again = command.params[:2]
-        if again == 1.0:
+    def _set_current_command(self, command: Command) -> CommandResult | None:
+        number, reset_jumps = command.params[:2]
+        if reset_jumps == 1.0:
             self._jumps.clear()
         if number == -1.0:
-            return Result.ACCEPTED
-        known = math.isfinite(number) and 0.0 <= number < len(self._plan.items) and self._choose(int(number))
-        return Result.ACCEPTED if known else Result.DENIED
+            return CommandResult.ACCEPTED
+        valid = math.isfinite(number) and 0.0 <= number < len(self._plan.items) and self._choose(int(number))
+        return CommandResult.ACCEPTED if valid else CommandResult.DENIED
 
-    def _start(self, command: Command) -> Result | None:
-        flight, policy = self._board.flight, self._policy
-        if not flight.mission_ready and not (policy.starts_anywhere and not flight.armed):
-            self._say(policy.start_text)
-            mode = self._board.personality.mode(policy.mode)
-            if policy.start_text is None:
-                self._modes.ask(mode.custom)  # says why not
-                return Result.FAILED
-            return Result.DENIED
+    def _start(self, command: Command) -> CommandResult | None:
+        flight, policy = self._context.flight, self._policy
+        if not flight.mission_ready and not (policy.starts_without_mission and not flight.armed):
+            self._send(policy.start_refused_text)
+            if policy.start_refused_text is None:
+                self._modes.request(self._mode.custom)  # which sends the reason
+                return CommandResult.FAILED
+            return CommandResult.DENIED
         first = command.params[0]
         if math.isfinite(first) and first > 0.0 and not policy.home_first:
             self._choose(int(min(first, 65535.0)))
-        self._modes.switch(self._board.personality.mode(policy.mode))
+        self._modes.switch(self._mode)
         if policy.arms_at_start and not flight.armed and not self._arm():
-            return Result.TEMPORARILY_REJECTED
+            return CommandResult.TEMPORARILY_REJECTED
         if flight.armed:
-            self._cleared, self._leg = True, None
-        return Result.ACCEPTED
+            self._may_lift_off, self._leg = True, None
+        return CommandResult.ACCEPTED
 
-    def _land_start(self, command: Command) -> Result | None:
-        marks = [number for number, item in enumerate(self._plan.items) if item.command == LANDING_BEGINS]
-        if not marks or not self._board.flight.mission_ready:
+    def _start_landing(self, command: Command) -> CommandResult | None:
+        starts = [number for number, item in enumerate(self._plan.items) if item.command == MAV_CMD.DO_LAND_START]
+        if not starts or not self._context.flight.mission_ready:
             for text in self._policy.no_landing_texts:
-                self._board.texts.say(*text)
-            return Result.FAILED if self._policy.home_first else Result.CANCELLED
-        self._choose(marks[0])
-        self._modes.switch(self._board.personality.mode(self._policy.mode))
-        return Result.ACCEPTED
+                self._context.texts.send(*text)
+            return CommandResult.FAILED if self._policy.home_first else CommandResult.CANCELLED
+        self._choose(starts[0])
+        self._modes.switch(self._mode)
+        return CommandResult.ACCEPTED
 
 
-class _Then:
-    """A leg, and behind it something else than the next item."""
+class _LegThen:
+    """A leg that is followed by something else than the next item."""
 
-    def __init__(self, leg: Climb, then: Callable[[], None]) -> None:
+    def __init__(self, leg: ClimbLeg, then: Callable[[], None]) -> None:
         self.manoeuvre = leg.manoeuvre
         self._leg, self._then = leg, then
 
-    def over(self, flight: Flight) -> bool:
+    def over(self, flight: FlightState) -> bool:
         if self._leg.over(flight):
             self._then()
         return False

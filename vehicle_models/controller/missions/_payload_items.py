@@ -1,48 +1,45 @@
-"""What a mission does with what the vehicle carries: its gimbal and its camera."""
+"""Mission items for the gimbal and the camera."""
 
 from __future__ import annotations
 
 import math
 
+from ..links._enums import MAV_CMD, MAV_MOUNT_MODE
 from ..payload._camera import CameraComponent
 from ..payload._gimbal import KNOWN_FLAGS, NEUTRAL, Gimbal
-from ._store import Item
-
-MOUNT_CONTROL, PITCH_YAW = 205, 1000
-START_CAPTURE, STOP_CAPTURE, DIGICAM_CONTROL, TRIGGER_DISTANCE = 2000, 2001, 203, 206
-_NEUTRAL_MODE = 1.0  # MAV_MOUNT_MODE
+from ._store import MissionItem
 
 
-def use_payload(gimbal: Gimbal | None, camera: CameraComponent | None, item: Item) -> None:
-    """Carry out an item for the gimbal or the camera where the vehicle has it; any other is passed over.
+def use_payload(gimbal: Gimbal | None, camera: CameraComponent | None, item: MissionItem) -> None:
+    """Carry out an item for the gimbal or the camera where the vehicle has it; ignore any other.
 
-    A mission turns the gimbal whoever is in control of it.
+    A mission turns the gimbal regardless of who has control of it.
     """
     if gimbal:
-        _turn(gimbal, item)
+        _turn_gimbal(gimbal, item)
     if camera:
-        _take(camera, item)
+        _command_camera(camera, item)
 
 
-def _turn(gimbal: Gimbal, item: Item) -> None:
-    if item.command == PITCH_YAW:
+def _turn_gimbal(gimbal: Gimbal, item: MissionItem) -> None:
+    if item.command == MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW:
         flags = item.x if 0 <= item.x <= KNOWN_FLAGS else 0
-        pitch, yaw, pitch_rate, yaw_rate = (math.radians(one) for one in item.params)
+        pitch, yaw, pitch_rate, yaw_rate = (math.radians(angle) for angle in item.params)
         gimbal.turn(flags, pitch, yaw, pitch_rate, yaw_rate)
-    elif item.command == MOUNT_CONTROL:
-        pitch, _, yaw, _ = (math.radians(one) for one in item.params)
-        gimbal.turn(NEUTRAL if item.z == _NEUTRAL_MODE else 0, pitch, yaw, math.nan, math.nan)
+    elif item.command == MAV_CMD.DO_MOUNT_CONTROL:
+        pitch, _, yaw, _ = (math.radians(angle) for angle in item.params)
+        gimbal.turn(NEUTRAL if item.z == MAV_MOUNT_MODE.NEUTRAL else 0, pitch, yaw, math.nan, math.nan)
 
 
-def _take(camera: CameraComponent, item: Item) -> None:
+def _command_camera(camera: CameraComponent, item: MissionItem) -> None:
     first, second, third, fourth = item.params
-    if item.command == START_CAPTURE:
+    if item.command == MAV_CMD.IMAGE_START_CAPTURE:
         camera.start(second, third, fourth)
-    elif item.command == STOP_CAPTURE:
+    elif item.command == MAV_CMD.IMAGE_STOP_CAPTURE:
         camera.stop()
-    elif item.command == DIGICAM_CONTROL and item.x:  # its fifth parameter: shoot
+    elif item.command == MAV_CMD.DO_DIGICAM_CONTROL and item.x:  # its fifth parameter: shoot
         camera.shoot()
-    elif item.command == TRIGGER_DISTANCE:
+    elif item.command == MAV_CMD.DO_SET_CAM_TRIGG_DIST:
         camera.every(first)
         if third == 1.0:
             camera.shoot()

@@ -1,4 +1,4 @@
-"""Plans as they are stored: missions, fences and rally points, and what their items say."""
+"""Plans as they are stored: missions, fences and rally points."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ..links._enums import MAV_FRAME
+
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
-ABOVE_SEA, ABOVE_HOME, PLACELESS, ABOVE_GROUND = frozenset({0, 5}), frozenset({3, 6}), frozenset({2}), frozenset({10, 11})
+# Frames of items by what their height is measured from; MAV_FRAME_MISSION is for items without a place.
+ABOVE_SEA = frozenset({MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT})
+ABOVE_HOME = frozenset({MAV_FRAME.GLOBAL_RELATIVE_ALT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT})
+ABOVE_GROUND = frozenset({MAV_FRAME.GLOBAL_TERRAIN_ALT, MAV_FRAME.GLOBAL_TERRAIN_ALT_INT})
+PLACELESS = frozenset({MAV_FRAME.MISSION})
 _ITEM = struct.Struct("<HBBfffffii")
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
-    """One item. `x` and `y` are 1e-7 degree of latitude and longitude in global frames; `z` metres in the frame's sense."""
+class MissionItem:
+    """One item of a plan. `x` and `y` are 1e-7 degree of latitude and longitude in global frames; `z` metres in the frame's sense."""
 
     command: int
     frame: int
@@ -34,36 +40,36 @@ class Item:
 
     @property
     def nowhere(self) -> bool:
-        """Whether the item names a place, and one that is not on Earth."""
+        """Whether the item names a place that is not on Earth."""
         return self.frame not in PLACELESS and self.place_deg is None
 
 
 @dataclass(slots=True)
-class Plan:
+class StoredPlan:
     """The items of one kind. `identity` is a checksum over them: equal plans, equal identity; 0 for none."""
 
-    items: tuple[Item, ...] = ()
+    items: tuple[MissionItem, ...] = ()
     identity: int = 0
     on_change: list[Callable[[], None]] = field(default_factory=list)
 
-    def put(self, items: tuple[Item, ...]) -> None:
+    def put(self, items: tuple[MissionItem, ...]) -> None:
         self.items = items
         self.identity = identity_of(items)
         for listener in self.on_change:
             listener()
 
 
-class Plans:
+class StoredPlans:
     """The three plans of a vehicle, by MAV_MISSION_TYPE."""
 
     def __init__(self) -> None:
-        self.mission, self.fence, self.rally = Plan(), Plan(), Plan()
+        self.mission, self.fence, self.rally = StoredPlan(), StoredPlan(), StoredPlan()
         self.by_type = {MISSION: self.mission, FENCE: self.fence, RALLY: self.rally}
 
 
-def identity_of(items: tuple[Item, ...]) -> int:
+def identity_of(items: tuple[MissionItem, ...]) -> int:
     """CRC-32 over the items in order."""
     crc = 0
-    for one in items:
-        crc = zlib.crc32(_ITEM.pack(one.command, one.frame, one.autocontinue, *one.params, one.z, one.x, one.y), crc)
+    for item in items:
+        crc = zlib.crc32(_ITEM.pack(item.command, item.frame, item.autocontinue, *item.params, item.z, item.x, item.y), crc)
     return crc

@@ -7,7 +7,6 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from bench.errors import Fault, SetupError
 
@@ -32,36 +31,6 @@ class Parameter:
     description: str = ""
     volatile: bool = False
     needs_reboot: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Push:
-    """A parameter that is sent unasked at `first_s`, and every `every_s` after that. `clock` counts running seconds."""
-
-    name: str
-    first_s: float
-    every_s: float | None = None
-    clock: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterStyle:
-    """How an autopilot speaks of its parameters.
-
-    `bytewise` puts an integer's bits into the float field; `hash_first` begins a list with _HASH_CHECK; `unknown`
-    says whether an unknown name is answered by PARAM_ERROR or by silence; `index_in_replies` False gives 65535 instead
-    of the index when asked by name; `any_case` finds names in any case and repeats the spelling asked for;
-    `changes_twice` reports a changed value once more to everybody.
-    """
-
-    bytewise: bool
-    hash_first: bool
-    unknown: Literal["error", "silence"]
-    index_in_replies: bool
-    any_case: bool
-    changes_twice: bool
-    checks_type: bool
-    pushes: tuple[Push, ...] = ()
 
 
 class ParameterStore:

@@ -1,7 +1,7 @@
-"""A camera on the vehicle's links, a component of its own: what it is, and pictures taken when they are asked for.
+"""A camera on the vehicle's links, a component of its own: its properties, and pictures on command.
 
-A picture is the next frame that the scene exposes; CAMERA_IMAGE_CAPTURED says which in its `file_url`. There are no
-pixels, so there is no storage, no video and no stream of one, and the camera says so.
+A picture is the next frame that the scene exposes; CAMERA_IMAGE_CAPTURED names it in its `file_url`. There are no
+pixels, so there is no storage and no video, as the camera reports.
 """
 
 from __future__ import annotations
@@ -13,30 +13,48 @@ from typing import Any
 
 from bench.simspec import Camera as CameraSpec
 
-from .._service import Result, Sender
+from .._flight_state import NorthEast
+from .._service import CommandResult, Fields, MessageSender
 from .._service_context import ServiceContext
-from ..links._frames import Packer, wire_values
+from ..links._enums import MAV_AUTOPILOT, MAV_CMD, MAV_STATE, MAV_TYPE
+from ..links._frames import KINDS, Packer, wire_values
 from ..links._radio import Channel
-from ..telemetry._telemetry import quaternion
+from ..telemetry._attitude import quaternion
 from ._gimbal import DEVICE, level_quaternion
 
-COMPONENT = 100
-REQUEST_MESSAGE = 512
-START_CAPTURE, STOP_CAPTURE = 2000, 2001
-SET_MODE, RESET_SETTINGS = 530, 529
-REFUSED = (526, 531, 532, 2500, 2501, 2502, 2503)  # storage, zoom, focus, video: known, and not to be had
-_OLD_REQUESTS = {521: 259, 522: 260, 525: 261, 527: 262}
-_TAKES_IMAGES = 2
-_KEPT = 1000  # pictures that can still be asked for
+COMPONENT = 100  # MAV_COMP_ID_CAMERA
+# Storage, zoom, focus and video: known to cameras, and denied by this one.
+_DENIED = (
+    MAV_CMD.STORAGE_FORMAT,
+    MAV_CMD.SET_CAMERA_ZOOM,
+    MAV_CMD.SET_CAMERA_FOCUS,
+    MAV_CMD.VIDEO_START_CAPTURE,
+    MAV_CMD.VIDEO_STOP_CAPTURE,
+    MAV_CMD.VIDEO_START_STREAMING,
+    MAV_CMD.VIDEO_STOP_STREAMING,
+)
+# The commands that were replaced by MAV_CMD_REQUEST_MESSAGE, and the messages that they request.
+_OLD_REQUESTS: dict[int, str] = {
+    MAV_CMD.REQUEST_CAMERA_INFORMATION: "CAMERA_INFORMATION",
+    MAV_CMD.REQUEST_CAMERA_SETTINGS: "CAMERA_SETTINGS",
+    MAV_CMD.REQUEST_STORAGE_INFORMATION: "STORAGE_INFORMATION",
+    MAV_CMD.REQUEST_CAMERA_CAPTURE_STATUS: "CAMERA_CAPTURE_STATUS",
+}
+_CAPTURES_IMAGES = 2  # CAMERA_CAP_FLAGS
+_IMAGE_MODE = 0
+_STORED = 1000  # pictures that can still be requested
+_NO_STORAGE = 3  # STORAGE_STATUS_NOT_SUPPORTED
+_MAX_INTERVAL_S = 3600.0
 _SENSOR_WIDTH_MM = 6.4  # of a 1/2" sensor; only its ratio to the focal length means anything here
 _SECOND_NS = 1_000_000_000
+_NAMES = {kind.id: name for name, kind in KINDS.items()}
 
 
 @dataclass(slots=True)
 class _Series:
-    """Pictures still to be taken: how many (None: until stopped), how far apart, when the next is due."""
+    """Pictures still to be taken: how many (None: until stopped), their interval, when the next is due."""
 
-    left: int | None
+    remaining: int | None
     interval_ns: int
     due_ns: int | None = None  # at once
 
@@ -44,60 +62,66 @@ class _Series:
 class CameraComponent:
     """Answers commands for component 100, acknowledges them itself, and beats once a second."""
 
-    def __init__(self, board: ServiceContext, spec: CameraSpec, system: int) -> None:
-        self._board = board
+    def __init__(self, context: ServiceContext, spec: CameraSpec, system: int) -> None:
+        self._context = context
         self._spec = spec
         self._packer = Packer(system, COMPONENT)
-        self._sequences = {channel.name: 0 for channel in board.radio.channels}
+        self._sequences = {channel.name: 0 for channel in context.radio.channels}
         self._beat_ns = _SECOND_NS
         self._series: _Series | None = None
-        self._wanted = False  # a picture beside those of the series
-        self._apart_m: float | None = None
-        self._taken_at = (0.0, 0.0)
+        self._single_due = False  # a picture beside those of the series
+        self._distance_m: float | None = None
+        self._last_place: NorthEast = (0.0, 0.0)
         self._last_sequence = 0  # of single pictures, so that a repeated command takes none twice
         self._count = 0
-        self._images: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._images: deque[Fields] = deque(maxlen=_STORED)
         self._messages = {
-            259: ("CAMERA_INFORMATION", self._information),
-            260: ("CAMERA_SETTINGS", self._settings),
-            261: ("STORAGE_INFORMATION", self._storage),
-            262: ("CAMERA_CAPTURE_STATUS", self._capture_status),
+            "CAMERA_INFORMATION": self._information,
+            "CAMERA_SETTINGS": self._settings,
+            "STORAGE_INFORMATION": self._storage,
+            "CAMERA_CAPTURE_STATUS": self._capture_status,
         }
 
-    def takes(self, message: Any, system: int) -> bool:
+    def is_addressed(self, message: Any, system: int) -> bool:
         """Whether a message is for this component alone."""
         return getattr(message, "target_component", 0) == COMPONENT and message.target_system in (0, system)
 
-    def hear(self, message: Any, sender: Sender) -> None:
-        """A message for this component; anything but a command has no meaning to it."""
+    def handle(self, message: Any, sender: MessageSender) -> None:
+        """Take a message for this component; anything but a command is ignored."""
         if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
             return
         result = self._run(message, sender)
         fields = {"command": message.command, "result": result}
-        self._tell(sender.channel, "COMMAND_ACK", **fields, target_system=sender.system, target_component=sender.component)
+        self._send(sender.channel, "COMMAND_ACK", **fields, target_system=sender.system, target_component=sender.component)
 
     def tick(self) -> None:
-        flight = self._board.flight
+        flight = self._context.flight
         if flight.time_ns >= self._beat_ns:
             self._beat_ns += _SECOND_NS
-            self._broadcast("HEARTBEAT", type=30, autopilot=8, system_status=4, mavlink_version=3)
-        if self._apart_m is not None and math.dist(self._place(), self._taken_at) >= self._apart_m:
-            self._taken_at = self._place()
+            self._broadcast(
+                "HEARTBEAT",
+                type=MAV_TYPE.CAMERA,
+                autopilot=MAV_AUTOPILOT.INVALID,
+                system_status=MAV_STATE.ACTIVE,
+                mavlink_version=3,
+            )
+        if self._distance_m is not None and math.dist(self._place(), self._last_place) >= self._distance_m:
+            self._last_place = self._place()
             self.shoot()
 
     def record_exposure(self, frame: int) -> None:
         """The scene has exposed a frame: a picture, when one is due."""
-        series, now = self._series, self._board.flight.time_ns
+        series, now = self._series, self._context.flight.time_ns
         due = series is not None and (series.due_ns is None or now >= series.due_ns)
         if series is not None and due:
             series.due_ns = (now if series.due_ns is None else series.due_ns) + series.interval_ns
-            if series.left is not None:
-                series.left -= 1
-                if series.left <= 0:
+            if series.remaining is not None:
+                series.remaining -= 1
+                if series.remaining <= 0:
                     self._series = None
-        elif not self._wanted:
+        elif not self._single_due:
             return
-        self._wanted = False  # one frame serves all who wait for one
+        self._single_due = False  # one frame serves the series and the single picture
         image = self._image(frame)
         self._images.append(image)
         self._count += 1
@@ -105,33 +129,34 @@ class CameraComponent:
         if due and self._series is None:
             self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
 
-    def _run(self, m: Any, sender: Sender) -> Result:
+    def _run(self, m: Any, sender: MessageSender) -> CommandResult:
         number = m.command
-        if number == REQUEST_MESSAGE or number in _OLD_REQUESTS:
-            return self._request(_OLD_REQUESTS.get(number, m.param1), m.param2, sender.channel)
-        if number == START_CAPTURE:
+        if number in _OLD_REQUESTS:
+            return self._request(_OLD_REQUESTS[number], m.param2, sender.channel)
+        if number == MAV_CMD.REQUEST_MESSAGE:
+            return self._request(_NAMES.get(m.param1, ""), m.param2, sender.channel)
+        if number == MAV_CMD.IMAGE_START_CAPTURE:
             return self.start(m.param2, m.param3, m.param4)
-        if number == STOP_CAPTURE:
+        if number == MAV_CMD.IMAGE_STOP_CAPTURE:
             self.stop()
-            return Result.ACCEPTED
-        if number == SET_MODE:
-            return Result.ACCEPTED if m.param2 == 0 else Result.DENIED  # pictures are the one mode
-        if number == RESET_SETTINGS:
-            return Result.ACCEPTED
-        return Result.DENIED if number in REFUSED else Result.UNSUPPORTED
+            return CommandResult.ACCEPTED
+        if number == MAV_CMD.SET_CAMERA_MODE:
+            return CommandResult.ACCEPTED if m.param2 == _IMAGE_MODE else CommandResult.DENIED
+        if number == MAV_CMD.RESET_CAMERA_SETTINGS:
+            return CommandResult.ACCEPTED
+        return CommandResult.DENIED if number in _DENIED else CommandResult.UNSUPPORTED
 
-    def _request(self, number: float, index: float, channel: Channel) -> Result:
-        if number == 263:
-            found = [one for one in self._images if one["image_index"] == index]
-            if not found:
-                return Result.DENIED
-            self._tell(channel, "CAMERA_IMAGE_CAPTURED", **found[0])
-            return Result.ACCEPTED
-        if number not in self._messages:
-            return Result.UNSUPPORTED
-        name, fields = self._messages[int(number)]
-        self._tell(channel, name, **fields())
-        return Result.ACCEPTED
+    def _request(self, name: str, index: float, channel: Channel) -> CommandResult:
+        if name == "CAMERA_IMAGE_CAPTURED":
+            image = next((image for image in self._images if image["image_index"] == index), None)
+            if image is None:
+                return CommandResult.DENIED
+            self._send(channel, name, **image)
+            return CommandResult.ACCEPTED
+        if name not in self._messages:
+            return CommandResult.UNSUPPORTED
+        self._send(channel, name, **self._messages[name]())
+        return CommandResult.ACCEPTED
 
     def stop(self) -> None:
         """End a series of pictures."""
@@ -139,34 +164,34 @@ class CameraComponent:
         self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
 
     def shoot(self) -> None:
-        """One picture more, beside any series."""
-        self._wanted = True
+        """Take one more picture, beside any series."""
+        self._single_due = True
 
     def every(self, distance_m: float) -> None:
-        """A picture each so many metres from here on; 0 for no more."""
-        self._apart_m = distance_m if 0.0 < distance_m < math.inf else None
-        self._taken_at = self._place()
+        """Take a picture every so many metres from here on; 0 ends that."""
+        self._distance_m = distance_m if 0.0 < distance_m < math.inf else None
+        self._last_place = self._place()
 
-    def _place(self) -> tuple[float, float]:
-        return self._board.flight.north_m, self._board.flight.east_m
+    def _place(self) -> NorthEast:
+        return self._context.flight.north_m, self._context.flight.east_m
 
-    def start(self, interval_s: float, count: float, sequence: float) -> Result:
-        """So many pictures (0: until stopped), so far apart; a single one is taken once for each `sequence` above 0."""
-        if not (0.0 <= interval_s <= 3600.0 and 0 <= count < 2**24):
-            return Result.DENIED
+    def start(self, interval_s: float, count: float, sequence: float) -> CommandResult:
+        """Take `count` pictures (0: until stopped) at an interval; a single picture once for each `sequence` above 0."""
+        if not (0.0 <= interval_s <= _MAX_INTERVAL_S and 0 <= count < 2**24):
+            return CommandResult.DENIED
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
-            return Result.ACCEPTED
+            return CommandResult.ACCEPTED
         if self._series is not None:
-            return Result.TEMPORARILY_REJECTED
+            return CommandResult.TEMPORARILY_REJECTED
         if count == 1:
             self._last_sequence = int(sequence) if 0 < sequence < 2**24 else 0
         self._series = _Series(int(count) or None, round(interval_s * 1e9))
         self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
-        return Result.ACCEPTED
+        return CommandResult.ACCEPTED
 
-    def _image(self, frame: int) -> dict[str, Any]:
-        """CAMERA_IMAGE_CAPTURED of the present moment: where the vehicle believes to be, and where the camera looks."""
-        flight, spec = self._board.flight, self._spec
+    def _image(self, frame: int) -> Fields:
+        """CAMERA_IMAGE_CAPTURED: the estimated position, and the direction of the camera."""
+        flight, spec = self._context.flight, self._spec
         if flight.camera_tilt_rad is not None:
             attitude = level_quaternion(-flight.camera_tilt_rad, flight.yaw_rad + (flight.camera_pan_rad or 0.0))
         elif spec.stabilized:
@@ -187,11 +212,11 @@ class CameraComponent:
             "file_url": f"rebar:frame/{frame}".encode(),
         }
 
-    def _information(self) -> dict[str, Any]:
+    def _information(self) -> Fields:
         spec = self._spec
         focal_mm = _SENSOR_WIDTH_MM / 2.0 / math.tan(math.radians(spec.horizontal_fov_deg) / 2.0)
         return {
-            "time_boot_ms": self._board.flight.time_ms,
+            "time_boot_ms": self._context.flight.time_ms,
             "vendor_name": list(b"REBAR"),
             "model_name": list(spec.name.encode()[:31]),
             "firmware_version": 1,
@@ -200,37 +225,36 @@ class CameraComponent:
             "sensor_size_v": _SENSOR_WIDTH_MM * spec.height_px / spec.width_px,
             "resolution_h": spec.width_px,
             "resolution_v": spec.height_px,
-            "flags": _TAKES_IMAGES,
+            "flags": _CAPTURES_IMAGES,
             "gimbal_device_id": DEVICE if spec.gimbal else 0,
         }
 
-    def _settings(self) -> dict[str, Any]:
-        return {"time_boot_ms": self._board.flight.time_ms, "mode_id": 0, "zoomLevel": math.nan, "focusLevel": math.nan}
+    def _settings(self) -> Fields:
+        return {"time_boot_ms": self._context.flight.time_ms, "mode_id": 0, "zoomLevel": math.nan, "focusLevel": math.nan}
 
-    def _storage(self) -> dict[str, Any]:
-        """No storage: status 3, not supported."""
-        return {"time_boot_ms": self._board.flight.time_ms, "storage_id": 0, "storage_count": 0, "status": 3}
+    def _storage(self) -> Fields:
+        return {"time_boot_ms": self._context.flight.time_ms, "storage_id": 0, "storage_count": 0, "status": _NO_STORAGE}
 
-    def _capture_status(self) -> dict[str, Any]:
+    def _capture_status(self) -> Fields:
         series = self._series
-        repeats = series is not None and series.left != 1
+        repeats = series is not None and series.remaining != 1
         return {
-            "time_boot_ms": self._board.flight.time_ms,
+            "time_boot_ms": self._context.flight.time_ms,
             "image_status": 0 if series is None else 2 if repeats else 1,
             "image_interval": series.interval_ns * 1e-9 if series is not None and repeats else 0.0,
             "image_count": self._count,
         }
 
-    def _tell(self, channel: Channel, name: str, **fields: Any) -> None:
+    def _send(self, channel: Channel, name: str, **fields: Any) -> None:
         sequence = self._sequences[channel.name]
         self._sequences[channel.name] = (sequence + 1) & 0xFF
         number, values = wire_values(name, **fields)
         channel.forward(self._packer.pack(number, sequence, values))
 
     def _broadcast(self, name: str, **fields: Any) -> None:
-        for channel in self._board.radio.channels:
+        for channel in self._context.radio.channels:
             if channel.connected:
-                self._tell(channel, name, **fields)
+                self._send(channel, name, **fields)
 
 
 def _pitched(body: tuple[float, float, float, float], pitch_rad: float) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""What a vehicle carries beside its autopilot, and what the bench lets its autopilot do: given when it is built."""
+"""What a vehicle carries beside its autopilot, and what the bench lets its autopilot do."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from typing import Any
 from bench.simspec import Camera
 
 BreakPart = Callable[[str, int, bool], bool]
-"""Break (True) or repair (False) a part, by the kind of a SimSpec's failure and its instance, 0 for all. False: no such part."""
+"""Breaks (True) or repairs (False) a part: the kind of a SimSpec's failure, and its instance, 0 for all. Returns False where there
+is no such part."""
 
 
 @dataclass(frozen=True, slots=True)
 class Equipment:
-    """The camera (whose `gimbal` and `mavlink` say what of it is on the links), true motion where that may be told, and failures.
+    """The camera, whose `gimbal` and `mavlink` say what of it is on the links, and what the bench offers.
 
-    `truth` gives the fields of HIL_STATE_QUATERNION in wire order.
+    `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part` serves
+    INJECT_FAILURE.
     """
 
     camera: Camera | None = None

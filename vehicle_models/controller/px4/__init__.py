@@ -1,6 +1,24 @@
-"""PX4's way, as observed on its SITL (docs/flight-controller.md says where this differs)."""
+"""PX4 as observed on its SITL (docs/flight-controller.md says where this differs)."""
 
 from __future__ import annotations
 
-from ._personality import Px4 as Px4
-from ._wing import Px4Wing as Px4Wing
+from .._autopilot import Autopilot
+from ._commands import COMMANDS
+from ._identity import IDENTITY
+from ._missions import MISSIONS
+from ._modes import MODES
+from ._parameters import PARAMETERS
+from ._safety import SAFETY
+from ._setpoints import SETPOINTS
+from ._telemetry import TELEMETRY
+
+PX4 = Autopilot(
+    identity=IDENTITY,
+    parameters=PARAMETERS,
+    modes=MODES,
+    commands=COMMANDS,
+    setpoints=SETPOINTS,
+    telemetry=TELEMETRY,
+    missions=MISSIONS,
+    safety=SAFETY,
+)

@@ -1,23 +1,16 @@
-"""Who PX4 says it is, in data: standard modes, and the events that go with its texts."""
+"""PX4's version, its texts, and the events that go with them."""
 
 from __future__ import annotations
 
+from ..files._metadata import Metadata
+from ..links._enums import MAV_AUTOPILOT
+from ..policies._identity import IdentityPolicy
 from ..telemetry._event_names import EventName
+from ..telemetry._texts import CRITICAL, INFO, FlightEvent
+from ._parameters import PARAMETERS
 
-# MAV_STANDARD_MODE by mode.
-STANDARD_MODES = {
-    "POSCTL": 1,
-    "POSCTL_ORBIT": 2,
-    "ALTITUDE_CRUISE": 3,
-    "ALTCTL": 4,
-    "AUTO_RTL": 5,
-    "AUTO_MISSION": 6,
-    "AUTO_LAND": 7,
-    "AUTO_TAKEOFF": 8,
-}
-
-# The beginning of a text, and the event that goes with it. Names in the manner of PX4's; the file that we serve as
-# metadata explains exactly these.
+# The beginning of a text, and the event that goes with it. The names imitate PX4's; the file that we serve as metadata
+# explains exactly these.
 EVENTS = tuple(
     EventName(text, name)
     for text, name in (
@@ -51,4 +44,33 @@ EVENTS = tuple(
         ("Pilot took over", "commander_rc_override"),
         ("Orbit radius limit exceeded", "navigator_orbit_radius_exceeded"),
     )
+)
+
+IDENTITY = IdentityPolicy(
+    name="px4",
+    autopilot=MAV_AUTOPILOT.PX4,
+    capabilities=59647,
+    flight_sw_version=0x01110080,
+    flight_custom_version=b"\0" * 8,
+    board_version=1,
+    uid=5283920058631409231,
+    protocol_versions=(200, 100, 203),
+    texts={
+        FlightEvent.ARMED: (INFO, "Armed by external command"),
+        FlightEvent.DISARMED: (INFO, "Disarmed by external command"),
+        FlightEvent.DISARMED_BY_LANDING: (INFO, "Disarmed by landing"),
+        FlightEvent.DISARMED_IDLE: (INFO, "Disarmed by auto preflight disarming"),
+        FlightEvent.TAKEOFF_DEFAULT: (INFO, "Using default takeoff altitude: {:.1f} m"),
+        FlightEvent.TAKEOFF_DETECTED: (INFO, "Takeoff detected"),
+        FlightEvent.LANDING_DETECTED: (INFO, "Landing detected"),
+        FlightEvent.LANDING: (INFO, "Landing at current position"),
+        FlightEvent.RETURNING: (INFO, "Returning to launch"),
+        FlightEvent.PILOT_TOOK_OVER: (INFO, "Pilot took over using sticks"),
+        FlightEvent.TERMINATED: (CRITICAL, "Preflight Fail: Flight termination active"),
+        FlightEvent.CRASHED: (CRITICAL, "Disarmed by failure detector"),
+    },
+    text_ending="\t",
+    event_names=EVENTS,
+    metadata=Metadata(PARAMETERS.definitions, EVENTS),
+    files_writable=True,
 )

@@ -1,89 +1,147 @@
-"""PX4's way with missions, fences and rally points."""
+"""How PX4 transfers plans and flies missions."""
 
 from __future__ import annotations
 
-from ..missions._policy import MissionPolicy, Text, Verdict
-from ..missions._store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, Item
+from ..links._enums import MAV_CMD, MAV_FRAME
+from ..missions._store import ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
 from ..parameters._store import ParameterStore
+from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
 from ..telemetry._texts import CRITICAL, ERROR, INFO
 
-# Waypoint, loiter unlimited and for a time, land, takeoff, loiter to altitude, ROI, VTOL takeoff and landing, gate,
-# fence points, rally point, arm, autotune.
-_WITH_PLACE = {16, 17, 19, 21, 22, 31, 80, 201, 195, 84, 85, 4501, 5000, 5001, 5002, 5003, 5004, 5100, 400, 212}
-# Jump, ROI, winch, gripper, speed, home, landing start, triggers and cameras and gimbals, delay, return, conditions.
-_WITHOUT = {177, 80, 201, 42600, 211, 178, 179, 189, 2003, 203, 204, 205, 1000, 1001, 532, 2000, 2001, 2500, 2501}
-_WITHOUT |= {200, 206, 260, 214, 530, 534, 3000, 93, 20, 196, 197, 112, 114, 187, 212, 400}
-_POLYGONS, _FENCES = (5001, 5002), (5000, 5001, 5002, 5003, 5004)
+_POLYGONS = (MAV_CMD.NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+_FENCE_AREAS = (*_POLYGONS, MAV_CMD.NAV_FENCE_CIRCLE_INCLUSION, MAV_CMD.NAV_FENCE_CIRCLE_EXCLUSION)
+_ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI)
+_IN_EITHER_FRAME = {*_ROI, MAV_CMD.DO_AUTOTUNE_ENABLE, MAV_CMD.COMPONENT_ARM_DISARM}
+_WITH_PLACE = _IN_EITHER_FRAME | {
+    MAV_CMD.NAV_WAYPOINT,
+    MAV_CMD.NAV_LOITER_UNLIM,
+    MAV_CMD.NAV_LOITER_TIME,
+    MAV_CMD.NAV_LAND,
+    MAV_CMD.NAV_TAKEOFF,
+    MAV_CMD.NAV_LOITER_TO_ALT,
+    MAV_CMD.DO_SET_ROI_LOCATION,
+    MAV_CMD.NAV_VTOL_TAKEOFF,
+    MAV_CMD.NAV_VTOL_LAND,
+    MAV_CMD.CONDITION_GATE,
+    MAV_CMD.NAV_FENCE_RETURN_POINT,
+    *_FENCE_AREAS,
+    MAV_CMD.NAV_RALLY_POINT,
+}
+_WITHOUT_PLACE = _IN_EITHER_FRAME | {
+    MAV_CMD.DO_JUMP,
+    MAV_CMD.DO_WINCH,
+    MAV_CMD.DO_GRIPPER,
+    MAV_CMD.DO_CHANGE_SPEED,
+    MAV_CMD.DO_SET_HOME,
+    MAV_CMD.DO_LAND_START,
+    MAV_CMD.DO_TRIGGER_CONTROL,
+    MAV_CMD.DO_DIGICAM_CONTROL,
+    MAV_CMD.DO_MOUNT_CONFIGURE,
+    MAV_CMD.DO_MOUNT_CONTROL,
+    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
+    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
+    MAV_CMD.SET_CAMERA_FOCUS,
+    MAV_CMD.IMAGE_START_CAPTURE,
+    MAV_CMD.IMAGE_STOP_CAPTURE,
+    MAV_CMD.VIDEO_START_CAPTURE,
+    MAV_CMD.VIDEO_STOP_CAPTURE,
+    MAV_CMD.DO_CONTROL_VIDEO,
+    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
+    MAV_CMD.OBLIQUE_SURVEY,
+    MAV_CMD.DO_SET_CAM_TRIGG_INTERVAL,
+    MAV_CMD.SET_CAMERA_MODE,
+    MAV_CMD.SET_CAMERA_SOURCE,
+    MAV_CMD.DO_VTOL_TRANSITION,
+    MAV_CMD.NAV_DELAY,
+    MAV_CMD.NAV_RETURN_TO_LAUNCH,
+    MAV_CMD.DO_SET_ROI_WPNEXT_OFFSET,
+    MAV_CMD.DO_SET_ROI_NONE,
+    MAV_CMD.CONDITION_DELAY,
+    MAV_CMD.CONDITION_DISTANCE,
+    MAV_CMD.DO_SET_ACTUATOR,
+}
+# The kinds of DO_SET_ROI (MAV_ROI) that are taken in a frame with a place and in one without.
+_ROI_KINDS_WITH_PLACE, _ROI_KINDS_WITHOUT_PLACE = (0.0, 3.0), (0.0, 1.0, 2.0)
+# MISSION_ITEM carries degrees as floats, for which PX4 does not know the _INT frames.
+_INT_FRAMES = (MAV_FRAME.GLOBAL_INT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 
 
-class Px4Missions(MissionPolicy):
-    mode = "AUTO_MISSION"
-    request = "MISSION_REQUEST_INT"
-    repeat_s, give_up_s = 0.26, 5.1
-    gives_up_with = None
-    gives_up_text = (CRITICAL, "Operation timeout")
-    clears_first = False
-    limits = {MISSION: 65534, FENCE: 64, RALLY: 32}
-    too_many_text = None
-    taken_texts = {}
-    bad_item_text = (CRITICAL, "IGN MISSION_ITEM: Invalid item")
-    wrong_sequence_ends = False
-    no_upload_text = (CRITICAL, "IGN MISSION_ITEM: No transfer")
-    bad_type = Verdict.NO_SPACE
-    clears_all_types = True
-    one_at_a_time = True
-    client_cancels = True
-    partial = False
-    past_the_end = None
-    home_first = False
-    item_float_text = request_float_text = None
-    waits_for_start = False
-    forgets_when_disarmed = False
-    reached_again_s = 1.0
-    reached_counts_next = False
-    begin_text = (INFO, "Executing Mission")
-    climb_text = (INFO, "Climb to {:.1f} meters above home")
-    end_text = (INFO, "Mission finished, {}")
-    no_such_item_text = (CRITICAL, "WPM: WP CURR CMD: Not in list")
-    outside_text = (CRITICAL, "Geofence violation for waypoint {}")
-    far_note = (ERROR, "First waypoint too far away")
-    alt_reached_m = 0.8
-    item_yaw = True
-    return_is_a_mode = True
-    arms_at_start = True
-    set_current_command = False
-    tells_speed = True
-    starts_anywhere = False
-    start_text = (CRITICAL, "Mission start denied! No valid mission")
-    no_landing_texts = ()
+def _refuse_item(kind: int, item: MissionItem, as_float: bool) -> MissionResult | None:
+    placeless = item.frame in PLACELESS
+    if not placeless and (item.frame not in ABOVE_SEA | ABOVE_HOME or (as_float and item.frame in _INT_FRAMES)):
+        return MissionResult.UNSUPPORTED_FRAME
+    if item.command not in (_WITHOUT_PLACE if placeless else _WITH_PLACE):
+        return MissionResult.UNSUPPORTED
+    if item.command in _ROI and item.params[0] not in (_ROI_KINDS_WITHOUT_PLACE if placeless else _ROI_KINDS_WITH_PLACE):
+        return MissionResult.INVALID_PARAM1
+    if kind == MISSION:
+        return MissionResult.ERROR if item.command in (*_FENCE_AREAS, MAV_CMD.NAV_RALLY_POINT) else None
+    if kind == FENCE and item.command in _POLYGONS and not item.params[0] > 2.4:
+        return MissionResult.ERROR
+    return None
 
-    def fault(self, kind: int, item: Item, as_float: bool) -> Verdict | None:
-        if item.frame in PLACELESS:
-            if item.command not in _WITHOUT:
-                return Verdict.UNSUPPORTED
-        elif item.frame in ABOVE_SEA | ABOVE_HOME and not (as_float and item.frame in (5, 6)):
-            if item.command not in _WITH_PLACE:
-                return Verdict.UNSUPPORTED
-        else:
-            return Verdict.UNSUPPORTED_FRAME
-        if item.command in (80, 201) and item.params[0] not in ((0.0, 3.0) if item.frame not in PLACELESS else (0.0, 1.0, 2.0)):
-            return Verdict.INVALID_PARAM1
-        if kind == MISSION:
-            return Verdict.ERROR if item.command in (*_FENCES[1:], 5100) else None
-        if kind == FENCE and item.command in _POLYGONS and not item.params[0] > 2.4:
-            return Verdict.ERROR
-        return None
 
-    def shown_frame(self, item: Item, as_float: bool) -> int:
-        if item.frame in PLACELESS:
-            return item.frame
-        sea, home = (0, 3) if as_float else (5, 6)
-        return sea if item.frame in ABOVE_SEA else home
+def _shown_frame(item: MissionItem, as_float: bool) -> int:
+    if item.frame in PLACELESS:
+        return item.frame
+    if item.frame in ABOVE_SEA:
+        return MAV_FRAME.GLOBAL if as_float else MAV_FRAME.GLOBAL_INT
+    return MAV_FRAME.GLOBAL_RELATIVE_ALT if as_float else MAV_FRAME.GLOBAL_RELATIVE_ALT_INT
 
-    def radius_m(self, item: Item, p: ParameterStore) -> float:
-        """The item's own radius, where it has one."""
-        own = item.params[1]
-        return min(own, 1000.0) if item.command == 16 and own > 0.001 else max(p["NAV_ACC_RAD"], 0.1)
 
-    def name(self, item: Item) -> Text | None:
-        return None
+def _acceptance_radius_m(item: MissionItem, p: ParameterStore) -> float:
+    """The item's own radius, where it has one."""
+    radius = item.params[1]
+    if item.command == MAV_CMD.NAV_WAYPOINT and radius > 0.001:
+        return min(radius, 1000.0)
+    return max(p["NAV_ACC_RAD"], 0.1)
+
+
+MISSIONS = MissionPolicy(
+    transfer=TransferPolicy(
+        request="MISSION_REQUEST_INT",
+        repeat_s=0.26,
+        timeout_s=5.1,
+        timeout_result=None,
+        timeout_text=(CRITICAL, "Operation timeout"),
+        clears_at_start=False,
+        max_items={MISSION: 65534, FENCE: 64, RALLY: 32},
+        too_many_text=None,
+        uploaded_texts={},
+        bad_item_text=(CRITICAL, "IGN MISSION_ITEM: Invalid item"),
+        wrong_sequence_ends=False,
+        no_upload_text=(CRITICAL, "IGN MISSION_ITEM: No transfer"),
+        bad_type=MissionResult.NO_SPACE,
+        clears_all_types=True,
+        one_at_a_time=True,
+        client_cancels=True,
+        partial_lists=False,
+        past_the_end=None,
+        item_float_text=None,
+        request_float_text=None,
+        refuse_item=_refuse_item,
+        shown_frame=_shown_frame,
+    ),
+    home_first=False,
+    total_without_mission=65535,
+    waits_for_start=False,
+    restarts_when_disarmed=False,
+    reached_repeat_s=1.0,
+    reached_counts_next=False,
+    begin_text=(INFO, "Executing Mission"),
+    climb_text=(INFO, "Climb to {:.1f} meters above home"),
+    end_text=(INFO, "Mission finished, {}"),
+    no_such_item_text=(CRITICAL, "WPM: WP CURR CMD: Not in list"),
+    outside_fence_text=(CRITICAL, "Geofence violation for waypoint {}"),
+    far_event=(ERROR, "First waypoint too far away"),
+    acceptance_radius_m=_acceptance_radius_m,
+    acceptance_height_m=0.8,
+    items_have_heading=True,
+    return_changes_mode=True,
+    arms_at_start=True,
+    set_current_command=False,
+    broadcasts_speed=True,
+    starts_without_mission=False,
+    start_refused_text=(CRITICAL, "Mission start denied! No valid mission"),
+    no_landing_texts=(),
+)

@@ -2,38 +2,169 @@
 
 from __future__ import annotations
 
-from .._flight import Behaviour, Mode, Stick
+from .._flight_state import Behaviour, FlightMode, FlightState, StickControl
+from .._service import CommandResult, Refusal, has_flag
+from ..links._enums import MAV_MODE_FLAG, MAV_STATE
+from ..parameters._store import ParameterStore
+from ..policies._modes import ModePolicy
+from ..telemetry._texts import CRITICAL
 
-_AUTO, _MANUAL, _ACRO, _OFFBOARD = 29, 81, 65, 17
+READY_S = 4.2  # "Resolve system health failures first" until then
+POSITION_S = READY_S  # home is set; a client that waits for it is not refused the arming
+
+_CUSTOM, _STABILIZE = MAV_MODE_FLAG.CUSTOM_MODE_ENABLED, MAV_MODE_FLAG.STABILIZE_ENABLED
+_AUTO = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.AUTO_ENABLED | MAV_MODE_FLAG.GUIDED_ENABLED)
+_MANUAL = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
+_ACRO = int(_CUSTOM | MAV_MODE_FLAG.MANUAL_INPUT_ENABLED)
+_OFFBOARD = int(_CUSTOM | _STABILIZE)
+_TERMINATED = int(_CUSTOM)
+_ARMED = int(MAV_MODE_FLAG.SAFETY_ARMED)
 
 
 def _mode(
-    name: str, main: int, sub: int, base: int, behaviour: Behaviour, label: str, armable: bool = False, stick: Stick | None = None
-) -> Mode:
-    return Mode(name, sub << 24 | main << 16, base, behaviour, armable, label, stick)
+    name: str,
+    main: int,
+    sub: int,
+    base: int,
+    behaviour: Behaviour,
+    label: str,
+    armable: bool = False,
+    stick: StickControl | None = None,
+) -> FlightMode:
+    return FlightMode(name, sub << 24 | main << 16, base, behaviour, armable, label, stick)
 
 
-def _sticks(name: str, main: int, sub: int, base: int, stick: Stick, label: str) -> Mode:
+def _manual(name: str, main: int, sub: int, base: int, stick: StickControl, label: str) -> FlightMode:
     return _mode(name, main, sub, base, Behaviour.PILOT, label, stick=stick)
 
 
-MODES = (
-    _sticks("MANUAL", 1, 0, _MANUAL, Stick.ATTITUDE, "Manual"),
-    _sticks("ALTCTL", 2, 0, _MANUAL, Stick.ALTITUDE, "Altitude"),
-    _sticks("POSCTL", 3, 0, _MANUAL, Stick.POSITION, "Position"),
+_MODES = (
+    _manual("MANUAL", 1, 0, _MANUAL, StickControl.ATTITUDE, "Manual"),
+    _manual("ALTCTL", 2, 0, _MANUAL, StickControl.ALTITUDE, "Altitude"),
+    _manual("POSCTL", 3, 0, _MANUAL, StickControl.POSITION, "Position"),
     _mode("POSCTL_ORBIT", 3, 1, _AUTO, Behaviour.CIRCLE, "Orbit"),
-    _sticks("POSCTL_SLOW", 3, 2, _MANUAL, Stick.POSITION, "Position Slow"),
+    _manual("POSCTL_SLOW", 3, 2, _MANUAL, StickControl.POSITION, "Position Slow"),
     _mode("AUTO_TAKEOFF", 4, 2, _AUTO, Behaviour.TAKEOFF, "Takeoff", armable=True),
     _mode("AUTO_LOITER", 4, 3, _AUTO, Behaviour.HOLD, "Hold", armable=True),
     _mode("AUTO_MISSION", 4, 4, _AUTO, Behaviour.MISSION, "Mission"),
     _mode("AUTO_RTL", 4, 5, _AUTO, Behaviour.RETURN, "RTL"),
     _mode("AUTO_LAND", 4, 6, _AUTO, Behaviour.LAND, "Land"),
-    _mode("AUTO_FOLLOW", 4, 8, _OFFBOARD, Behaviour.CHASE, "Follow Target"),
+    _mode("AUTO_FOLLOW", 4, 8, _OFFBOARD, Behaviour.FOLLOW_TARGET, "Follow Target"),
     _mode("AUTO_PRECLAND", 4, 9, _AUTO, Behaviour.LAND, "Precision Land"),
-    *(_mode(f"EXTERNAL{one}", 4, 10 + one, _OFFBOARD, Behaviour.HOLD, f"External {one}") for one in range(1, 9)),
-    _sticks("ACRO", 5, 0, _ACRO, Stick.RATES, "Acro"),
-    _mode("OFFBOARD", 6, 0, _OFFBOARD, Behaviour.FOLLOW, "Offboard", armable=True),
-    _sticks("STABILIZED", 7, 0, _MANUAL, Stick.ATTITUDE, "Stabilized"),
-    _mode("TERMINATION", 10, 0, 1, Behaviour.TERMINATE, "Termination"),
-    _sticks("ALTITUDE_CRUISE", 11, 0, _MANUAL, Stick.ALTITUDE, "Altitude Cruise"),
+    *(_mode(f"EXTERNAL{number}", 4, 10 + number, _OFFBOARD, Behaviour.HOLD, f"External {number}") for number in range(1, 9)),
+    _manual("ACRO", 5, 0, _ACRO, StickControl.RATES, "Acro"),
+    _mode("OFFBOARD", 6, 0, _OFFBOARD, Behaviour.OFFBOARD, "Offboard", armable=True),
+    _manual("STABILIZED", 7, 0, _MANUAL, StickControl.ATTITUDE, "Stabilized"),
+    _mode("TERMINATION", 10, 0, _TERMINATED, Behaviour.TERMINATE, "Termination"),
+    _manual("ALTITUDE_CRUISE", 11, 0, _MANUAL, StickControl.ALTITUDE, "Altitude Cruise"),
+)
+_NAMED = {mode.name: mode for mode in _MODES}
+
+
+def ready(flight: FlightState) -> bool:
+    """Whether the vehicle could be armed in its present mode."""
+    return flight.time_s >= READY_S and _armable(flight) and not flight.crashed
+
+
+def knows_position(flight: FlightState) -> bool:
+    return flight.time_s >= POSITION_S
+
+
+def _armable(flight: FlightState) -> bool:
+    behaviour = flight.mode.behaviour
+    if behaviour is Behaviour.MISSION:
+        return flight.mission_ready and flight.position_ok
+    piloted = behaviour is Behaviour.PILOT and flight.sticks is not None
+    return piloted or (flight.mode.armable and flight.position_ok)
+
+
+def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
+    base = flight.mode.base
+    lacks_setpoints = flight.mode.behaviour is Behaviour.OFFBOARD and not has_setpoints
+    if lacks_setpoints and not flight.armed:
+        base = int(_CUSTOM)
+    if flight.mode.behaviour is Behaviour.TERMINATE:
+        return base | (_ARMED if flight.armed else 0), MAV_STATE.FLIGHT_TERMINATION
+    if flight.armed:
+        return base | _ARMED, MAV_STATE.CRITICAL if flight.failsafe else MAV_STATE.ACTIVE
+    return base, MAV_STATE.STANDBY if ready(flight) and not lacks_setpoints else MAV_STATE.UNINIT
+
+
+def _refuse_arm_value(value: float) -> Refusal | None:
+    if value in (0.0, 1.0) or 0.5 <= value < 1.5:
+        return None
+    return Refusal(None, ((CRITICAL, f"Unsupported ARM_DISARM param: {value:.3f}"),))
+
+
+def _refuse_arming(flight: FlightState, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+    if forced and flight.time_s >= READY_S and not flight.crashed:
+        return None
+    lacks_setpoints = flight.mode.behaviour is Behaviour.OFFBOARD and not has_setpoints
+    if ready(flight) and not lacks_setpoints and flight.battery_fraction > parameters["BAT_CRIT_THR"]:
+        return None
+    text = "Arming denied: Resolve system health failures first"
+    return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, text),))
+
+
+def _refuse_disarming(flight: FlightState, forced: bool) -> Refusal | None:
+    if forced or not flight.flying:
+        return None
+    return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, "Disarming denied: not landed"),))
+
+
+def _refuse_mode(flight: FlightState, wanted: FlightMode | None, number: int, has_setpoints: bool) -> Refusal | None:
+    if wanted is None or wanted.behaviour is Behaviour.TERMINATE:
+        return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
+    if not flight.armed or (wanted.behaviour is Behaviour.MISSION and flight.mission_ready):
+        return None
+    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith("EXTERNAL")
+    unavailable = unavailable or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
+    if unavailable or (wanted.behaviour is Behaviour.OFFBOARD and not has_setpoints):
+        text = f"Switching to {wanted.label} is currently not available"
+        return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, text),))
+    return None
+
+
+def _number_of_command(params: tuple[float, ...]) -> int | None:
+    """Bit 0 of the first parameter announces a custom mode, given as main and sub mode."""
+    main, sub = params[1:3]
+    if not (has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED) and 0 <= main < 256 and 0 <= sub < 256):
+        return None
+    return int(sub) << 24 | int(main) << 16
+
+
+MODES = ModePolicy(
+    modes=_MODES,
+    initial=_NAMED["AUTO_LOITER"],
+    hold=_NAMED["AUTO_LOITER"],
+    land=_NAMED["AUTO_LAND"],
+    return_home=_NAMED["AUTO_RTL"],
+    offboard=_NAMED["OFFBOARD"],
+    reposition=_NAMED["AUTO_LOITER"],
+    mission=_NAMED["AUTO_MISSION"],
+    takeoff=_NAMED["AUTO_TAKEOFF"],
+    orbit=_NAMED["POSCTL_ORBIT"],
+    pilot=(_NAMED["POSCTL"], _NAMED["ALTCTL"]),
+    after_landing=_NAMED["AUTO_LOITER"],
+    standard_modes={
+        "POSCTL": 1,
+        "POSCTL_ORBIT": 2,
+        "ALTITUDE_CRUISE": 3,
+        "ALTCTL": 4,
+        "AUTO_RTL": 5,
+        "AUTO_MISSION": 6,
+        "AUTO_LAND": 7,
+        "AUTO_TAKEOFF": 8,
+    },
+    acknowledges_set_mode=True,
+    heartbeat_on_change=False,
+    heartbeat=_heartbeat,
+    refuse_mode=_refuse_mode,
+    number_of_command=_number_of_command,
+    knows_position=knows_position,
+    refuse_arming=_refuse_arming,
+    refuse_disarming=_refuse_disarming,
+    refuse_arm_value=_refuse_arm_value,
+    checks_when_armed=CommandResult.ACCEPTED,
+    manual_landing_disarms=True,
 )

@@ -4,34 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .._service import Command, CommandHandler, Handler, Result
-from .._service_context import ServiceContext
+from .._service import Command, CommandHandler, CommandResult
+from ..links._enums import MAV_CMD
+from ..parameters._store import ParameterStore
 from ..payload._equipment import BreakPart
 
-INJECT_FAILURE = 420
-_UNITS = {4: "gps_off", 101: "motor_off", 105: "link_loss"}  # FAILURE_UNIT; a battery cannot be put back, and is left alone
-_WORKS, _OFF = 0, 1  # FAILURE_TYPE
+# FAILURE_UNIT. A battery cannot be repaired, so FAILURE_UNIT_SYSTEM_BATTERY is not offered.
+_UNITS = {4: "gps_off", 101: "motor_off", 105: "link_loss"}
+_OK, _OFF = 0, 1  # FAILURE_TYPE
+_MAX_INSTANCE = 16
 
 
 class FailureInjection:
-    """Breaks and repairs what can be broken here; the other units and types are UNSUPPORTED."""
+    """Breaks and repairs what can be broken here; other units and types are UNSUPPORTED.
 
-    def __init__(self, board: ServiceContext, break_part: BreakPart) -> None:
-        self._board = board
-        self._break = break_part
+    `allowed_by` is the parameter that allows it; None: there is no such command.
+    """
 
-    def handlers(self) -> Mapping[str, Handler]:
-        return {}
+    def __init__(self, parameters: ParameterStore, allowed_by: str | None, break_part: BreakPart) -> None:
+        self._parameters = parameters
+        self._allowed_by = allowed_by
+        self._break_part = break_part
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {INJECT_FAILURE: self._inject} if self._board.personality.failure_parameter else {}
+        return {MAV_CMD.INJECT_FAILURE: self._inject} if self._allowed_by else {}
 
-    def _inject(self, command: Command) -> Result | None:
-        allowed = self._board.personality.failure_parameter
-        if allowed is None or not self._board.parameters[allowed]:
-            return Result.DENIED
+    def _inject(self, command: Command) -> CommandResult | None:
+        if self._allowed_by is None or not self._parameters[self._allowed_by]:
+            return CommandResult.DENIED
         unit, kind, instance = command.params[:3]
-        if unit not in _UNITS or kind not in (_WORKS, _OFF) or not 0 <= instance <= 16:
-            return Result.UNSUPPORTED
-        done = self._break(_UNITS[int(unit)], int(instance), kind == _OFF)
-        return Result.ACCEPTED if done else Result.UNSUPPORTED
+        if unit not in _UNITS or kind not in (_OK, _OFF) or not 0 <= instance <= _MAX_INSTANCE:
+            return CommandResult.UNSUPPORTED
+        done = self._break_part(_UNITS[int(unit)], int(instance), kind == _OFF)
+        return CommandResult.ACCEPTED if done else CommandResult.UNSUPPORTED

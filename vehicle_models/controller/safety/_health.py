@@ -1,60 +1,57 @@
-"""Checks before arming: asked for by RUN_PREARM_CHECKS, and said unasked now and then while they fail."""
+"""Checks before arming: requested by RUN_PREARM_CHECKS, and sent now and then while they fail."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .._service import Command, CommandHandler, Handler, Result
+from .._service import Command, CommandHandler, CommandResult
 from .._service_context import ServiceContext
+from ..links._enums import MAV_CMD
+from ..policies._modes import ModePolicy
 from ..telemetry._texts import CRITICAL
 
-RUN_CHECKS = 401
-_LOOK_NS, _REPEAT_NS, _SOON_NS = 1_000_000_000, 30_000_000_000, 4_000_000_000
+_CHECK_NS = 1_000_000_000
+_REPEAT_NS, _REPEAT_AFTER_RECOVERY_NS = 30_000_000_000, 4_000_000_000
 
 
 class Health:
-    """Says `PreArm: ...` for each check that fails: every 30 s while disarmed, and soon after all was well before.
+    """Sends `PreArm: ...` for each check that fails: every 30 s while disarmed, and sooner where none failed in between."""
 
-    Autopilots that say nothing of their own accord have no words for `prearm`.
-    """
-
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
-        self._look_ns = 0
-        self._said_ns = 0
-        self._well = False
-
-    def handlers(self) -> Mapping[str, Handler]:
-        return {}
+    def __init__(self, context: ServiceContext, policy: ModePolicy) -> None:
+        self._context = context
+        self._policy = policy
+        self._check_ns = 0
+        self._sent_ns = 0
+        self._recovered = False
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {RUN_CHECKS: self._run}
+        return {MAV_CMD.RUN_PREARM_CHECKS: self._run_checks}
 
     def tick(self) -> None:
-        flight = self._board.flight
-        if flight.time_ns < self._look_ns:
+        flight = self._context.flight
+        if flight.time_ns < self._check_ns:
             return
-        self._look_ns = flight.time_ns + _LOOK_NS
+        self._check_ns = flight.time_ns + _CHECK_NS
         if flight.armed:
             return
-        failing = self._failing()
-        after = flight.time_ns - self._said_ns
-        if failing and (after > _REPEAT_NS or (self._well and after > _SOON_NS)):
-            self._said_ns = flight.time_ns
-            self._well = False
-            self._say(failing)
-        elif not failing:
-            self._well = True
+        failures = self._failures()
+        age_ns = flight.time_ns - self._sent_ns
+        if failures and (age_ns > _REPEAT_NS or (self._recovered and age_ns > _REPEAT_AFTER_RECOVERY_NS)):
+            self._sent_ns = flight.time_ns
+            self._recovered = False
+            self._send(failures)
+        elif not failures:
+            self._recovered = True
 
-    def _run(self, command: Command) -> Result:
-        if self._board.flight.armed:
-            return self._board.personality.checks_when_armed
-        self._say(self._failing())
-        return Result.ACCEPTED
+    def _run_checks(self, command: Command) -> CommandResult:
+        if self._context.flight.armed:
+            return self._policy.checks_when_armed
+        self._send(self._failures())
+        return CommandResult.ACCEPTED
 
-    def _failing(self) -> tuple[str, ...]:
-        return self._board.personality.prearm(self._board.flight, self._board.parameters)
+    def _failures(self) -> tuple[str, ...]:
+        return self._policy.prearm_failures(self._context.flight, self._context.parameters)
 
-    def _say(self, failing: tuple[str, ...]) -> None:
-        for text in failing:
-            self._board.texts.say(CRITICAL, f"PreArm: {text}")
+    def _send(self, failures: tuple[str, ...]) -> None:
+        for text in failures:
+            self._context.texts.send(CRITICAL, f"PreArm: {text}")

@@ -5,39 +5,45 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import CommandHandler, Handler, Sender
+from .._service import MessageHandler, MessageSender, Stream, Values
 from .._service_context import ServiceContext
 
 
-class Clock:
-    """Answers what asks for the time; answers to our own requests are taken silently."""
+class ClockService:
+    """Answers requests for the time and sends its own; answers to those are ignored."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
+    def __init__(self, context: ServiceContext, answers_ping: bool) -> None:
+        self._flight = context.flight
+        self._answers_ping = answers_ping
+        self._ping_number = 0
 
-    def handlers(self) -> Mapping[str, Handler]:
-        pings: dict[str, Handler] = {"PING": self._ping} if self._board.personality.answers_ping else {}
-        return {"TIMESYNC": self._timesync, **pings}
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        pings: dict[str, MessageHandler] = {"PING": self._answer_ping} if self._answers_ping else {}
+        return {"TIMESYNC": self._answer_timesync, **pings}
 
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
+    def streams(self) -> Mapping[str, Stream]:
+        return {"TIMESYNC": lambda: (0, self._flight.time_ns, 0, 0), "PING": self._ping}
 
-    def _timesync(self, m: Any, sender: Sender) -> None:
-        if m.tc1 == 0:
-            sender.channel.tell(
+    def _ping(self) -> Values:
+        self._ping_number = (self._ping_number + 1) & 0xFFFFFFFF
+        return (self._flight.time_us, self._ping_number, 0, 0)
+
+    def _answer_timesync(self, message: Any, sender: MessageSender) -> None:
+        if message.tc1 == 0:  # else it is an answer
+            sender.channel.send_message(
                 "TIMESYNC",
-                tc1=self._board.flight.time_ns,
-                ts1=m.ts1,
+                tc1=self._flight.time_ns,
+                ts1=message.ts1,
                 target_system=sender.system,
                 target_component=sender.component,
             )
 
-    def _ping(self, m: Any, sender: Sender) -> None:
-        if m.target_system == 0 and m.target_component == 0:
-            sender.channel.tell(
+    def _answer_ping(self, message: Any, sender: MessageSender) -> None:
+        if message.target_system == 0 and message.target_component == 0:  # else it is an answer
+            sender.channel.send_message(
                 "PING",
-                time_usec=m.time_usec,
-                seq=m.seq,
+                time_usec=message.time_usec,
+                seq=message.seq,
                 target_system=sender.system,
                 target_component=sender.component,
             )

@@ -1,4 +1,4 @@
-"""Commands: COMMAND_LONG and COMMAND_INT to the service that carries them out, and the acknowledgement back."""
+"""COMMAND_LONG and COMMAND_INT: from the client to the service that carries the command out, and the acknowledgement back."""
 
 from __future__ import annotations
 
@@ -6,83 +6,78 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .._personality import Answer
-from .._service import Command, CommandHandler, Handler, Result, Sender
+from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender
 from .._service_context import ServiceContext
-from ._modes import DO_SET_MODE
+from ..links._enums import MAV_CMD
+from ..policies._commands import CommandAnswer, CommandPolicy
 
-_APART_NS = 1_000_000_000
-_NOWHERE = 2**31 - 1  # x or y of COMMAND_INT: not given
+_RESULT_SPACING_NS = 1_000_000_000
+_NO_COORDINATE = 2**31 - 1  # x or y of COMMAND_INT: left out
 
 
 class Commands:
-    """Looks up who carries a command out. What nobody knows is UNSUPPORTED; None as a result is not acknowledged."""
+    """Finds the service for each command. An unknown command is UNSUPPORTED; a result of None is not acknowledged."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
+    def __init__(self, context: ServiceContext, policy: CommandPolicy) -> None:
+        self._context = context
+        self._policy = policy
         self._table: dict[int, CommandHandler] = {}
-        self._come: set[int] = set()  # numbers answered so far
-        self._later: list[tuple[int, Command, Result]] = []  # second acknowledgements, by when
+        self._answered: set[int] = set()  # numbers that came before
+        self._pending: list[tuple[int, Command, CommandResult]] = []  # later acknowledgements, by due time
 
     def add(self, commands: Mapping[int, CommandHandler]) -> None:
         self._table.update(commands)
 
-    def handlers(self) -> Mapping[str, Handler]:
-        return {"COMMAND_LONG": self._long, "COMMAND_INT": self._int, "COMMAND_CANCEL": self._cancel}
-
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"COMMAND_LONG": self._run_long, "COMMAND_INT": self._run_int, "COMMAND_CANCEL": self._cancel}
 
     def tick(self) -> None:
-        while self._later and self._later[0][0] <= self._board.flight.time_ns:
-            _, command, result = self._later.pop(0)
+        while self._pending and self._pending[0][0] <= self._context.flight.time_ns:
+            _, command, result = self._pending.pop(0)
             self._acknowledge(command, result)
 
-    def _long(self, m: Any, sender: Sender) -> None:
+    def _run_long(self, m: Any, sender: MessageSender) -> None:
         params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
         self._run(Command(m.command, params, None, sender))
 
-    def _int(self, m: Any, sender: Sender) -> None:
-        x = math.nan if m.x == _NOWHERE else m.x * 1e-7
-        y = math.nan if m.y == _NOWHERE else m.y * 1e-7
+    def _run_int(self, m: Any, sender: MessageSender) -> None:
+        x = math.nan if m.x == _NO_COORDINATE else m.x * 1e-7
+        y = math.nan if m.y == _NO_COORDINATE else m.y * 1e-7
         self._run(Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender))
 
-    def _cancel(self, m: Any, sender: Sender) -> None:
-        """What is still in progress ends, and whoever gave the command hears that; for anything else there is no answer."""
+    def _cancel(self, m: Any, sender: MessageSender) -> None:
+        """End a command that is in progress, and acknowledge that to its sender; anything else is not answered."""
         if m.target_system == 0:
-            return  # must not be broadcast
-        for one in [one for one in self._later if one[1].number == m.command]:
-            self._later.remove(one)
-            self._acknowledge(one[1], Result.CANCELLED)
+            return  # the specification forbids to broadcast it
+        for pending in [pending for pending in self._pending if pending[1].number == m.command]:
+            self._pending.remove(pending)
+            self._acknowledge(pending[1], CommandResult.CANCELLED)
 
     def _run(self, command: Command) -> None:
-        personality = self._board.personality
-        if command.number == DO_SET_MODE and personality.mode_acks_twice:
-            self._acknowledge(command, Result.ACCEPTED)
+        policy = self._policy
+        if command.number == MAV_CMD.DO_SET_MODE and policy.accepts_mode_first:
+            self._acknowledge(command, CommandResult.ACCEPTED)
         handler = self._table.get(command.number)
-        answer = None if handler else personality.answer(self._board.flight, command)
+        answer = None if handler else policy.answer(self._context.flight, command)
         if answer:
             self._answer(command, answer)
             return
-        fixed = personality.fixed_results.get(command.number, Result.UNSUPPORTED)
-        result = handler(command) if handler is not None else fixed
+        result = handler(command) if handler else policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
         if result is not None:
             self._acknowledge(command, result)
 
-    def _answer(self, command: Command, answer: Answer) -> None:
+    def _answer(self, command: Command, answer: CommandAnswer) -> None:
         for text in answer.texts:
-            self._board.texts.say(*text)
-        now = self._board.flight.time_ns
-        results = answer.results if command.number in self._come else answer.first_time or answer.results
-        self._come.add(command.number)
-        for place, result in enumerate(results):
-            if place == 0:
-                self._acknowledge(command, result)
-            else:
-                self._later.append((now + place * _APART_NS, command, result))
+            self._context.texts.send(*text)
+        now_ns = self._context.flight.time_ns
+        results = answer.results if command.number in self._answered else answer.first_time or answer.results
+        self._answered.add(command.number)
+        self._acknowledge(command, results[0])
+        for count, result in enumerate(results[1:], start=1):
+            self._pending.append((now_ns + count * _RESULT_SPACING_NS, command, result))
 
-    def _acknowledge(self, command: Command, result: Result) -> None:
-        command.sender.channel.tell(
+    def _acknowledge(self, command: Command, result: CommandResult) -> None:
+        command.sender.channel.send_message(
             "COMMAND_ACK",
             command=command.number,
             result=result,

@@ -3,70 +3,89 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
 
-from .._flight import Home
-from .._service import Command, CommandHandler, Handler, Result
+from .._flight_state import FlightState, ReferencePoint
+from .._service import Command, CommandHandler, CommandResult, Fields, Stream, Values
 from .._service_context import ServiceContext
+from ..links._enums import MAV_CMD
+from ..policies._commands import CommandPolicy
 
-DO_SET_HOME, GET_HOME_POSITION = 179, 410
+_NO_ATTITUDE = (math.nan,) * 4
+_NO_APPROACH = (math.nan,) * 3
 
 
 class HomeKeeper:
-    """Where home is: set when the position is first known, at every arming, and by DO_SET_HOME."""
+    """Sets home when the position is first known, at every arming, and by DO_SET_HOME."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
-
-    def handlers(self) -> Mapping[str, Handler]:
-        return {}
+    def __init__(self, context: ServiceContext, policy: CommandPolicy, knows_position: Callable[[FlightState], bool]) -> None:
+        self._context = context
+        self._policy = policy
+        self._knows_position = knows_position
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {DO_SET_HOME: self._set, GET_HOME_POSITION: self._get}
+        return {MAV_CMD.DO_SET_HOME: self._set_home, MAV_CMD.GET_HOME_POSITION: self._send_home}
+
+    def streams(self) -> Mapping[str, Stream]:
+        return {"HOME_POSITION": self._home_values, "GPS_GLOBAL_ORIGIN": self._origin_values}
 
     def tick(self) -> None:
-        if self._board.flight.home is None and self._board.personality.knows_place(self._board.flight):
+        if self._context.flight.home is None and self._knows_position(self._context.flight):
             self.set_here()
-            self._board.radio.broadcast("GPS_GLOBAL_ORIGIN", **origin_fields(self._board))
+            self._context.radio.broadcast("GPS_GLOBAL_ORIGIN", **origin_fields(self._context.flight))
 
     def set_here(self) -> None:
-        """Home is where the vehicle believes to stand; on the ground at the ground's height."""
-        flight = self._board.flight
+        """Set home to the estimated position; on the ground to the ground's height."""
+        flight = self._context.flight
         down = flight.down_m if flight.flying else 0.0
-        self._keep(flight.latitude_e7, flight.longitude_e7, flight.origin.altitude_m - down, flight.north_m, flight.east_m)
+        self._set(flight.latitude_e7, flight.longitude_e7, flight.origin.altitude_m - down, flight.north_m, flight.east_m)
 
-    def _keep(self, latitude_e7: int, longitude_e7: int, altitude_m: float, north_m: float, east_m: float) -> None:
-        flight = self._board.flight
+    def _set(self, latitude_e7: int, longitude_e7: int, altitude_m: float, north_m: float, east_m: float) -> None:
+        flight = self._context.flight
         down_m = flight.origin.altitude_m - altitude_m
-        flight.home = Home(latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m)
-        self._board.radio.broadcast("HOME_POSITION", **home_fields(self._board))
+        flight.home = ReferencePoint(latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m)
+        self._context.radio.broadcast("HOME_POSITION", **home_fields(flight))
 
-    def _set(self, command: Command) -> Result | None:
-        refusal = self._board.personality.refuse_home(self._board.flight, command)
+    def _set_home(self, command: Command) -> CommandResult | None:
+        flight = self._context.flight
+        refusal = self._policy.refuse_home(flight, command)
         if refusal:
             return refusal.result
         if command.params[0] == 1.0:
             self.set_here()
-            return Result.ACCEPTED
+            return CommandResult.ACCEPTED
         latitude, longitude, altitude = command.params[4:7]
         if not (abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5):
-            return Result.DENIED
-        north, east = self._board.airframe.to_local_m(latitude, longitude)
-        altitude = self._board.personality.altitude_amsl_m(self._board.flight, command.frame, altitude)
-        self._keep(round(latitude * 1e7), round(longitude * 1e7), altitude, north, east)
-        return Result.ACCEPTED
+            return CommandResult.DENIED
+        north, east = self._context.airframe.to_local_m(latitude, longitude)
+        altitude = self._policy.altitude_amsl_m(flight, command.frame, altitude)
+        self._set(round(latitude * 1e7), round(longitude * 1e7), altitude, north, east)
+        return CommandResult.ACCEPTED
 
-    def _get(self, command: Command) -> Result | None:
-        if self._board.flight.home is None:
-            return Result.FAILED
-        command.sender.channel.tell("HOME_POSITION", **home_fields(self._board))
-        return Result.ACCEPTED
+    def _send_home(self, command: Command) -> CommandResult | None:
+        if self._context.flight.home is None:
+            return CommandResult.FAILED
+        command.sender.channel.send_message("HOME_POSITION", **home_fields(self._context.flight))
+        return CommandResult.ACCEPTED
+
+    def _home_values(self) -> Values | None:
+        home = self._context.flight.home
+        if home is None:
+            return None
+        place = (home.latitude_e7, home.longitude_e7, round(home.altitude_m * 1000.0), home.north_m, home.east_m, home.down_m)
+        return (*place, *_NO_ATTITUDE, *_NO_APPROACH, self._context.flight.time_us)
+
+    def _origin_values(self) -> Values | None:
+        flight = self._context.flight
+        if flight.home is None:
+            return None
+        origin = flight.origin
+        return (origin.latitude_e7, origin.longitude_e7, round(origin.altitude_m * 1000.0), flight.time_us)
 
 
-def home_fields(board: ServiceContext) -> dict[str, Any]:
-    """Fields of HOME_POSITION. The attitude at home and the way in are not known, which NaN and zeros say."""
-    home = board.flight.home or board.flight.origin
+def home_fields(flight: FlightState) -> Fields:
+    """Fields of HOME_POSITION. The attitude at home and the approach to it are unknown, which is what NaN means."""
+    home = flight.home or flight.origin
     return {
         "latitude": home.latitude_e7,
         "longitude": home.longitude_e7,
@@ -74,20 +93,20 @@ def home_fields(board: ServiceContext) -> dict[str, Any]:
         "x": home.north_m,
         "y": home.east_m,
         "z": home.down_m,
-        "q": (math.nan,) * 4,
+        "q": _NO_ATTITUDE,
         "approach_x": math.nan,
         "approach_y": math.nan,
         "approach_z": math.nan,
-        "time_usec": board.flight.time_us,
+        "time_usec": flight.time_us,
     }
 
 
-def origin_fields(board: ServiceContext) -> dict[str, Any]:
+def origin_fields(flight: FlightState) -> Fields:
     """Fields of GPS_GLOBAL_ORIGIN."""
-    origin = board.flight.origin
+    origin = flight.origin
     return {
         "latitude": origin.latitude_e7,
         "longitude": origin.longitude_e7,
         "altitude": round(origin.altitude_m * 1000),
-        "time_usec": board.flight.time_us,
+        "time_usec": flight.time_us,
     }

@@ -1,98 +1,93 @@
-"""Who the autopilot is: its version, its protocol, its modes, and where its metadata lie. All on request."""
+"""Version, protocol, modes and metadata of the autopilot, all on request."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
-from .._flight import Mode
-from .._service import Command, CommandHandler, Handler, Result
+from .._flight_state import FlightMode
+from .._service import Command, CommandHandler, CommandResult, Fields, MessageAnswer
 from .._service_context import ServiceContext
+from ..links._enums import MAV_CMD
+from ..policies._identity import IdentityPolicy
+from ..policies._modes import ModePolicy
 
-REQUEST_PROTOCOL_VERSION, REQUEST_CAPABILITIES = 519, 520
-_NOT_SELECTABLE = 2  # MAV_MODE_PROPERTY
-Fields = dict[str, Any]
+_NOT_USER_SELECTABLE = 2  # MAV_MODE_PROPERTY
 
 
 class Identity:
-    """Answers to REQUEST_MESSAGE, as far as the personality has them, and to the two older requests."""
+    """Answers to REQUEST_MESSAGE, as far as the autopilot has them, and to the two older requests."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
-
-    def handlers(self) -> Mapping[str, Handler]:
-        return {}
+    def __init__(self, context: ServiceContext, policy: IdentityPolicy, modes: ModePolicy) -> None:
+        self._flight = context.flight
+        self._policy = policy
+        self._modes = modes
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        older: dict[int, CommandHandler] = {REQUEST_CAPABILITIES: self._old}
-        if self._board.personality.protocol_versions:
-            older[REQUEST_PROTOCOL_VERSION] = self._old_protocol
-        return older
+        commands: dict[int, CommandHandler] = {MAV_CMD.REQUEST_AUTOPILOT_CAPABILITIES: self._send_version}
+        if self._policy.protocol_versions:
+            commands[MAV_CMD.REQUEST_PROTOCOL_VERSION] = self._send_protocol
+        return commands
 
-    def answers(self) -> Mapping[str, Callable[[Command], Fields | list[Fields] | None]]:
-        """By message: the fields of one, those of several, or None where the request is refused."""
-        personality = self._board.personality
-        found: dict[str, Callable[[Command], Fields | list[Fields] | None]] = {
-            "AUTOPILOT_VERSION": lambda command: self._version()
-        }
-        if personality.protocol_versions:
-            found["PROTOCOL_VERSION"] = lambda command: self._protocol()
-        if personality.metadata:
-            found["COMPONENT_METADATA"] = lambda command: self._metadata("file_crc", "uri")
-            found["COMPONENT_INFORMATION"] = lambda command: self._metadata("general_metadata_file_crc", "general_metadata_uri")
-        if personality.standard_modes:
-            found["AVAILABLE_MODES"] = self._modes
-        if personality.event_names:
-            found["CURRENT_EVENT_SEQUENCE"] = lambda command: None  # streamed, and refused when asked for
-        return found
+    def answers(self) -> Mapping[str, MessageAnswer]:
+        policy = self._policy
+        answers: dict[str, MessageAnswer] = {"AUTOPILOT_VERSION": lambda command: self._version()}
+        if policy.protocol_versions:
+            answers["PROTOCOL_VERSION"] = lambda command: self._protocol()
+        if policy.metadata:
+            answers["COMPONENT_METADATA"] = lambda command: self._metadata("file_crc", "uri")
+            answers["COMPONENT_INFORMATION"] = lambda command: self._metadata("general_metadata_file_crc", "general_metadata_uri")
+        if self._modes.standard_modes:
+            answers["AVAILABLE_MODES"] = self._available_modes
+        return answers
 
-    def _old(self, command: Command) -> Result | None:
-        command.sender.channel.tell("AUTOPILOT_VERSION", **self._version())
-        return Result.ACCEPTED
+    def _send_version(self, command: Command) -> CommandResult | None:
+        command.sender.channel.send_message("AUTOPILOT_VERSION", **self._version())
+        return CommandResult.ACCEPTED
 
-    def _old_protocol(self, command: Command) -> Result | None:
-        command.sender.channel.tell("PROTOCOL_VERSION", **self._protocol())
-        return Result.ACCEPTED
+    def _send_protocol(self, command: Command) -> CommandResult | None:
+        command.sender.channel.send_message("PROTOCOL_VERSION", **self._protocol())
+        return CommandResult.ACCEPTED
 
     def _version(self) -> Fields:
-        personality = self._board.personality
+        policy = self._policy
         return {
-            "capabilities": personality.capabilities,
-            "uid": personality.uid,
-            "flight_sw_version": personality.flight_sw_version,
-            "board_version": personality.board_version,
-            "flight_custom_version": list(personality.flight_custom_version),
-            "uid2": list(personality.uid2),
+            "capabilities": policy.capabilities,
+            "uid": policy.uid,
+            "flight_sw_version": policy.flight_sw_version,
+            "board_version": policy.board_version,
+            "flight_custom_version": list(policy.flight_custom_version),
+            "uid2": list(policy.uid2),
         }
 
     def _protocol(self) -> Fields:
-        assert self._board.personality.protocol_versions
-        version, least, most = self._board.personality.protocol_versions
-        return {"version": version, "min_version": least, "max_version": most}
+        assert self._policy.protocol_versions
+        version, lowest, highest = self._policy.protocol_versions
+        return {"version": version, "min_version": lowest, "max_version": highest}
 
     def _metadata(self, checksum: str, uri: str) -> Fields:
-        metadata = self._board.personality.metadata
+        metadata = self._policy.metadata
         assert metadata
-        return {"time_boot_ms": self._board.flight.time_ms, checksum: metadata.checksum(), uri: metadata.uri.encode()}
+        return {"time_boot_ms": self._flight.time_ms, checksum: metadata.checksum(), uri: metadata.uri.encode()}
 
-    def _modes(self, command: Command) -> Fields | list[Fields] | None:
-        """Index 0 asks for all of them, any other for one."""
-        modes, index = self._board.personality.modes, command.params[1]
+    def _available_modes(self, command: Command) -> Fields | list[Fields] | None:
+        """Index 0 asks for all modes, any other for one."""
+        modes, index = self._modes.modes, command.params[1]
         if index == 0.0:
             return [self._mode(number, mode) for number, mode in enumerate(modes, start=1)]
         if index == index and 1 <= index <= len(modes):
             return self._mode(int(index), modes[int(index) - 1])
         return None
 
-    def _mode(self, index: int, mode: Mode) -> Fields:
-        standard = self._board.personality.standard_modes.get(mode.name, 0)
-        absent = mode.name.startswith("EXTERNAL")
-        name = "(Mode not available)" if absent else mode.label
+    def _mode(self, index: int, mode: FlightMode) -> Fields:
+        standard_mode = self._modes.standard_modes.get(mode.name, 0)
+        external = mode.name.startswith("EXTERNAL")
+        name = "(Mode not available)" if external else mode.label
         return {
-            "number_modes": len(self._board.personality.modes),
+            "number_modes": len(self._modes.modes),
             "mode_index": index,
-            "standard_mode": standard,
+            "standard_mode": standard_mode,
             "custom_mode": mode.custom,
-            "properties": _NOT_SELECTABLE if absent else 0,
-            "mode_name": b"" if standard else name.encode(),
+            "properties": _NOT_USER_SELECTABLE if external else 0,
+            # A standard mode is known by its number and needs no name.
+            "mode_name": b"" if standard_mode else name.encode(),
         }

@@ -1,110 +1,118 @@
-"""Modes: which one, how it is asked for, and when it may not be had."""
+"""Modes: which one is active, how it is asked for, and when it is refused."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._flight import Behaviour, Mode
-from .._personality import Event, Refusal
-from .._service import Command, CommandHandler, Handler, Result, Sender
+from .._flight_state import Behaviour, FlightMode
+from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Refusal
 from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
 from ..guidance._manoeuvres import Takeoff
+from ..links._enums import MAV_CMD
+from ..policies._modes import ModePolicy
+from ..telemetry._texts import FlightEvent
 
-DO_SET_MODE = 176
-_SAID = {Behaviour.LAND: Event.LANDING, Behaviour.RETURN: Event.RETURNING, Behaviour.TERMINATE: Event.TERMINATED}
+_EVENTS = {
+    Behaviour.LAND: FlightEvent.LANDING,
+    Behaviour.RETURN: FlightEvent.RETURNING,
+    Behaviour.TERMINATE: FlightEvent.TERMINATED,
+}
 
 
 class Modes:
-    """DO_SET_MODE and the old SET_MODE; the one door by which a mode changes."""
+    """DO_SET_MODE and the old SET_MODE message. Every change of mode goes through `switch`."""
 
-    def __init__(self, board: ServiceContext, guidance: Guidance, has_setpoints: Callable[[], bool]) -> None:
-        self._board = board
+    def __init__(
+        self, context: ServiceContext, policy: ModePolicy, guidance: Guidance, has_setpoints: Callable[[], bool]
+    ) -> None:
+        self._context = context
+        self._policy = policy
         self._guidance = guidance
         self._has_setpoints = has_setpoints
+        self._by_behaviour = {
+            Behaviour.HOLD: policy.hold,
+            Behaviour.LAND: policy.land,
+            Behaviour.RETURN: policy.return_home,
+            Behaviour.OFFBOARD: policy.offboard,
+        }
         self.on_change: list[Callable[[], None]] = []
 
-    def handlers(self) -> Mapping[str, Handler]:
-        return {"SET_MODE": self._old_message}
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"SET_MODE": self._set_mode_message}
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {DO_SET_MODE: self._command}
+        return {MAV_CMD.DO_SET_MODE: self._set_mode}
 
     def tick(self) -> None:
-        """A takeoff that has reached its height hands over to holding, where it is a mode of its own."""
-        flight = self._board.flight
+        """Hold when a takeoff has reached its height, where taking off is a mode of its own."""
+        flight = self._context.flight
         if flight.mode.behaviour is Behaviour.TAKEOFF and flight.armed and self._guidance.manoeuvre.done(flight):
-            risen = self._guidance.manoeuvre
-            self.switch(self._board.personality.mode(self._board.personality.hold_mode))
-            if isinstance(risen, Takeoff):
-                self._guidance.manoeuvre = risen.hold(flight)
+            takeoff = self._guidance.manoeuvre
+            self.switch(self._policy.hold)
+            if isinstance(takeoff, Takeoff):
+                self._guidance.manoeuvre = takeoff.hold(flight)
 
     @property
     def terminated(self) -> bool:
-        """Whether the flight has been ended, which no mode undoes."""
-        return self._board.flight.armed and self._board.flight.mode.behaviour is Behaviour.TERMINATE
+        """Whether the flight has been terminated, which no mode undoes."""
+        return self._context.flight.armed and self._context.flight.mode.behaviour is Behaviour.TERMINATE
 
-    def switch(self, mode: Mode) -> None:
-        """Enter a mode, whoever wants it."""
-        board = self._board
+    def switch(self, mode: FlightMode) -> None:
+        """Enter a mode without asking the policy."""
+        flight = self._context.flight
         if self.terminated:
             return
-        changed = mode is not board.flight.mode
-        board.flight.mode = mode
-        self._guidance.begin(mode.behaviour, board.flight)
-        event = _SAID.get(mode.behaviour)
-        if changed and event and event in board.personality.texts:
-            board.texts.say(*board.personality.texts[event])
-        if changed:
-            for listener in self.on_change:
-                listener()
+        changed = mode is not flight.mode
+        flight.mode = mode
+        self._guidance.begin(mode.behaviour, flight)
+        if not changed:
+            return
+        event = _EVENTS.get(mode.behaviour)
+        if event:
+            self._context.texts.announce(event)
+        for listener in self.on_change:
+            listener()
 
-    def to(self, behaviour: Behaviour) -> None:
-        """Enter the personality's mode for a behaviour."""
-        personality = self._board.personality
-        names = {
-            Behaviour.HOLD: personality.hold_mode,
-            Behaviour.LAND: personality.land_mode,
-            Behaviour.RETURN: personality.return_mode,
-            Behaviour.FOLLOW: personality.follow_mode,
-        }
-        self.switch(personality.mode(names[behaviour]))
+    def switch_to(self, behaviour: Behaviour) -> None:
+        """Enter the autopilot's mode for a behaviour."""
+        self.switch(self._by_behaviour[behaviour])
 
-    def ask(self, number: int) -> Refusal | None:
-        """Enter the mode of a number, or say why not."""
-        personality = self._board.personality
-        wanted = personality.mode_of(number)
-        if wanted and wanted.name == personality.orbit_mode and not self._board.flight.armed:
-            wanted = personality.mode_of(number & 0xFFFFFF)  # a mode that only a command can fill ends in its main mode
+    def request(self, number: int) -> Refusal | None:
+        """Enter the mode with a custom number, or return why not."""
+        policy, flight = self._policy, self._context.flight
+        mode = policy.numbered(number)
+        if mode and mode is policy.orbit and not flight.armed:
+            # Only DO_ORBIT gives the orbit mode its circle; before that PX4 enters the main mode without the sub mode.
+            mode = policy.numbered(number & 0xFFFFFF)
         if self.terminated:
-            return Refusal(Result.TEMPORARILY_REJECTED)
-        refusal = personality.refuse_mode(self._board.flight, wanted, number, self._has_setpoints())
-        if refusal is None and wanted is not None:
-            if wanted is not self._board.flight.mode:
-                self.switch(wanted)
+            return Refusal(CommandResult.TEMPORARILY_REJECTED)
+        refusal = policy.refuse_mode(flight, mode, number, self._has_setpoints())
+        if refusal is None and mode is not None:
+            if mode is not flight.mode:
+                self.switch(mode)
             return None
-        refusal = refusal or Refusal(Result.DENIED)
+        refusal = refusal or Refusal(CommandResult.DENIED)
         for text in refusal.texts:
-            self._board.texts.say(*text)
+            self._context.texts.send(*text)
         return refusal
 
-    def _command(self, command: Command) -> Result | None:
-        number = self._board.personality.mode_number(command)
+    def _set_mode(self, command: Command) -> CommandResult | None:
+        number = self._policy.number_of_command(command.params)
         if number is None:
-            return Result.DENIED
-        refusal = self.ask(number)
-        return refusal.result if refusal else Result.ACCEPTED
+            return CommandResult.DENIED
+        refusal = self.request(number)
+        return refusal.result if refusal else CommandResult.ACCEPTED
 
-    def _old_message(self, message: Any, sender: Sender) -> None:
-        refusal = self.ask(message.custom_mode)
-        if self._board.personality.set_mode_message_acks:
-            result = refusal.result if refusal else Result.ACCEPTED
-            if result is not None:
-                sender.channel.tell(
-                    "COMMAND_ACK",
-                    command=DO_SET_MODE,
-                    result=result,
-                    target_system=sender.system,
-                    target_component=sender.component,
-                )
+    def _set_mode_message(self, message: Any, sender: MessageSender) -> None:
+        refusal = self.request(message.custom_mode)
+        result = refusal.result if refusal else CommandResult.ACCEPTED
+        if self._policy.acknowledges_set_mode and result is not None:
+            sender.channel.send_message(
+                "COMMAND_ACK",
+                command=MAV_CMD.DO_SET_MODE,
+                result=result,
+                target_system=sender.system,
+                target_component=sender.component,
+            )

@@ -1,45 +1,44 @@
-"""Restarting: PREFLIGHT_REBOOT_SHUTDOWN, and what of a flight controller outlives it."""
+"""PREFLIGHT_REBOOT_SHUTDOWN, and what one flight controller leaves to the next."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .._service import Command, CommandHandler, Handler, Result
+from .._service import Command, CommandHandler, CommandResult
 from .._service_context import ServiceContext
+from ..links._enums import MAV_CMD
 from ..links._signing import Signing
-from ..missions._store import Item
+from ..missions._store import MissionItem
+from ..policies._commands import CommandPolicy
 
-REBOOT = 246
-_AGAIN = (1.0, 3.0)  # restart; restart and stay in a bootloader, where the autopilot accepts that
+_REBOOTS = (1.0, 3.0)  # reboot; reboot and stay in the bootloader, where the autopilot accepts that
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
-    """What one controller leaves to the next: what it has in its flash, and the counts of a session."""
+class PersistentState:
+    """What one flight controller leaves to the next: the contents of its flash memory, and the counts of a session."""
 
     parameters: Mapping[str, float]
-    plans: Mapping[int, tuple[Item, ...]]
+    plans: Mapping[int, tuple[MissionItem, ...]]
     signing: Signing
     counts: Mapping[str, int]
 
 
 class Restart:
-    """Acknowledges the command by the personality's own answer; what is accepted is done once the step is over."""
+    """Answers the command as the policy has it; an accepted restart happens once the step is over."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
-        self.wanted = False
-
-    def handlers(self) -> Mapping[str, Handler]:
-        return {}
+    def __init__(self, context: ServiceContext, policy: CommandPolicy) -> None:
+        self._context = context
+        self._policy = policy
+        self.requested = False
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {REBOOT: self._restart}
+        return {MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN: self._restart}
 
-    def _restart(self, command: Command) -> Result | None:
-        personality = self._board.personality
-        answer = personality.answer(self._board.flight, command)
-        result = answer.results[0] if answer else personality.fixed_results.get(REBOOT, Result.UNSUPPORTED)
-        self.wanted = self.wanted or (result is Result.ACCEPTED and command.params[0] in _AGAIN)
+    def _restart(self, command: Command) -> CommandResult | None:
+        answer = self._policy.answer(self._context.flight, command)
+        fixed = self._policy.fixed_results.get(MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN, CommandResult.UNSUPPORTED)
+        result = answer.results[0] if answer else fixed
+        self.requested = self.requested or (result is CommandResult.ACCEPTED and command.params[0] in _REBOOTS)
         return result

@@ -9,23 +9,26 @@ from typing import Any
 
 from bench.contracts import Vector
 
-from .._flight import Attitude, Behaviour, Flight, Target
-from .._service import CommandHandler, Handler, Sender
+from .._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
+from .._service import MessageHandler, MessageSender
 from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
-from ..guidance._manoeuvres import Follow
+from ..guidance._manoeuvres import FollowSetpoints
+from ..policies._setpoints import SetpointPolicy
+from ..safety._fence_boundary import FenceBoundary
 from ..telemetry._texts import CRITICAL
 
-_FORCE, _NO_YAW, _NO_YAW_RATE = 0x200, 0x400, 0x800
-_NO_ROLL_RATE, _NO_PITCH_RATE, _NO_TURN_RATE, _NO_THRUST, _NO_ATTITUDE = 1, 2, 4, 64, 128
-_LOCAL, _GLOBAL = 84, 86
-_FAR = 1e6  # metres or anything else: beyond it nothing is meant seriously
+# Bits of POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK.
+_FORCE, _IGNORE_YAW, _IGNORE_YAW_RATE = 0x200, 0x400, 0x800
+_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_TURN_RATE, _IGNORE_THRUST, _IGNORE_ATTITUDE = 1, 2, 4, 64, 128
+_SET_POSITION_TARGET_LOCAL_NED, _SET_POSITION_TARGET_GLOBAL_INT = 84, 86
+_MAX_SETPOINT = 1e6  # metres or anything else: a larger number is a client's error
 _NAN3 = (math.nan,) * 3
 
 
 @dataclass(frozen=True, slots=True)
-class _Wish:
-    """One message in north, east, down; NaN on an axis about which it says nothing."""
+class _Setpoint:
+    """One message in north, east, down; NaN on an axis that it leaves open."""
 
     position: Vector
     velocity: Vector
@@ -35,205 +38,209 @@ class _Wish:
 
     @property
     def empty(self) -> bool:
-        return all(math.isnan(one) for one in (*self.position, *self.velocity, *self.acceleration))
+        return all(math.isnan(value) for value in (*self.position, *self.velocity, *self.acceleration))
 
     @property
     def sane(self) -> bool:
-        numbers = (*self.position, *self.velocity, *self.acceleration, self.yaw_rad, self.yawrate_radps)
-        return not any([abs(one) >= _FAR for one in numbers])  # noqa: C419 (a generator takes twice as long)
+        values = (*self.position, *self.velocity, *self.acceleration, self.yaw_rad, self.yawrate_radps)
+        return not any([abs(value) >= _MAX_SETPOINT for value in values])  # noqa: C419 (a generator takes twice as long)
 
 
 class Setpoints:
-    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET."""
+    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET. `ignored` counts those that were not flown."""
 
-    def __init__(self, board: ServiceContext, guidance: Guidance) -> None:
-        self._board = board
+    def __init__(self, context: ServiceContext, policy: SetpointPolicy, guidance: Guidance, fence: FenceBoundary) -> None:
+        self._context = context
+        self._policy = policy
         self._guidance = guidance
+        self._fence = fence
         self._last_ns: int | None = None
         self._lapses = False
-        self._last: tuple[Target, tuple[bool, bool]] | None = None
+        self._last: tuple[FlightTarget, tuple[bool, bool]] | None = None
         self.ignored = 0
 
-    def handlers(self) -> Mapping[str, Handler]:
+    def handlers(self) -> Mapping[str, MessageHandler]:
         return {
-            "SET_POSITION_TARGET_LOCAL_NED": self._local,
-            "SET_POSITION_TARGET_GLOBAL_INT": self._global,
-            "SET_ATTITUDE_TARGET": self._attitude,
+            "SET_POSITION_TARGET_LOCAL_NED": self._take_local,
+            "SET_POSITION_TARGET_GLOBAL_INT": self._take_global,
+            "SET_ATTITUDE_TARGET": self._take_attitude,
         }
 
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
-
     def tick(self) -> None:
-        """A companion that has fallen silent where that ends its motion, but not its mode."""
-        board = self._board
+        """Stop the vehicle when no setpoints arrive any more, where that is no failsafe."""
         if (
-            not board.personality.returns_to_setpoints
+            not self._policy.fails_safe_when_lost
             and self._lapses
             and not self.fresh()
-            and isinstance(self._guidance.manoeuvre, Follow)
+            and isinstance(self._guidance.manoeuvre, FollowSetpoints)
         ):
-            self._guidance.manoeuvre.lapse(board.flight)
+            self._guidance.manoeuvre.lapse(self._context.flight)
             self._lapses = False
 
     def fresh(self) -> bool:
         """Whether setpoints have come within the timeout."""
-        return self._last_ns is not None and self._board.flight.time_ns - self._last_ns < round(
+        return self._last_ns is not None and self._context.flight.time_ns - self._last_ns < round(
             self._guidance.limits.setpoint_timeout_s * 1e9
         )
 
     def resume(self) -> None:
-        """Go on with the last setpoint, after the mode was entered again."""
-        if self._last and isinstance(self._guidance.manoeuvre, Follow):
-            self._guidance.manoeuvre.give(self._last[0], self._board.flight, self._last[1])
+        """Fly the last setpoint again, after the mode was entered again."""
+        if self._last and isinstance(self._guidance.manoeuvre, FollowSetpoints):
+            self._guidance.manoeuvre.give(self._last[0], self._context.flight, self._last[1])
 
-    def _local(self, m: Any, sender: Sender) -> None:
-        board, flight = self._board, self._board.flight
-        if self._unwanted():
+    def _take_local(self, m: Any, sender: MessageSender) -> None:
+        flight = self._context.flight
+        if self._ignores_mode():
             return
-        kind = board.personality.local_frames.get(m.coordinate_frame)
-        if kind is None:
-            self._refuse(board.personality.bad_local_frame.format(m.coordinate_frame))
+        frame = self._policy.local_frames.get(m.coordinate_frame)
+        if frame is None:
+            self._refuse(self._policy.bad_local_frame.format(m.coordinate_frame))
             return
-        position, velocity, acceleration = self._groups(m, (m.x, m.y, m.z))
-        yaw = math.nan if m.type_mask & _NO_YAW else m.yaw
-        if kind == "body-velocity":
+        position, velocity, acceleration = self._vectors(m, (m.x, m.y, m.z))
+        yaw = math.nan if m.type_mask & _IGNORE_YAW else m.yaw
+        if frame == "body-velocity":
             position = _NAN3
             velocity, acceleration = _body_to_ned(velocity, flight), _body_to_ned(acceleration, flight)
-        elif kind == "body":
+        elif frame == "body":
             position, velocity = _turned(position, flight.yaw_rad), _turned(velocity, flight.yaw_rad)
             acceleration = _turned(acceleration, flight.yaw_rad)
             yaw += flight.yaw_rad
-        if kind in ("body", "offset"):
+        if frame in ("body", "offset"):
             position = (position[0] + flight.north_m, position[1] + flight.east_m, position[2] + flight.down_m)
-        self._take("SET_POSITION_TARGET_LOCAL_NED", m, _Wish(position, velocity, acceleration, yaw, _yawrate(m)))
+        setpoint = _Setpoint(position, velocity, acceleration, yaw, _yaw_rate(m))
+        self._take("SET_POSITION_TARGET_LOCAL_NED", m, setpoint)
 
-    def _global(self, m: Any, sender: Sender) -> None:
-        board, flight = self._board, self._board.flight
-        if self._unwanted():
+    def _take_global(self, m: Any, sender: MessageSender) -> None:
+        context, flight = self._context, self._context.flight
+        if self._ignores_mode():
             return
-        position, velocity, acceleration = self._groups(m, (0.0, 0.0, m.alt))
+        position, velocity, acceleration = self._vectors(m, (0.0, 0.0, m.alt))
         if not math.isnan(sum(position)):
-            kind = board.personality.global_frames.get(m.coordinate_frame)
-            if kind is None:
-                severity, text = board.personality.bad_global_frame
+            frame = self._policy.global_frames.get(m.coordinate_frame)
+            if frame is None:
+                severity, text = self._policy.bad_global_frame
                 self._stop()
-                board.texts.say(severity, text.format(m.coordinate_frame))
+                context.texts.send(severity, text.format(m.coordinate_frame))
                 return
             if abs(m.lat_int) > 900_000_000 or abs(m.lon_int) > 1_800_000_000:
                 self._stop()
                 return
-            north, east = board.airframe.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
-            ground = {"home": (flight.home or flight.origin).altitude_m, "ground": flight.origin.altitude_m}
-            position = (north, east, flight.origin.altitude_m - m.alt - ground.get(kind, 0.0))
-            if board.personality.fence.keeps_setpoints and not board.allows(*position):
+            north, east = context.airframe.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
+            reference_m = {"home": (flight.home or flight.origin).altitude_m, "ground": flight.origin.altitude_m}
+            position = (north, east, flight.origin.altitude_m - m.alt - reference_m.get(frame, 0.0))
+            if self._fence.policy.refuses_setpoints and not self._fence.allows(*position):
                 self._stop()
                 return
-        elif not all(math.isnan(one) for one in position):
+        elif not all(math.isnan(value) for value in position):
             position = _NAN3
-        yaw = math.nan if m.type_mask & _NO_YAW else m.yaw
-        self._take("SET_POSITION_TARGET_GLOBAL_INT", m, _Wish(position, velocity, acceleration, yaw, _yawrate(m)))
+        yaw = math.nan if m.type_mask & _IGNORE_YAW else m.yaw
+        setpoint = _Setpoint(position, velocity, acceleration, yaw, _yaw_rate(m))
+        self._take("SET_POSITION_TARGET_GLOBAL_INT", m, setpoint)
 
-    def _groups(self, m: Any, place: Vector) -> tuple[Vector, Vector, Vector]:
+    def _vectors(self, m: Any, place: Vector) -> tuple[Vector, Vector, Vector]:
         """Position, velocity and acceleration with NaN for what the mask leaves out."""
-        personality = self._board.personality
-        whole = personality.axis_groups
-        if m.get_msgId() == _LOCAL and personality.local_frames.get(m.coordinate_frame) == "body-velocity":
-            whole = True
+        policy = self._policy
+        grouped = policy.axes_in_groups
+        if m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED and policy.local_frames.get(m.coordinate_frame) == "body-velocity":
+            grouped = True  # a body that tilts mixes the axes
         mask = m.type_mask
         velocity, acceleration = (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz)
-        return _said(place, mask, whole), _said(velocity, mask >> 3, whole), _said(acceleration, mask >> 6, whole)
+        return _masked(place, mask, grouped), _masked(velocity, mask >> 3, grouped), _masked(acceleration, mask >> 6, grouped)
 
-    def _take(self, name: str, m: Any, wish: _Wish) -> None:
-        personality = self._board.personality
+    def _take(self, name: str, m: Any, setpoint: _Setpoint) -> None:
+        policy = self._policy
         if m.type_mask & _FORCE and (m.type_mask >> 6 & 7) != 7:
             self._complain(f"{name} force not supported")
             return
-        if personality.axis_groups and not self._makes_sense(m, wish):
+        if policy.axes_in_groups and not self._is_known_combination(m, setpoint):
             self._stop()
             return
-        if wish.empty or not wish.sane:
-            self._refuse(None if m.get_msgId() == _GLOBAL else f"{name} invalid")
+        if setpoint.empty or not setpoint.sane:
+            self._refuse(None if m.get_msgId() == _SET_POSITION_TARGET_GLOBAL_INT else f"{name} invalid")
             return
-        target, pushes = self._target(wish)
-        self._lapses = target.north_east_m is None or personality.position_setpoints_lapse
-        self._give(target, pushes)
+        target, accelerates = self._target(setpoint)
+        self._lapses = target.north_east_m is None or policy.position_lapses
+        self._give(target, accelerates)
 
-    def _makes_sense(self, m: Any, wish: _Wish) -> bool:
-        """Where axes come in groups, a group that is not masked must be numbers, and the groups must be a known set."""
+    def _is_known_combination(self, m: Any, setpoint: _Setpoint) -> bool:
+        """Whether every vector that is not masked holds numbers, and the vectors are a combination that ArduPilot knows."""
         masked = [(m.type_mask >> shift & 7) != 0 for shift in (0, 3, 6)]
-        for left_out, values in zip(masked, (wish.position, wish.velocity, wish.acceleration), strict=True):
-            if not left_out and not all(math.isfinite(one) for one in values):
+        vectors = (setpoint.position, setpoint.velocity, setpoint.acceleration)
+        for ignored, vector in zip(masked, vectors, strict=True):
+            if not ignored and not all(math.isfinite(value) for value in vector):
                 return False
         no_position, no_velocity, no_acceleration = masked
         if not no_position and no_velocity:
             return bool(no_acceleration)
         return not (no_position and no_velocity and no_acceleration)
 
-    def _target(self, wish: _Wish) -> tuple[Target, tuple[bool, bool]]:
-        """What a setpoint means. An axis (the horizontal two go together) that it leaves open is held still."""
-        x, y, z = wish.position
-        v, a = _zeroed(wish.velocity), _zeroed(wish.acceleration)
+    def _target(self, setpoint: _Setpoint) -> tuple[FlightTarget, tuple[bool, bool]]:
+        """The target of a setpoint, and whether it gives acceleration alone: horizontally, vertically.
+
+        An axis that the setpoint leaves open is held still; the two horizontal axes go together.
+        """
+        x, y, z = setpoint.position
+        v, a = _without_nan(setpoint.velocity), _without_nan(setpoint.acceleration)
         has_xy = not math.isnan(x + y)
-        has_vxy, has_axy = (not math.isnan(one[0] + one[1]) for one in (wish.velocity, wish.acceleration))
+        has_vxy, has_axy = (not math.isnan(vector[0] + vector[1]) for vector in (setpoint.velocity, setpoint.acceleration))
         has_z = not math.isnan(z)
-        has_vz, has_az = not math.isnan(wish.velocity[2]), not math.isnan(wish.acceleration[2])
-        limits, personality = self._guidance.limits, self._board.personality
-        has_yaw, turns = not math.isnan(wish.yaw_rad), not math.isnan(wish.yawrate_radps)
-        asked = self._guidance.speed_mps if personality.speed_command_binds_setpoints else None
-        goes = (asked or limits.goto_mps) if has_xy else limits.speed_max_mps
-        target = Target(
+        has_vz, has_az = not math.isnan(setpoint.velocity[2]), not math.isnan(setpoint.acceleration[2])
+        limits, policy = self._guidance.limits, self._policy
+        has_yaw, has_yaw_rate = not math.isnan(setpoint.yaw_rad), not math.isnan(setpoint.yawrate_radps)
+        commanded_mps = self._guidance.speed_mps if policy.speed_command_binds else None
+        target = FlightTarget(
             north_east_m=(x, y) if has_xy else None,
             down_m=z if has_z else None,
             velocity_ned_mps=(v[0] if has_vxy else 0.0, v[1] if has_vxy else 0.0, v[2]),
             acceleration_ned_mps2=(a[0] if has_axy else 0.0, a[1] if has_axy else 0.0, a[2]),
-            yaw_rad=wish.yaw_rad if has_yaw else None,
-            yawrate_radps=wish.yawrate_radps if turns else 0.0,
-            speed_max_mps=goes,
+            yaw_rad=setpoint.yaw_rad if has_yaw else None,
+            yawrate_radps=setpoint.yawrate_radps if has_yaw_rate else 0.0,
+            speed_max_mps=(commanded_mps or limits.goto_mps) if has_xy else limits.speed_max_mps,
             climb_max_mps=limits.setpoint_climb_mps,
             descent_max_mps=limits.setpoint_descent_mps,
-            faces_motion=personality.setpoints_face_motion and not has_yaw and not turns,
+            faces_motion=policy.faces_motion and not has_yaw and not has_yaw_rate,
         )
         return target, (has_axy and not has_xy and not has_vxy, has_az and not has_z and not has_vz)
 
-    def _attitude(self, m: Any, sender: Sender) -> None:
-        if self._unwanted():
+    def _take_attitude(self, m: Any, sender: MessageSender) -> None:
+        if self._ignores_mode():
             return
-        mask, flight, limits = m.type_mask, self._board.flight, self._guidance.limits
+        mask, flight, limits = m.type_mask, self._context.flight, self._guidance.limits
         rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
-        masked = [bool(mask & bit) for bit in (_NO_ROLL_RATE, _NO_PITCH_RATE, _NO_TURN_RATE)]
-        if not all(left_out or (math.isfinite(rate) and abs(rate) < _FAR) for left_out, rate in zip(masked, rates, strict=True)):
+        masked = [bool(mask & bit) for bit in (_IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_TURN_RATE)]
+        sane = (math.isfinite(rate) and abs(rate) < _MAX_SETPOINT for rate in rates)
+        if not all(ignored or valid for ignored, valid in zip(masked, sane, strict=True)):
             self._refuse(None)
             return
-        if limits.thrust_is_climb and (mask & _NO_THRUST or (any(masked) and not all(masked))):
+        if limits.thrust_is_climb and (mask & _IGNORE_THRUST or (any(masked) and not all(masked))):
             self._refuse(None)
             return
-        thrust = 0.0 if mask & _NO_THRUST else m.thrust
-        turns = 0.0 if masked[2] else rates[2]
+        thrust = 0.0 if mask & _IGNORE_THRUST else m.thrust
+        yaw_rate = 0.0 if masked[2] else rates[2]
         if not math.isfinite(thrust):
             self._refuse(None)
-        elif not mask & _NO_ATTITUDE:
+        elif not mask & _IGNORE_ATTITUDE:
             angles = _euler_rad(m.q)
             if angles is None:
                 self._refuse(None)
             else:
-                self._tilt(angles[0], angles[1], angles[2], turns, thrust, None)
+                self._tilt(angles[0], angles[1], angles[2], yaw_rate, thrust, None)
         elif not (masked[0] or masked[1]):
-            self._tilt(0.0, 0.0, flight.yaw_rad, turns, thrust, (rates[0], rates[1], turns))
+            self._tilt(0.0, 0.0, flight.yaw_rad, yaw_rate, thrust, (rates[0], rates[1], yaw_rate))
         else:
             self._refuse(None)
 
-    def _tilt(self, roll: float, pitch: float, yaw: float, turns: float, thrust: float, rates: Vector | None) -> None:
+    def _tilt(self, roll: float, pitch: float, yaw: float, yaw_rate: float, thrust: float, rates: Vector | None) -> None:
         limits = self._guidance.limits
         climb = 0.0
         if limits.thrust_is_climb:
             share = 2.0 * min(max(thrust, 0.0), 1.0) - 1.0
             climb = share * (limits.climb_mps if share > 0.0 else limits.descent_mps)
-        attitude = Attitude(roll, pitch, None if limits.thrust_is_climb else min(max(thrust, 0.0), 1.0), rates)
-        target = Target(
+        attitude = TargetAttitude(roll, pitch, None if limits.thrust_is_climb else min(max(thrust, 0.0), 1.0), rates)
+        target = FlightTarget(
             velocity_ned_mps=(0.0, 0.0, -climb),
             yaw_rad=yaw,
-            yawrate_radps=turns,
+            yawrate_radps=yaw_rate,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
             attitude=attitude,
@@ -241,67 +248,66 @@ class Setpoints:
         self._lapses = True
         self._give(target, (False, False))
 
-    def _give(self, target: Target, pushes: tuple[bool, bool]) -> None:
-        flight = self._board.flight
-        self._last_ns, self._last = flight.time_ns, (target, pushes)
-        if flight.mode.behaviour is Behaviour.FOLLOW:
-            self._following().give(target, flight, pushes)
+    def _give(self, target: FlightTarget, accelerates: tuple[bool, bool]) -> None:
+        flight = self._context.flight
+        self._last_ns, self._last = flight.time_ns, (target, accelerates)
+        if flight.mode.behaviour is Behaviour.OFFBOARD:
+            self._manoeuvre().give(target, flight, accelerates)
 
-    def _following(self) -> Follow:
+    def _manoeuvre(self) -> FollowSetpoints:
         manoeuvre = self._guidance.manoeuvre
-        if not isinstance(manoeuvre, Follow):
-            manoeuvre = self._guidance.manoeuvre = Follow(self._board.flight)
+        if not isinstance(manoeuvre, FollowSetpoints):
+            manoeuvre = self._guidance.manoeuvre = FollowSetpoints(self._context.flight)
         return manoeuvre
 
-    def _unwanted(self) -> bool:
-        """Heard in another mode than guided, where nobody waits for setpoints and nobody complains."""
-        personality = self._board.personality
-        if personality.setpoint_complaints or self._board.flight.mode.behaviour is Behaviour.FOLLOW:
+    def _ignores_mode(self) -> bool:
+        """Whether the present mode flies no setpoints and the autopilot does not complain about that; counts it."""
+        if self._policy.complains or self._context.flight.mode.behaviour is Behaviour.OFFBOARD:
             return False
         self.ignored += 1
         return True
 
     def _refuse(self, text: str | None) -> None:
-        """Nonsense: a text where nonsense is talked about, and a halt where it is obeyed by stopping."""
+        """Handle a bad setpoint: send a text where the autopilot complains, else stop."""
         if text:
             self._complain(text)
         else:
             self.ignored += 1
-        if not self._board.personality.setpoint_complaints:
+        if not self._policy.complains:
             self._halt()
 
     def _stop(self) -> None:
         self.ignored += 1
-        if not self._board.personality.setpoint_complaints:
+        if not self._policy.complains:
             self._halt()
 
     def _halt(self) -> None:
-        self._following().lapse(self._board.flight)
+        self._manoeuvre().lapse(self._context.flight)
         self._lapses = False
 
     def _complain(self, text: str) -> None:
         self.ignored += 1
-        if self._board.personality.setpoint_complaints:
-            self._board.texts.say(CRITICAL, text)
+        if self._policy.complains:
+            self._context.texts.send(CRITICAL, text)
 
 
-def _yawrate(m: Any) -> float:
-    rate: float = math.nan if m.type_mask & _NO_YAW_RATE else m.yaw_rate
+def _yaw_rate(m: Any) -> float:
+    rate: float = math.nan if m.type_mask & _IGNORE_YAW_RATE else m.yaw_rate
     return rate
 
 
-def _said(vector: Vector, masked: int, whole: bool) -> Vector:
-    """A vector with NaN on the axes that are masked; on all of them where one is, and axes come together."""
-    masked &= 7
-    if not masked:
+def _masked(vector: Vector, mask: int, grouped: bool) -> Vector:
+    """A vector with NaN on the axes that are masked; on all of them where one is, and axes are `grouped`."""
+    mask &= 7
+    if not mask:
         return vector
-    if whole or masked == 7:
+    if grouped or mask == 7:
         return _NAN3
     north, east, down = vector
-    return math.nan if masked & 1 else north, math.nan if masked & 2 else east, math.nan if masked & 4 else down
+    return math.nan if mask & 1 else north, math.nan if mask & 2 else east, math.nan if mask & 4 else down
 
 
-def _zeroed(vector: Vector) -> Vector:
+def _without_nan(vector: Vector) -> Vector:
     north, east, down = vector
     return 0.0 if math.isnan(north) else north, 0.0 if math.isnan(east) else east, 0.0 if math.isnan(down) else down
 
@@ -312,7 +318,7 @@ def _turned(vector: Vector, yaw_rad: float) -> Vector:
     return cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1], vector[2]
 
 
-def _body_to_ned(vector: Vector, flight: Flight) -> Vector:
+def _body_to_ned(vector: Vector, flight: FlightState) -> Vector:
     """A vector of the body frame, tilted as the body is, in north, east, down."""
     cr, sr = math.cos(flight.roll_rad), math.sin(flight.roll_rad)
     cp, sp = math.cos(flight.pitch_rad), math.sin(flight.pitch_rad)
@@ -321,12 +327,12 @@ def _body_to_ned(vector: Vector, flight: Flight) -> Vector:
 
 
 def _euler_rad(q: Any) -> Vector | None:
-    """Roll, pitch and yaw of a quaternion; None for what is not nearly one."""
+    """Roll, pitch and yaw of a quaternion; None where its length is off by more than a tenth."""
     w, x, y, z = q
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    if not math.isfinite(size) or abs(size - 1.0) > 0.1:
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if not math.isfinite(length) or abs(length - 1.0) > 0.1:
         return None
-    w, x, y, z = w / size, x / size, y / size, z / size
+    w, x, y, z = w / length, x / length, y / length, z / length
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
     return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from .._service import CommandHandler, Handler, Sender
+from .._service import MessageHandler, MessageSender
 from ..links._signing import Signing
 
 
 class SigningKeys:
-    """SETUP_SIGNING: whoever is heard may bring a key, as on a vehicle that is wired up."""
+    """Takes a key from any client, as an autopilot on a wired link does."""
 
     def __init__(self, signing: Signing) -> None:
         self._signing = signing
 
-    def handlers(self) -> Mapping[str, Handler]:
+    def handlers(self) -> Mapping[str, MessageHandler]:
         return {"SETUP_SIGNING": self._setup}
 
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
-
-    def _setup(self, message: Any, sender: Sender) -> None:
+    def _setup(self, message: Any, sender: MessageSender) -> None:
         self._signing.required = True
         self._signing.set_key(bytes(message.secret_key), message.initial_timestamp)

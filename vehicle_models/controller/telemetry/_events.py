@@ -6,58 +6,59 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import CommandHandler, Handler, Sender
+from .._service import Fields, MessageAnswer, MessageHandler, MessageSender, Stream
 from .._service_context import ServiceContext
 from ._event_names import EventName
 
-_KEPT = 64
+_STORED = 64
 _UNAVAILABLE = 0  # MAV_EVENT_ERROR_REASON
 
 
-class Events:
+class EventService:
     """EVENT beside the texts that have one, CURRENT_EVENT_SEQUENCE, and REQUEST_EVENT for what was missed."""
 
-    def __init__(self, board: ServiceContext, names: tuple[EventName, ...]) -> None:
-        self._board = board
+    def __init__(self, context: ServiceContext, names: tuple[EventName, ...]) -> None:
+        self._context = context
         self._names = names
-        self._kept: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._stored: deque[Fields] = deque(maxlen=_STORED)
         self._next = 0
         if names:
-            board.texts.listeners.append(self._said)
+            context.texts.listeners.append(self._send_event)
 
-    @property
-    def sequence(self) -> int:
-        """Number of the last event; 65535 before the first."""
-        return (self._next - 1) & 0xFFFF
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"REQUEST_EVENT": self._send_again} if self._names else {}
 
-    def handlers(self) -> Mapping[str, Handler]:
-        return {"REQUEST_EVENT": self._again} if self._names else {}
+    def streams(self) -> Mapping[str, Stream]:
+        # The number of the last event; 65535 before the first.
+        return {"CURRENT_EVENT_SEQUENCE": lambda: ((self._next - 1) & 0xFFFF, 0)}
 
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
+    def answers(self) -> Mapping[str, MessageAnswer]:
+        # PX4 streams it and refuses a request for it.
+        return {"CURRENT_EVENT_SEQUENCE": lambda command: None} if self._names else {}
 
-    def _said(self, severity: int, text: str) -> None:
-        found = next((one for one in self._names if text.startswith(one.text)), None)
-        if found is None:
+    def _send_event(self, severity: int, text: str) -> None:
+        name = next((name for name in self._names if text.startswith(name.text)), None)
+        if name is None:
             return
-        event = {
-            "id": found.number,
-            "event_time_boot_ms": self._board.flight.time_ms,
+        event: Fields = {
+            "id": name.number,
+            "event_time_boot_ms": self._context.flight.time_ms,
             "sequence": self._next,
             "log_levels": severity << 4 | severity,
         }
         self._next = (self._next + 1) & 0xFFFF
-        self._kept.append(event)
-        self._board.radio.broadcast("EVENT", **event)
+        self._stored.append(event)
+        self._context.radio.broadcast("EVENT", **event)
 
-    def _again(self, message: Any, sender: Sender) -> None:
+    def _send_again(self, message: Any, sender: MessageSender) -> None:
         first, last = message.first_sequence, message.last_sequence
-        wanted = [one for one in self._kept if (one["sequence"] - first) & 0xFFFF <= (last - first) & 0xFFFF]
-        for event in wanted:
-            sender.channel.tell("EVENT", **event)
-        if not wanted or wanted[0]["sequence"] != first:
-            oldest = self._kept[0]["sequence"] if self._kept else self._next
-            sender.channel.tell(
+        # Sequence numbers wrap around at 16 bits.
+        requested = [event for event in self._stored if (event["sequence"] - first) & 0xFFFF <= (last - first) & 0xFFFF]
+        for event in requested:
+            sender.channel.send_message("EVENT", **event)
+        if not requested or requested[0]["sequence"] != first:
+            oldest = self._stored[0]["sequence"] if self._stored else self._next
+            sender.channel.send_message(
                 "RESPONSE_EVENT_ERROR",
                 target_system=sender.system,
                 target_component=sender.component,

@@ -1,49 +1,42 @@
-"""What an autopilot remarks on in flight without being asked: rising clear of the ground, and meeting it again."""
+"""Texts about leaving the ground and meeting it again."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from .._service import CommandHandler, Handler
 from .._service_context import ServiceContext
+from ..policies._identity import IdentityPolicy
 
-_CLEAR_M = 2.5  # above where the vehicle rose from: there the compass is free of what lies in the ground
-_APART_NS = 1_000_000_000  # between two meetings with the ground that are worth a word
+_CLEAR_M = 2.5  # above the place of the takeoff: there the compass is free of what lies in the ground
+_REPEAT_NS = 1_000_000_000  # contacts closer together than this get one text
 
 
 class GroundTexts:
-    """Says `clear_texts` once in every flight, and `touch_text` when the feet meet the ground, with the speed in m/s."""
+    """Sends `climbed_clear_texts` once in every flight, and `ground_contact_text` with the speed when the feet meet the ground."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._board = board
-        self._speaks = bool(board.personality.clear_texts or board.personality.touch_text)
-        self._ground_m = board.flight.down_m
+    def __init__(self, context: ServiceContext, policy: IdentityPolicy) -> None:
+        self._context = context
+        self._policy = policy
+        self._has_texts = bool(policy.climbed_clear_texts or policy.ground_contact_text)
+        self._ground_m = context.flight.down_m
         self._cleared = False
-        self._stood = True
-        self._stood_ns = 0
-        self._sank_mps = 0.0
-
-    def handlers(self) -> Mapping[str, Handler]:
-        return {}
-
-    def commands(self) -> Mapping[int, CommandHandler]:
-        return {}
+        self._was_on_ground = True
+        self._contact_ns = 0
+        self._sink_mps = 0.0
 
     def tick(self) -> None:
-        if not self._speaks:
+        if not self._has_texts:
             return
-        flight = self._board.flight
+        flight = self._context.flight
         if flight.on_ground:
-            self._meet(max(flight.vd_mps, self._sank_mps))
+            self._report_contact(max(flight.vd_mps, self._sink_mps))
             self._ground_m, self._cleared = flight.down_m, False
-            self._stood_ns = flight.time_ns
+            self._contact_ns = flight.time_ns
         elif not self._cleared and self._ground_m - flight.down_m > _CLEAR_M:
             self._cleared = True
-            for text in self._board.personality.clear_texts:
-                self._board.texts.say(*text)
-        self._stood, self._sank_mps = flight.on_ground, flight.vd_mps
+            for text in self._policy.climbed_clear_texts:
+                self._context.texts.send(*text)
+        self._was_on_ground, self._sink_mps = flight.on_ground, flight.vd_mps
 
-    def _meet(self, speed_mps: float) -> None:
-        said = self._board.personality.touch_text
-        if said and not self._stood and self._board.flight.time_ns - self._stood_ns > _APART_NS:
-            self._board.texts.say(said[0], said[1].format(speed_mps))
+    def _report_contact(self, speed_mps: float) -> None:
+        text = self._policy.ground_contact_text
+        if text and not self._was_on_ground and self._context.flight.time_ns - self._contact_ns > _REPEAT_NS:
+            self._context.texts.send(text[0], text[1].format(speed_mps))

@@ -1,207 +1,279 @@
-"""Streams: which message goes out how often on which channel, and asking for one message once."""
+"""Streams: which message goes out how often on which channel, and requests for a single message."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from bench.errors import Fault, SetupError
 
-from .._service import Command, CommandHandler, Handler, Result, Sender
+from .._service import (
+    Command,
+    CommandHandler,
+    CommandResult,
+    Fields,
+    MessageAnswer,
+    MessageHandler,
+    MessageSender,
+    Stream,
+)
 from .._service_context import ServiceContext
+from ..links._enums import MAV_CMD, MAV_DATA_STREAM
 from ..links._frames import KINDS
 from ..links._radio import Channel
-from ._telemetry import Telemetry, Values
+from ..policies._telemetry import TelemetryPolicy
 
-SET_INTERVAL, GET_INTERVAL, REQUEST_MESSAGE = 511, 510, 512
 _NAMES = {kind.id: name for name, kind in KINDS.items()}
 _HEARTBEAT = KINDS["HEARTBEAT"].id
+_SECOND_NS = 1_000_000_000
+
+# The order in which a step sends the messages that are due. Recordings hold them in this order, so it does not change.
+_SENDING_ORDER = (
+    "HEARTBEAT",
+    "ATTITUDE",
+    "ATTITUDE_QUATERNION",
+    "LOCAL_POSITION_NED",
+    "GLOBAL_POSITION_INT",
+    "ODOMETRY",
+    "HIGHRES_IMU",
+    "RAW_IMU",
+    "SERVO_OUTPUT_RAW",
+    "ATTITUDE_TARGET",
+    "POSITION_TARGET_LOCAL_NED",
+    "POSITION_TARGET_GLOBAL_INT",
+    "GPS_RAW_INT",
+    "VFR_HUD",
+    "ALTITUDE",
+    "DISTANCE_SENSOR",
+    "TIMESYNC",
+    "SYS_STATUS",
+    "EXTENDED_SYS_STATE",
+    "SYSTEM_TIME",
+    "PING",
+    "SCALED_PRESSURE",
+    "MISSION_CURRENT",
+    "FENCE_STATUS",
+    "ESTIMATOR_STATUS",
+    "BATTERY_STATUS",
+    "HOME_POSITION",
+    "CURRENT_MODE",
+    "CURRENT_EVENT_SEQUENCE",
+    "GPS_GLOBAL_ORIGIN",
+    "ORBIT_EXECUTION_STATUS",
+    "VIBRATION",
+    "POWER_STATUS",
+    "MEMINFO",
+    "NAV_CONTROLLER_OUTPUT",
+    "RC_CHANNELS",
+    "AHRS",
+    "AHRS2",
+    "EKF_STATUS_REPORT",
+    "LINK_NODE_STATUS",
+    "OPEN_DRONE_ID_LOCATION",
+    "OPEN_DRONE_ID_SYSTEM",
+    "TIME_ESTIMATE_TO_TARGET",
+    "SCALED_IMU2",
+    "SCALED_IMU3",
+    "SCALED_PRESSURE2",
+    "SIMSTATE",
+    "ESC_TELEMETRY_1_TO_4",
+    "WIND",
+    "TERRAIN_REQUEST",
+    "TERRAIN_REPORT",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS",
+    "GIMBAL_MANAGER_STATUS",
+    "HIL_STATE_QUATERNION",
+)
+_ORDER = {KINDS[name].id: position for position, name in enumerate(_SENDING_ORDER)}
+# Known to every autopilot whose vehicle carries the equipment.
+_EQUIPMENT_MESSAGES = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS", "HIL_STATE_QUATERNION"})
 
 
 @dataclass(slots=True)
-class _Stream:
+class _MessageStream:
     number: int
-    values: Callable[[], Values | None]
+    values: Stream
     interval_ns: int
     due_ns: int
 
 
 class Streams:
-    """The schedule of every channel. No rate exceeds the controller's own: a message goes out once a step at most."""
+    """The schedule of every channel. A message goes out once a step at most, so no rate exceeds the controller's own.
 
-    def __init__(self, board: ServiceContext, telemetry: Telemetry) -> None:
-        self._board = board
-        self._telemetry = telemetry
-        self._supported = {KINDS[name].id for name in board.personality.messages}
-        self._order = {number: place for place, number in enumerate(telemetry.say)}
-        self._streams: dict[str, list[_Stream]] = {}
-        for channel in board.radio.channels:
-            self._streams[channel.name] = []
-            self._reset(channel)
-        self._rates: dict[tuple[int, int], float] = {}  # of a channel's place and a group, as parameters have them
-        self._rates_changed()
-        board.parameters.on_change(self._rates_changed)
-        self._extra: dict[int, Any] = {}
-        self._after: list[tuple[Channel, int]] = []
-        self._answers: list[tuple[Channel, str, dict[str, Any]]] = []  # said behind their acknowledgements
+    `streams` and `answers` are what all services declare: messages to stream, and messages that come on request only.
+    """
 
-    def handlers(self) -> Mapping[str, Handler]:
+    def __init__(
+        self,
+        context: ServiceContext,
+        policy: TelemetryPolicy,
+        streams: Mapping[str, Stream],
+        answers: Mapping[str, MessageAnswer],
+    ) -> None:
+        self._context = context
+        self._policy = policy
+        self._values = {KINDS[name].id: values for name, values in streams.items()}
+        self._supported = {KINDS[name].id for name in streams if name in policy.messages | _EQUIPMENT_MESSAGES}
+        self._answers = {KINDS[name].id: (name, answer) for name, answer in answers.items()}
+        self._schedules: dict[str, list[_MessageStream]] = {}  # by channel, in sending order
+        for channel in context.radio.channels:
+            self._schedules[channel.name] = []
+            self._start(channel)
+        self._group_rates: dict[tuple[int, int], float] = {}  # by channel index and group
+        self._parameters_changed()
+        context.parameters.on_change(self._parameters_changed)
+        self._requested: list[tuple[Channel, int]] = []
+        self._late_answers: list[tuple[Channel, str, Fields]] = []  # sent behind their acknowledgements
+
+    def handlers(self) -> Mapping[str, MessageHandler]:
         return {"REQUEST_DATA_STREAM": self._request_group}
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {SET_INTERVAL: self._set, GET_INTERVAL: self._get, REQUEST_MESSAGE: self._request}
+        return {
+            MAV_CMD.SET_MESSAGE_INTERVAL: self._set_interval,
+            MAV_CMD.GET_MESSAGE_INTERVAL: self._get_interval,
+            MAV_CMD.REQUEST_MESSAGE: self._request_message,
+        }
 
-    def add_answers(self, answers: Mapping[str, Any]) -> None:
-        """Messages that are said only on request: name -> function of the command that gives the fields, or None."""
-        self._extra.update({KINDS[name].id: (name, fields) for name, fields in answers.items()})
-
-    def add(self, name: str, values: Callable[[], Values | None], hz: float | None = None) -> None:
-        """A message beside the personality's own; streamed at once where `hz` is given, but for links that want nothing."""
-        number = KINDS[name].id
-        self._telemetry.say[number] = values
-        self._order[number] = len(self._order)
-        self._supported.add(number)
-        for channel in self._board.radio.channels:
-            if hz and self._board.personality.stream_sets[channel.link.spec.streams]:
-                self._put(channel, number, round(1e9 / hz))
-
-    def say_due(self) -> None:
-        """Queue everything that is due, channel by channel, in one fixed order of messages."""
-        now = self._board.flight.time_ns
-        for channel in self._board.radio.channels:
+    def send_due(self) -> None:
+        """Queue everything that is due, channel by channel."""
+        now_ns = self._context.flight.time_ns
+        for channel in self._context.radio.channels:
             if not channel.connected:
                 continue
-            for stream in self._streams[channel.name]:
-                if stream.due_ns <= now:
+            for stream in self._schedules[channel.name]:
+                if stream.due_ns <= now_ns:
                     stream.due_ns += stream.interval_ns
-                    if stream.due_ns <= now:  # asked for more than the controller's rate, or nobody was there
-                        stream.due_ns = now + 1
+                    if stream.due_ns <= now_ns:  # the rate exceeds the controller's, or no client was there
+                        stream.due_ns = now_ns + 1
                     values = stream.values()
                     if values is not None:
-                        channel.say(stream.number, values)
-        for channel, number in self._after:
-            values = self._telemetry.say[number]()
+                        channel.send(stream.number, values)
+        for channel, number in self._requested:
+            values = self._values[number]()
             if values is not None:
-                channel.say(number, values)
-        self._after.clear()
-        for channel, name, fields in self._answers:
-            channel.tell(name, **fields)
-        self._answers.clear()
+                channel.send(number, values)
+        self._requested.clear()
+        for channel, name, fields in self._late_answers:
+            channel.send_message(name, **fields)
+        self._late_answers.clear()
 
-    def heartbeat_now(self) -> None:
-        """Send a heartbeat with this step, behind what is being answered, beside those that are due."""
-        self._after += [(channel, _HEARTBEAT) for channel in self._board.radio.channels]
+    def send_heartbeat(self) -> None:
+        """Send a heartbeat with this step, behind the answers and beside those that are due."""
+        self._requested += [(channel, _HEARTBEAT) for channel in self._context.radio.channels]
 
-    def _reset(self, channel: Channel) -> None:
-        sets, wanted = self._board.personality.stream_sets, channel.link.spec.streams
-        if wanted not in sets:
-            raise SetupError(Fault(f"link {channel.name}", f"there is no stream set {wanted!r}", f"there are {', '.join(sets)}"))
-        rates = {"HEARTBEAT": 1.0, **sets[wanted]}
-        for name, hz in rates.items():
-            self._put(channel, KINDS[name].id, round(1e9 / hz))
+    def _start(self, channel: Channel) -> None:
+        sets, name = self._policy.stream_sets, channel.link.spec.streams
+        if name not in sets:
+            raise SetupError(Fault(f"link {channel.name}", f"there is no stream set {name!r}", f"there are {', '.join(sets)}"))
+        rates = {"HEARTBEAT": 1.0, **sets[name]}
+        if sets[name]:  # a link without streams gets none of the gimbal either
+            rates.update({name: hz for name, hz in self._policy.gimbal_rates_hz.items() if KINDS[name].id in self._values})
+        for message, hz in rates.items():
+            self._schedule(channel, KINDS[message].id, round(1e9 / hz))
 
-    def _default_ns(self, channel: Channel, number: int) -> int | None:
-        hz = self._board.personality.stream_sets[channel.link.spec.streams].get(_NAMES[number])
+    def _default_interval_ns(self, channel: Channel, number: int) -> int | None:
+        hz = self._policy.stream_sets[channel.link.spec.streams].get(_NAMES[number])
         if hz is None:
-            place = self._board.radio.channels.index(channel)
-            for group, names in self._board.personality.stream_groups.items():
+            index = self._context.radio.channels.index(channel)
+            for group, names in self._policy.stream_groups.items():
                 if _NAMES[number] in names:
-                    hz = self._rates.get((place, group))
-        return round(1e9 / hz) if hz else 1_000_000_000 if number == _HEARTBEAT else None
+                    hz = self._group_rates.get((index, group))
+        return round(1e9 / hz) if hz else _SECOND_NS if number == _HEARTBEAT else None
 
-    def _rates_changed(self) -> None:
-        """Follow the parameters that hold the rates of groups, where there are such."""
-        for suffix, group in self._board.personality.stream_parameters.items():
-            for place, channel in enumerate(self._board.radio.channels):
-                name = f"SR{place}_{suffix}"
-                if name not in self._board.parameters.kinds:
+    def _parameters_changed(self) -> None:
+        """Follow the parameters that hold the rates of groups, where there are such parameters."""
+        for suffix, group in self._policy.stream_parameters.items():
+            for index, channel in enumerate(self._context.radio.channels):
+                name = f"SR{index}_{suffix}"
+                if name not in self._context.parameters.kinds:
                     continue
-                hz = max(self._board.parameters[name], 0.0)
-                if self._rates.get((place, group), 0.0) != hz:
-                    self._rates[place, group] = hz
-                    self._put_group(channel, group, hz)
+                hz = max(self._context.parameters[name], 0.0)
+                if self._group_rates.get((index, group), 0.0) != hz:
+                    self._group_rates[index, group] = hz
+                    self._schedule_group(channel, group, hz)
 
-    def _put_group(self, channel: Channel, group: int, hz: float) -> None:
-        for name in self._board.personality.stream_groups.get(group, ()):
-            self._put(channel, KINDS[name].id, round(1e9 / hz) if hz > 0.0 else None)
+    def _schedule_group(self, channel: Channel, group: int, hz: float) -> None:
+        for name in self._policy.stream_groups.get(group, ()):
+            self._schedule(channel, KINDS[name].id, round(1e9 / hz) if hz > 0.0 else None)
 
-    def _put(self, channel: Channel, number: int, interval_ns: int | None) -> None:
-        """Change one rate; None stops it."""
-        streams = [one for one in self._streams[channel.name] if one.number != number]
+    def _schedule(self, channel: Channel, number: int, interval_ns: int | None) -> None:
+        """Change the interval of one message; None stops it."""
+        streams = [stream for stream in self._schedules[channel.name] if stream.number != number]
         if interval_ns is not None:
-            most_hz = self._board.personality.slowest_hz.get(_NAMES[number])
-            interval_ns = max(interval_ns, round(1e9 / most_hz)) if most_hz else interval_ns
-            due_ns = self._board.flight.time_ns + min(interval_ns, 1_000_000_000)
-            streams.append(_Stream(number, self._telemetry.say[number], interval_ns, due_ns))
-        streams.sort(key=lambda one: self._order[one.number])
-        self._streams[channel.name] = streams
+            max_hz = self._policy.max_rates_hz.get(_NAMES[number])
+            interval_ns = max(interval_ns, round(1e9 / max_hz)) if max_hz else interval_ns
+            due_ns = self._context.flight.time_ns + min(interval_ns, _SECOND_NS)
+            streams.append(_MessageStream(number, self._values[number], interval_ns, due_ns))
+        streams.sort(key=lambda stream: _ORDER[stream.number])
+        self._schedules[channel.name] = streams
 
-    def _set(self, command: Command) -> Result | None:
-        number, interval_us = _whole(command.params[0]), command.params[1]
-        personality = self._board.personality
+    def _set_interval(self, command: Command) -> CommandResult | None:
+        number, interval_us = _message_id(command.params[0]), command.params[1]
         if number not in self._supported or interval_us != interval_us:
-            return self._not_known(number)
-        if 0 < interval_us < personality.bad_interval_us:
-            return Result.DENIED
+            return self._refuse_interval(number)
+        if 0 < interval_us < self._policy.min_interval_us:
+            return CommandResult.DENIED
         channel = command.sender.channel
         if interval_us < 0:
-            self._put(channel, number, None)
+            self._schedule(channel, number, None)
         elif interval_us == 0:
-            self._put(channel, number, self._default_ns(channel, number))
+            self._schedule(channel, number, self._default_interval_ns(channel, number))
         else:
-            self._put(channel, number, round(min(interval_us, 1e9) * 1000.0))
-        return Result.ACCEPTED
+            self._schedule(channel, number, round(min(interval_us, 1e9) * 1000.0))
+        return CommandResult.ACCEPTED
 
-    def _not_known(self, number: int) -> Result:
-        personality = self._board.personality
-        if personality.unknown_interval_text:
-            severity, text = personality.unknown_interval_text
-            self._board.texts.say(severity, text.format(number))
-        return personality.unknown_interval
+    def _refuse_interval(self, number: int) -> CommandResult:
+        if self._policy.unknown_interval_text:
+            severity, text = self._policy.unknown_interval_text
+            self._context.texts.send(severity, text.format(number))
+        return self._policy.unknown_interval
 
-    def _get(self, command: Command) -> Result | None:
-        number = _whole(command.params[0])
-        found = [one for one in self._streams[command.sender.channel.name] if one.number == number]
+    def _get_interval(self, command: Command) -> CommandResult | None:
+        number, channel = _message_id(command.params[0]), command.sender.channel
         known = number in self._supported
-        interval_us = found[0].interval_ns // 1000 if found else -1 if known else 0
-        command.sender.channel.tell("MESSAGE_INTERVAL", message_id=min(max(number, 0), 65535), interval_us=interval_us)
-        return Result.ACCEPTED if known else self._board.personality.unknown_get_interval
+        not_streamed_us = -1 if known else 0  # as MESSAGE_INTERVAL defines it
+        intervals_us = [stream.interval_ns // 1000 for stream in self._schedules[channel.name] if stream.number == number]
+        interval_us = intervals_us[0] if intervals_us else not_streamed_us
+        channel.send_message("MESSAGE_INTERVAL", message_id=min(max(number, 0), 65535), interval_us=interval_us)
+        return CommandResult.ACCEPTED if known else self._policy.unknown_get_interval
 
-    def _request(self, command: Command) -> Result | None:
-        number, channel = _whole(command.params[0]), command.sender.channel
-        if number in self._extra:
-            name, fields_of = self._extra[number]
-            fields = fields_of(command)
+    def _request_message(self, command: Command) -> CommandResult | None:
+        number, channel = _message_id(command.params[0]), command.sender.channel
+        if number in self._answers:
+            name, answer = self._answers[number]
+            fields = answer(command)
             if fields is None:
-                return self._board.personality.unknown_request
-            for one in fields if isinstance(fields, list) else [fields]:
-                if self._board.personality.answers_after_ack:
-                    self._answers.append((channel, name, one))
+                return self._policy.unknown_request
+            for message in fields if isinstance(fields, list) else [fields]:
+                if self._policy.answers_after_acknowledgement:
+                    self._late_answers.append((channel, name, message))
                 else:
-                    channel.tell(name, **one)
-            return Result.ACCEPTED
+                    channel.send_message(name, **message)
+            return CommandResult.ACCEPTED
         if number in self._supported:
-            self._after.append((channel, number))
-            return Result.ACCEPTED
-        if number in self._board.personality.promised_messages:
-            return Result.ACCEPTED
-        return self._board.personality.unknown_request
+            self._requested.append((channel, number))
+            return CommandResult.ACCEPTED
+        if number in self._policy.promised_messages:
+            return CommandResult.ACCEPTED
+        return self._policy.unknown_request
 
-    def _request_group(self, message: Any, sender: Sender) -> None:
-        """REQUEST_DATA_STREAM: group 0 is all of them. Personalities without groups do not hear it."""
-        personality, channel = self._board.personality, sender.channel
-        place = self._board.radio.channels.index(channel)
+    def _request_group(self, message: Any, sender: MessageSender) -> None:
+        """REQUEST_DATA_STREAM. An autopilot without groups ignores it."""
+        policy, parameters, channel = self._policy, self._context.parameters, sender.channel
+        index = self._context.radio.channels.index(channel)
         hz = float(message.req_message_rate) if message.start_stop else 0.0
-        for group in personality.stream_groups if message.req_stream_id == 0 else (message.req_stream_id,):
-            self._put_group(channel, group, hz)
-            self._rates[place, group] = hz
-            for suffix, its in personality.stream_parameters.items():
-                name = f"SR{place}_{suffix}"
-                if its == group and name in self._board.parameters.kinds:
-                    self._board.parameters.put(name, hz, saves=False)
+        all_groups = message.req_stream_id == MAV_DATA_STREAM.ALL
+        for group in policy.stream_groups if all_groups else (message.req_stream_id,):
+            self._schedule_group(channel, group, hz)
+            self._group_rates[index, group] = hz
+            for suffix, parameter_group in policy.stream_parameters.items():
+                name = f"SR{index}_{suffix}"
+                if parameter_group == group and name in parameters.kinds:
+                    parameters.put(name, hz, saves=False)
 
 
-def _whole(value: float) -> int:
-    """A message id out of a float; -1 for what is none."""
+def _message_id(value: float) -> int:
+    """A message id from a float; -1 for a value that is none."""
     return int(value) if value == value and 0 <= value < 2**24 else -1

@@ -1,35 +1,40 @@
-"""Terrain as an autopilot without a map of it sees it: it asks for the grid under it, again and again, and knows nothing.
+"""Terrain as an autopilot without a map sees it: it requests the grid below it again and again, and has no data.
 
-TERRAIN_DATA is not taken; the ground of the bench is flat.
+TERRAIN_DATA is ignored; the ground of the bench is flat.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
+from .._service import Stream, Values
 from .._service_context import ServiceContext
 
-_E7_M = 0.011131884502145034  # metres of 1e-7 degree, as ArduPilot reckons
+_METRES_PER_E7 = 0.011131884502145034  # metres of 1e-7 degree, as ArduPilot has them
 _BLOCK_NORTH, _BLOCK_EAST = 24, 28  # spacings between the corners of neighbouring grids
 _PARTS = 56  # 4 by 4 points each, in a grid
 
 
 class Terrain:
-    """TERRAIN_REQUEST and TERRAIN_REPORT, in the order of the wire; None while no place is known."""
+    """TERRAIN_REQUEST and TERRAIN_REPORT, in wire order; None until home is known."""
 
-    def __init__(self, board: ServiceContext) -> None:
-        self._flight = board.flight
-        self._parameters = board.parameters
+    def __init__(self, context: ServiceContext) -> None:
+        self._flight = context.flight
+        self._parameters = context.parameters
 
-    def request(self) -> tuple[int, ...] | None:
-        """All 56 parts of the grid under the vehicle."""
+    def streams(self) -> Mapping[str, Stream]:
+        return {"TERRAIN_REQUEST": self._request, "TERRAIN_REPORT": self._report}
+
+    def _request(self) -> Values | None:
+        """A request of all parts of the grid below the vehicle."""
         spacing = self._spacing_m()
         if self._flight.home is None or not spacing:
             return None
         return (2**_PARTS - 1, *self._corner_e7(spacing), spacing)
 
-    def report(self) -> tuple[float, ...] | None:
-        """Nothing but what is waited for."""
+    def _report(self) -> Values | None:
+        """A report of parts that are pending, and none that is loaded."""
         f = self._flight
         if f.home is None or not self._spacing_m():
             return None
@@ -42,7 +47,8 @@ class Terrain:
         """South-west corner of the grid: grids are counted from whole degrees."""
         f = self._flight
         latitude, longitude = f.latitude_e7 // 10_000_000 * 10_000_000, f.longitude_e7 // 10_000_000 * 10_000_000
-        shrinks = math.cos(math.radians((latitude + f.latitude_e7) / 2e7))
-        north = int((f.latitude_e7 - latitude) * _E7_M / spacing_m) // _BLOCK_NORTH * _BLOCK_NORTH * spacing_m / _E7_M
-        east = int((f.longitude_e7 - longitude) * _E7_M * shrinks / spacing_m) // _BLOCK_EAST * _BLOCK_EAST * spacing_m / _E7_M
+        narrowing = math.cos(math.radians((latitude + f.latitude_e7) / 2e7))
+        north_m, east_m = (f.latitude_e7 - latitude) * _METRES_PER_E7, (f.longitude_e7 - longitude) * _METRES_PER_E7 * narrowing
+        north = int(north_m / spacing_m) // _BLOCK_NORTH * _BLOCK_NORTH * spacing_m / _METRES_PER_E7
+        east = int(east_m / spacing_m) // _BLOCK_EAST * _BLOCK_EAST * spacing_m / _METRES_PER_E7
         return latitude + int(north), longitude + int(east / math.cos(math.radians((latitude + north / 2.0) / 1e7)))

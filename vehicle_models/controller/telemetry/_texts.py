@@ -1,38 +1,67 @@
-"""STATUSTEXT: what the autopilot says in words."""
+"""STATUSTEXT: what the autopilot reports in words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from enum import Enum, auto
 
 from ..links._radio import Radio
 
+StatusText = tuple[int, str]
+"""A text with its MAV_SEVERITY."""
+
 EMERGENCY, ALERT, CRITICAL, ERROR, WARNING, NOTICE, INFO, DEBUG = range(8)
-_PIECE = 50
+_CHUNK_BYTES = 50
+
+
+class FlightEvent(Enum):
+    """Moments at which an autopilot may send a text."""
+
+    ARMED = auto()
+    DISARMED = auto()
+    DISARMED_BY_LANDING = auto()
+    DISARMED_IDLE = auto()
+    TAKEOFF_DEFAULT = auto()
+    TAKEOFF_DETECTED = auto()
+    LANDING_DETECTED = auto()
+    LANDING = auto()
+    RETURNING = auto()
+    TERMINATED = auto()
+    PILOT_TOOK_OVER = auto()
+    CRASHED = auto()
 
 
 class Texts:
-    """Sends texts; long ones in pieces with one id, as the specification asks.
+    """Sends texts; long ones in chunks with one id, as the specification asks.
 
-    `ending` is put behind every text: PX4 ends those that are an event as well with a tab.
+    `by_event` are the autopilot's texts for moments of the flight. `ending` is put behind every text: PX4 ends a text that
+    is an event as well with a tab.
     """
 
-    def __init__(self, radio: Radio, ending: str) -> None:
+    def __init__(self, radio: Radio, by_event: Mapping[FlightEvent, StatusText], ending: str) -> None:
         self._radio = radio
+        self._by_event = by_event
         self._ending = ending
         self._id = 0
         self.listeners: list[Callable[[int, str], None]] = []
 
-    def note(self, severity: int, text: str) -> None:
-        """What is an event but no text: the listeners hear of it, the links do not."""
+    def notify(self, severity: int, text: str) -> None:
+        """Tell the listeners of an event that has no text on the links."""
         for listener in self.listeners:
             listener(severity, text)
 
-    def say(self, severity: int, text: str) -> None:
-        self.note(severity, text)
+    def announce(self, event: FlightEvent, *values: float) -> None:
+        """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for it."""
+        if event in self._by_event:
+            severity, text = self._by_event[event]
+            self.send(severity, text.format(*values) if values else text)
+
+    def send(self, severity: int, text: str) -> None:
+        self.notify(severity, text)
         data = (text + self._ending).encode("ascii", "replace")
-        pieces = [data[at : at + _PIECE] for at in range(0, len(data), _PIECE)]
-        identity = 0
-        if len(pieces) > 1:
-            self._id = identity = self._id % 0xFFFF + 1
-        for number, piece in enumerate(pieces):
-            self._radio.broadcast("STATUSTEXT", severity=severity, text=piece, id=identity, chunk_seq=number)
+        chunks = [data[start : start + _CHUNK_BYTES] for start in range(0, len(data), _CHUNK_BYTES)]
+        text_id = 0
+        if len(chunks) > 1:
+            self._id = text_id = self._id % 0xFFFF + 1
+        for number, chunk in enumerate(chunks):
+            self._radio.broadcast("STATUSTEXT", severity=severity, text=chunk, id=text_id, chunk_seq=number)

@@ -1,25 +1,25 @@
-"""Files behind MAVLink FTP: those that are served, made when first asked for, and a scratch area in memory for a client's own."""
+"""Files behind MAVLink FTP: those that the vehicle serves, and a scratch area in memory for those of a client."""
 
 from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Mapping
 
-Content = Callable[[str], bytes]
-"""Gives a file's bytes; its argument is what stood behind a question mark in the path."""
+FileContent = Callable[[str], bytes]
+"""Gives a file's bytes; its argument is the part of the path behind a question mark."""
 
-_MOST_BYTES = 1 << 20  # of the scratch area
-_MOST_NAMES = 256
+_MAX_BYTES = 1 << 20  # of the scratch area
+_MAX_NAMES = 256
 
 
-class Files:
-    """Paths are relative to the root, with or without a slash before them; folders are what paths imply, and what was made.
+class ServedFiles:
+    """Files by path from the root, with or without a leading slash. Folders are those in paths of files, and those that were made.
 
-    Whatever changes something raises OSError with a POSIX number: EACCES for what is served, ENOSPC when the scratch area
-    is full, EROFS where there is none.
+    Every method that changes something raises OSError with a POSIX number: EACCES for a served file, ENOSPC when the
+    scratch area is full, EROFS where there is none.
     """
 
-    def __init__(self, contents: Mapping[str, Content], writable: bool = False) -> None:
+    def __init__(self, contents: Mapping[str, FileContent], writable: bool = False) -> None:
         self._contents = dict(contents)
         self._writable = writable
         self._scratch: dict[str, bytearray] = {}
@@ -34,59 +34,59 @@ class Files:
         return content(query) if content else None
 
     def entries(self, path: str) -> list[str] | None:
-        """What a folder holds, as the protocol writes it (F name, tab, size; D name), in order; None for no folder."""
+        """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where there is no such folder."""
         folder = _plain(path)
         if not self._is_folder(folder):
             return None
         prefix = f"{folder}/" if folder else ""
-        found: dict[str, str] = {}
+        entries: dict[str, str] = {}
         for name in (*self._contents, *self._scratch, *self._folders):
             if not name.startswith(prefix) or name == folder:
                 continue
             head, slash, _ = name[len(prefix) :].partition("/")
             if slash or name in self._folders:
-                found[head] = f"D{head}"
+                entries[head] = f"D{head}"
             else:
-                found[head] = f"F{head}\t{len(self.read(name) or b'')}"
-        return [found[head] for head in sorted(found)]
+                entries[head] = f"F{head}\t{len(self.read(name) or b'')}"
+        return [entries[head] for head in sorted(entries)]
 
-    def create(self, path: str, keeps: bool = False) -> int:
-        """Open a file for writing, new or emptied; `keeps` leaves in it what it has. The size that it had."""
-        name = self._own(path)
+    def create(self, path: str, truncate: bool = True) -> int:
+        """Open a file for writing, creating it where it does not exist. Returns the size that it had."""
+        name = self._writable_name(path)
         if self._is_folder(name):
             raise OSError(errno.EISDIR, path)
         self._needs_parent(name)
         if name not in self._scratch:
             self._needs_room(names=1)
-        held = self._scratch.setdefault(name, bytearray())
-        size = len(held)
-        if not keeps:
-            held.clear()
+        content = self._scratch.setdefault(name, bytearray())
+        size = len(content)
+        if truncate:
+            content.clear()
         return size
 
     def write(self, path: str, offset: int, data: bytes) -> int:
-        """Bytes written; what lies between the end and `offset` becomes zeros."""
-        held = self._existing(path)
+        """Write, with zeros between the end and `offset`. Returns how many bytes were written."""
+        content = self._existing(path)
         end = offset + len(data)
-        self._needs_room(end - len(held))
-        if len(held) < offset:
-            held.extend(bytes(offset - len(held)))
-        held[offset:end] = data
+        self._needs_room(end - len(content))
+        if len(content) < offset:
+            content.extend(bytes(offset - len(content)))
+        content[offset:end] = data
         return len(data)
 
     def truncate(self, path: str, size: int) -> None:
-        held = self._existing(path)
-        self._needs_room(size - len(held))
-        held.extend(bytes(max(size - len(held), 0)))
-        del held[size:]
+        content = self._existing(path)
+        self._needs_room(size - len(content))
+        content.extend(bytes(max(size - len(content), 0)))
+        del content[size:]
 
     def remove(self, path: str) -> None:
         self._existing(path)
-        del self._scratch[self._own(path)]
+        del self._scratch[self._writable_name(path)]
 
     def rename(self, path: str, to: str) -> None:
-        """A file, or a folder with what is in it; a file that stands there already gives way."""
-        old, new = self._own(path), self._own(to)
+        """Rename a file, or a folder with its contents; a file of the new name is replaced."""
+        old, new = self._writable_name(path), self._writable_name(to)
         self._needs_parent(old)
         self._needs_parent(new)
         if old not in self._scratch and old not in self._folders:
@@ -101,7 +101,7 @@ class Files:
             self._move(old, new)
 
     def make_folder(self, path: str) -> None:
-        name = self._own(path)
+        name = self._writable_name(path)
         if name in self._scratch or self._is_folder(name):
             raise OSError(errno.EEXIST, path)
         self._needs_parent(name)
@@ -109,7 +109,7 @@ class Files:
         self._folders.add(name)
 
     def remove_folder(self, path: str) -> None:
-        name = self._own(path)
+        name = self._writable_name(path)
         if name not in self._folders:
             raise OSError(self._missing(name), path)
         if self.entries(path):
@@ -126,29 +126,33 @@ class Files:
         if self.entries(new):
             raise OSError(errno.ENOTEMPTY, new)
         self._folders.discard(new)
-        inside = f"{old}/"
-        self._folders = {new + one[len(old) :] if one == old or one.startswith(inside) else one for one in self._folders}
-        self._scratch = {new + one[len(old) :] if one.startswith(inside) else one: held for one, held in self._scratch.items()}
+        prefix = f"{old}/"
 
-    def _own(self, path: str) -> str:
-        """The plain name of what a client may change."""
+        def moved(name: str) -> str:
+            return new + name[len(old) :] if name == old or name.startswith(prefix) else name
+
+        self._folders = {moved(name) for name in self._folders}
+        self._scratch = {moved(name): content for name, content in self._scratch.items()}
+
+    def _writable_name(self, path: str) -> str:
+        """The name of a file or folder that a client may change."""
         name = _plain(path)
         if not self._writable:
             raise OSError(errno.EROFS, path)
-        if not name or name in self._contents or any(one.startswith(f"{name}/") for one in self._contents):
+        if not name or name in self._contents or any(served.startswith(f"{name}/") for served in self._contents):
             raise OSError(errno.EACCES, path)
         if ".." in name.split("/"):
             raise OSError(errno.EACCES, path)
         return name
 
     def _existing(self, path: str) -> bytearray:
-        held = self._scratch.get(self._own(path))
-        if held is None:
+        content = self._scratch.get(self._writable_name(path))
+        if content is None:
             raise OSError(errno.EISDIR if self._is_folder(_plain(path)) else self._missing(_plain(path)), path)
-        return held
+        return content
 
     def _is_folder(self, name: str) -> bool:
-        return not name or name in self._folders or any(one.startswith(f"{name}/") for one in self._contents)
+        return not name or name in self._folders or any(served.startswith(f"{name}/") for served in self._contents)
 
     def _needs_parent(self, name: str) -> None:
         folder = name.rpartition("/")[0]
@@ -156,15 +160,15 @@ class Files:
             raise OSError(self._missing(folder), name)
 
     def _missing(self, name: str) -> int:
-        """ENOTDIR where something on the way is a file."""
-        above = name.split("/")
-        ways = ("/".join(above[:count]) for count in range(1, len(above) + 1))
-        return errno.ENOTDIR if any(one in self._scratch for one in ways) else errno.ENOENT
+        """The number for a name that does not exist: ENOTDIR where a parent is a file."""
+        parts = name.split("/")
+        parents = ("/".join(parts[:count]) for count in range(1, len(parts) + 1))
+        return errno.ENOTDIR if any(parent in self._scratch for parent in parents) else errno.ENOENT
 
     def _needs_room(self, size: int = 0, names: int = 0) -> None:
-        held = sum(len(one) for one in self._scratch.values())
-        full = size > 0 and held + size > _MOST_BYTES
-        if full or len(self._scratch) + len(self._folders) + names > _MOST_NAMES:
+        used = sum(len(content) for content in self._scratch.values())
+        full = size > 0 and used + size > _MAX_BYTES
+        if full or len(self._scratch) + len(self._folders) + names > _MAX_NAMES:
             raise OSError(errno.ENOSPC, "")
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum, IntEnum, auto
+from enum import Enum, IntEnum, StrEnum, auto
 from typing import Protocol
 
 from bench.contracts import Vector
 
-RECKONS_NS = 5_000_000_000  # PX4's EKF2_NOAID_TOUT
+NorthEast = tuple[float, float]
+"""A place or a velocity in the local frame: north, east."""
+
+DEAD_RECKONING_NS = 5_000_000_000  # PX4's EKF2_NOAID_TOUT
 
 
-class Landed(IntEnum):
+class LandedState(IntEnum):
     """Values of MAV_LANDED_STATE."""
 
     ON_GROUND = 1
@@ -20,7 +23,7 @@ class Landed(IntEnum):
     LANDING = 4
 
 
-_ON_GROUND = Landed.ON_GROUND  # looked up once: it is asked for many times a step
+_ON_GROUND = LandedState.ON_GROUND  # looked up once: it is asked for many times a step
 
 
 class Behaviour(Enum):
@@ -30,15 +33,27 @@ class Behaviour(Enum):
     TAKEOFF = auto()
     LAND = auto()
     RETURN = auto()
-    FOLLOW = auto()  # setpoints of a companion: offboard, guided
+    OFFBOARD = auto()  # setpoints of a companion: offboard, guided
     MISSION = auto()
     PILOT = auto()  # sticks, of a radio or a joystick
     CIRCLE = auto()
-    CHASE = auto()  # after somebody who says where they are
+    FOLLOW_TARGET = auto()  # after somebody who says where they are
     TERMINATE = auto()  # rotors off, for good
 
 
-class Stick(Enum):
+class Cause(StrEnum):
+    """Why a failsafe acts. Recordings hold these values."""
+
+    GROUND_STATION = "link"
+    SETPOINTS = "setpoints"
+    STICKS = "sticks"
+    BATTERY = "battery"
+    POSITION = "position"
+    RADIO = "radio"
+    FENCE = "fence"
+
+
+class StickControl(Enum):
     """What the sticks of a mode mean."""
 
     RATES = auto()
@@ -48,7 +63,7 @@ class Stick(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Mode:
+class FlightMode:
     """One mode as an autopilot shows it. `base` are the flags of HEARTBEAT.base_mode without ARMED."""
 
     name: str
@@ -57,11 +72,11 @@ class Mode:
     behaviour: Behaviour
     armable: bool = True
     label: str = ""
-    stick: Stick | None = None
+    stick: StickControl | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Sticks:
+class StickPositions:
     """Stick positions, -1 to 1: right, forward (nose down), clockwise, up."""
 
     roll: float = 0.0
@@ -71,7 +86,7 @@ class Sticks:
 
 
 @dataclass(frozen=True, slots=True)
-class Attitude:
+class TargetAttitude:
     """An attitude or body rates to hold. `thrust` is a share of all there is; None leaves climbing to the target's velocity."""
 
     roll_rad: float = 0.0
@@ -81,14 +96,14 @@ class Attitude:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class FlightTarget:
     """Where the airframe shall go: local NED metres around the flight's origin, as the vehicle itself estimates them.
 
     A position of None on an axis pair means that the velocity alone is meant; beside a position, velocity is feed-forward.
     `yaw_rad` None keeps the heading, turned by `yawrate_radps`. `attitude` takes the place of all horizontal motion.
     """
 
-    north_east_m: tuple[float, float] | None = None
+    north_east_m: NorthEast | None = None
     down_m: float | None = None
     velocity_ned_mps: Vector = (0.0, 0.0, 0.0)
     yaw_rad: float | None = None
@@ -97,13 +112,13 @@ class Target:
     climb_max_mps: float = 3.0
     descent_max_mps: float = 1.5
     acceleration_ned_mps2: Vector = (0.0, 0.0, 0.0)  # feed-forward
-    attitude: Attitude | None = None
+    attitude: TargetAttitude | None = None
     faces_motion: bool = False  # nose where the vehicle goes, as long as it goes somewhere
     turn_max_radps: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Home:
+class ReferencePoint:
     """A place on the ground: degrees and metres above mean sea level, and where that is in the local frame."""
 
     latitude_e7: int
@@ -123,7 +138,7 @@ class Airframe(Protocol):
     def disarm(self) -> None:
         """Stop the rotors, wherever that is."""
 
-    def fly(self, target: Target) -> None:
+    def fly(self, target: FlightTarget) -> None:
         """Steer towards `target` during the next step; lifts off when it must."""
 
     def rest(self) -> None:
@@ -144,18 +159,18 @@ class Airframe(Protocol):
     def to_geodetic_e7(self, north_m: float, east_m: float) -> tuple[int, int]:
         """Latitude and longitude of a local place, in 1e-7 degree."""
 
-    def to_local_m(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    def to_local_m(self, latitude_deg: float, longitude_deg: float) -> NorthEast:
         """North and east of a geodetic place in the local frame."""
 
 
 @dataclass(slots=True)
-class Flight:
+class FlightState:
     """The vehicle at the present step: its own estimate of motion, and everything about it that is not motion."""
 
     step_s: float
-    origin: Home
-    mode: Mode
-    home: Home | None = None
+    origin: ReferencePoint
+    mode: FlightMode
+    home: ReferencePoint | None = None
     time_ns: int = 0
     unix_start_us: int = 0
     # Estimate: local NED around the origin, attitude of body FRD, rates in the body.
@@ -182,12 +197,12 @@ class Flight:
     armed: bool = False
     tests_motors: bool = False
     mission_ready: bool = False  # there is a mission, and it can be flown
-    landed: Landed = Landed.ON_GROUND
+    landed: LandedState = LandedState.ON_GROUND
     crashed: bool = False
-    failsafe: str = ""
-    target: Target = field(default_factory=Target)
+    failsafe: Cause | None = None  # the failsafe that acts, for the latest of its causes
+    target: FlightTarget = field(default_factory=FlightTarget)
     charge_fraction: float = 1.0  # of the battery that the vehicle has
-    pretended_fraction: float | None = None  # of one that the autopilot is told of instead
+    simulated_fraction: float | None = None  # of one that the autopilot is told of instead
     battery_v: float = 16.0
     battery_a: float = 0.0
     battery_used_wh: float = 0.0
@@ -198,13 +213,13 @@ class Flight:
     camera_pan_rad: float | None = None
     camera_tilt_rad: float | None = None
     hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
-    sticks: Sticks | None = None  # None: nobody holds any
+    sticks: StickPositions | None = None  # None: nobody holds any
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
 
     @property
     def battery_fraction(self) -> float:
         """Charge as the autopilot knows it, 0 to 1."""
-        return self.charge_fraction if self.pretended_fraction is None else self.pretended_fraction
+        return self.charge_fraction if self.simulated_fraction is None else self.simulated_fraction
 
     @property
     def gps_ok(self) -> bool:
@@ -214,7 +229,7 @@ class Flight:
     @property
     def position_ok(self) -> bool:
         """Whether the estimate of position still counts: for five seconds it is reckoned on without fixes."""
-        return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < RECKONS_NS
+        return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < DEAD_RECKONING_NS
 
     @property
     def time_s(self) -> float:

@@ -1,0 +1,148 @@
+"""ArduCopter's answers to commands, as section 5 of the observations has them."""
+
+from __future__ import annotations
+
+import math
+
+from .._flight_state import Behaviour, FlightState, LandedState
+from .._service import Command, CommandResult, Refusal
+from ..guidance._limits import FlightLimits
+from ..links._enums import MAV_CMD, MAV_FRAME
+from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
+from ..telemetry._texts import CRITICAL, INFO, NOTICE, WARNING
+from ._modes import knows_position
+
+# Accepted in any state, and without effect here.
+_ACCEPTED = (
+    MAV_CMD.DO_FOLLOW,
+    MAV_CMD.DO_SET_RELAY,
+    MAV_CMD.DO_DIGICAM_CONTROL,
+    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
+    MAV_CMD.DO_PARACHUTE,
+    MAV_CMD.DO_SPRAYER,
+    MAV_CMD.REQUEST_AUTOPILOT_CAPABILITIES,
+    MAV_CMD.IMAGE_STOP_CAPTURE,
+    MAV_CMD.FIXED_MAG_CAL_YAW,
+)
+# Refused because the vehicle has no such device.
+_FAILED = (
+    MAV_CMD.DO_FLIGHTTERMINATION,
+    MAV_CMD.DO_MOUNT_CONFIGURE,
+    MAV_CMD.DO_MOUNT_CONTROL,
+    MAV_CMD.DO_GRIPPER,
+    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
+    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
+    MAV_CMD.IMAGE_START_CAPTURE,
+    MAV_CMD.VIDEO_START_CAPTURE,
+    MAV_CMD.VIDEO_STOP_CAPTURE,
+    MAV_CMD.DO_WINCH,
+)
+_RELATIVE_FRAMES = (MAV_FRAME.GLOBAL_RELATIVE_ALT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
+_REPOSITION_FRAMES = (MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT, *_RELATIVE_FRAMES)
+_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS
+_REBOOT, _REBOOT_TO_BOOTLOADER = 1.0, 3.0
+
+
+def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
+    first = command.params[0]
+    accepted, failed = CommandAnswer((CommandResult.ACCEPTED,)), CommandAnswer((CommandResult.FAILED,))
+    match command.number:
+        case MAV_CMD.DO_FENCE_ENABLE:
+            return accepted if first in (0.0, 1.0, 2.0) else failed
+        case MAV_CMD.DO_SET_SERVO if first in (1.0, 2.0, 3.0, 4.0):
+            text = f"ServoRelayEvent: Channel {first:.0f} is already in use"
+            return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
+        case MAV_CMD.DO_SET_SERVO:
+            return accepted if 5.0 <= first <= 16.0 else failed
+        case MAV_CMD.DO_LAND_START:
+            texts = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
+            return CommandAnswer((CommandResult.FAILED,), texts)
+        case MAV_CMD.DO_AUX_FUNCTION:
+            text = f"Invalid channel option ({first:.0f})" if math.isfinite(first) else "Invalid channel option"
+            return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
+        case MAV_CMD.PREFLIGHT_CALIBRATION:
+            return _answer_calibration(flight, command)
+        case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN:
+            if flight.armed or flight.tests_motors:
+                return failed
+            known = first in (_REBOOT, _REBOOT_TO_BOOTLOADER)
+            return accepted if known else CommandAnswer((CommandResult.UNSUPPORTED,))
+        case MAV_CMD.CONTROL_HIGH_LATENCY:
+            text = f"Control high latency {'en' if first else 'dis'}abled"
+            return CommandAnswer((CommandResult.ACCEPTED,), ((NOTICE, text),))
+        case MAV_CMD.DO_SEND_BANNER:
+            banner = ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS")
+            return CommandAnswer((CommandResult.ACCEPTED,), tuple((INFO, text) for text in banner))
+    return None
+
+
+def _answer_calibration(flight: FlightState, command: Command) -> CommandAnswer:
+    barometer, accelerometer = command.params[2], command.params[4]
+    if flight.armed:
+        return CommandAnswer((CommandResult.FAILED,), ((CRITICAL, "Disarm to allow calibration"),))
+    if barometer == 1.0:
+        texts = ((INFO, "Calibrating barometer"), (INFO, "Barometer 1 calibration complete"))
+        return CommandAnswer((CommandResult.IN_PROGRESS, CommandResult.ACCEPTED), texts)
+    if accelerometer == 2.0:
+        return CommandAnswer((CommandResult.ACCEPTED,), ((INFO, "Trim OK: roll=0.00 pitch=0.00 yaw=0.00"),))
+    return CommandAnswer((CommandResult.TEMPORARILY_REJECTED if accelerometer == 4.0 else CommandResult.ACCEPTED,))
+
+
+def _refuse_takeoff(flight: FlightState, command: Command) -> Refusal | None:
+    altitude = command.params[6]
+    if command.frame not in (None, *_RELATIVE_FRAMES):
+        return Refusal(CommandResult.DENIED)
+    on_ground = flight.landed is LandedState.ON_GROUND
+    possible = flight.mode.behaviour is Behaviour.OFFBOARD and flight.armed and on_ground
+    return None if possible and math.isfinite(altitude) and altitude > 0.0 else Refusal(CommandResult.FAILED)
+
+
+def _takeoff_altitude_m(flight: FlightState, command: Command, limits: FlightLimits) -> float | None:
+    return _altitude_amsl_m(flight, MAV_FRAME.GLOBAL_RELATIVE_ALT, command.params[6])
+
+
+def _refuse_reposition(flight: FlightState, command: Command) -> Refusal | None:
+    if command.frame is None:
+        return Refusal(CommandResult.UNSUPPORTED)
+    if command.frame not in _REPOSITION_FRAMES:
+        return Refusal(CommandResult.DENIED, ((INFO, f"Unknown mavlink coordinate frame {command.frame}"),))
+    latitude, longitude, altitude = command.params[4:7]
+    if flight.mode.behaviour is not Behaviour.OFFBOARD and not command.flag(1, _CHANGE_MODE):
+        return Refusal(CommandResult.DENIED)
+    finite = math.isfinite(latitude) and math.isfinite(longitude) and math.isfinite(altitude)
+    return None if finite and (latitude or longitude) else Refusal(CommandResult.DENIED)
+
+
+def _refuse_home(flight: FlightState, command: Command) -> Refusal | None:
+    return None if knows_position(flight) else Refusal(CommandResult.FAILED)
+
+
+def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) -> float:
+    home = flight.home or flight.origin
+    return altitude_m + home.altitude_m if frame in _RELATIVE_FRAMES else altitude_m
+
+
+COMMANDS = CommandPolicy(
+    optional=frozenset({MAV_CMD.CONDITION_YAW, MAV_CMD.DO_PAUSE_CONTINUE, MAV_CMD.DO_MOUNT_CONFIGURE, MAV_CMD.DO_MOUNT_CONTROL}),
+    fixed_results={
+        **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
+        **dict.fromkeys(_FAILED, CommandResult.FAILED),
+        MAV_CMD.DO_LAND_START: CommandResult.FAILED,
+        MAV_CMD.DO_SET_MISSION_CURRENT: CommandResult.DENIED,
+        MAV_CMD.PREFLIGHT_STORAGE: CommandResult.DENIED,
+        MAV_CMD.MISSION_START: CommandResult.FAILED,
+    },
+    answer=_answer,
+    accepts_mode_first=False,
+    any_component=True,
+    answers_ping=False,
+    refuse_takeoff=_refuse_takeoff,
+    takeoff_altitude_m=_takeoff_altitude_m,
+    refuse_reposition=_refuse_reposition,
+    refuse_home=_refuse_home,
+    altitude_amsl_m=_altitude_amsl_m,
+    result_without_speed=CommandResult.FAILED,
+    roi_names_place=roi_by_coordinates,
+    gimbal_needs_control=False,
+    motor_test_order=(0, 3, 1, 2),  # clockwise from the front right
+)

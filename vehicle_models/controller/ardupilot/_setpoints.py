@@ -1,0 +1,38 @@
+"""How ArduCopter takes setpoints and sticks."""
+
+from __future__ import annotations
+
+from .._flight_state import Behaviour
+from ..links._enums import MAV_FRAME
+from ..policies._setpoints import SetpointPolicy
+from ..telemetry._texts import INFO
+
+SETPOINTS = SetpointPolicy(
+    local_frames={
+        MAV_FRAME.LOCAL_NED: "local",
+        MAV_FRAME.LOCAL_OFFSET_NED: "offset",
+        MAV_FRAME.BODY_NED: "body",
+        MAV_FRAME.BODY_OFFSET_NED: "body",
+    },
+    global_frames={
+        MAV_FRAME.GLOBAL: "amsl",
+        MAV_FRAME.GLOBAL_RELATIVE_ALT: "home",
+        MAV_FRAME.GLOBAL_INT: "amsl",
+        MAV_FRAME.GLOBAL_RELATIVE_ALT_INT: "home",
+        MAV_FRAME.GLOBAL_TERRAIN_ALT: "ground",
+        MAV_FRAME.GLOBAL_TERRAIN_ALT_INT: "ground",
+    },
+    bad_local_frame="",
+    bad_global_frame=(INFO, "Unknown mavlink coordinate frame {}"),
+    complains=False,
+    axes_in_groups=True,
+    speed_command_binds=True,
+    faces_motion=True,
+    fails_safe_when_lost=False,
+    position_lapses=False,
+    echo_behaviours=(Behaviour.OFFBOARD,),
+    echo_position_mask=0xFDF8,
+    echo_velocity_mask=0xFDC7,
+    simulates_radio=True,
+    radio_overrides=True,
+)

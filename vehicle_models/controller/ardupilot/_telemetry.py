@@ -1,0 +1,117 @@
+"""ArduCopter's streams, and what its messages report."""
+
+from __future__ import annotations
+
+from .._flight_state import FlightState
+from .._service import CommandResult
+from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
+from ..policies._telemetry import GpsQuality, SensorBits, TelemetryPolicy
+from ..telemetry._texts import INFO
+from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
+
+_GROUPS: dict[int, tuple[str, ...]] = {
+    MAV_DATA_STREAM.RAW_SENSORS: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2"),
+    MAV_DATA_STREAM.EXTENDED_STATUS: (
+        "SYS_STATUS",
+        "POWER_STATUS",
+        "MEMINFO",
+        "NAV_CONTROLLER_OUTPUT",
+        "MISSION_CURRENT",
+        "GPS_RAW_INT",
+        "FENCE_STATUS",
+    ),
+    MAV_DATA_STREAM.RC_CHANNELS: ("SERVO_OUTPUT_RAW", "RC_CHANNELS"),
+    MAV_DATA_STREAM.POSITION: ("GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"),
+    MAV_DATA_STREAM.EXTRA1: ("ATTITUDE", "SIMSTATE", "AHRS2"),
+    MAV_DATA_STREAM.EXTRA2: ("VFR_HUD",),
+    MAV_DATA_STREAM.EXTRA3: (
+        "AHRS",
+        "SYSTEM_TIME",
+        "WIND",
+        "BATTERY_STATUS",
+        "EKF_STATUS_REPORT",
+        "VIBRATION",
+        "ESC_TELEMETRY_1_TO_4",
+        "TERRAIN_REQUEST",
+        "TERRAIN_REPORT",
+    ),
+}
+_RATE_PARAMETERS = {
+    "RAW_SENS": MAV_DATA_STREAM.RAW_SENSORS,
+    "EXT_STAT": MAV_DATA_STREAM.EXTENDED_STATUS,
+    "RC_CHAN": MAV_DATA_STREAM.RC_CHANNELS,
+    "POSITION": MAV_DATA_STREAM.POSITION,
+    "EXTRA1": MAV_DATA_STREAM.EXTRA1,
+    "EXTRA2": MAV_DATA_STREAM.EXTRA2,
+    "EXTRA3": MAV_DATA_STREAM.EXTRA3,
+}
+# Messages of devices that are not there: CAMERA_* and VIDEO_*, GIMBAL_*, GPS2_*, distances, RPM, EFI_STATUS.
+_PROMISED = frozenset((124, 128, 132, 173, 225, 226, 259, 260, 261, 262, 263, 269, 270, 271, 280, 281, 284, 285))
+_ON_REQUEST = (
+    "EXTENDED_SYS_STATE",
+    "ATTITUDE_QUATERNION",
+    "HOME_POSITION",
+    "GPS_GLOBAL_ORIGIN",
+    "POSITION_TARGET_LOCAL_NED",
+    "POSITION_TARGET_GLOBAL_INT",
+    "HEARTBEAT",
+)
+
+# present, enabled and health of SYS_STATUS as they went by while the SITL started.
+_BEFORE_STANDBY = SensorBits(0x5331FC0F, 0x52019C0F, 0x45119C0B)
+_BEFORE_RECEIVER = SensorBits(0x5371FC0F, 0x52419C0F, 0x47519C0F)
+_BEFORE_AHRS = SensorBits(0x5371FC2F, 0x52419C2F, 0x47519C2F)
+_AHRS, _LOGGING, _PREARM, _POSITION_CONTROL = 0x200000, 0x1000000, 0x10000000, 0x6000
+
+_UNINITIALISED, _CONSTANT_POSITION, _ALL = 1024, 167, 831  # EKF_STATUS_FLAGS
+
+
+def _sensors(flight: FlightState) -> SensorBits:
+    now_s = flight.time_s
+    if now_s < RECEIVER_S:
+        return _BEFORE_STANDBY if now_s < STANDBY_S else _BEFORE_RECEIVER
+    bits = _BEFORE_AHRS
+    enabled, health = bits.enabled, bits.health
+    if now_s >= AHRS_S:
+        enabled, health = enabled | _AHRS, health | _AHRS
+    if steers_position(flight):
+        enabled |= _POSITION_CONTROL
+    if flight.armed:
+        enabled |= _LOGGING
+    return SensorBits(bits.present, enabled, health | (_PREARM if flight.armed or ready(flight) else 0))
+
+
+def _estimator_flags(flight: FlightState) -> int:
+    if flight.time_s < ESTIMATOR_S:
+        return _UNINITIALISED
+    return _CONSTANT_POSITION if flight.time_s < USES_GPS_S or not flight.position_ok else _ALL
+
+
+def _wind(flight: FlightState) -> tuple[float, float, float] | None:
+    # Without an airspeed sensor the filter holds the wind at zero, which comes out as a wind from the south.
+    return (-180.0, 0.0, 0.0) if flight.time_s >= USES_GPS_S and flight.position_ok else None
+
+
+TELEMETRY = TelemetryPolicy(
+    messages=frozenset({*_ON_REQUEST, *(name for group in _GROUPS.values() for name in group)}),
+    stream_sets={"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}},
+    stream_groups=_GROUPS,
+    stream_parameters=_RATE_PARAMETERS,
+    max_rates_hz={"TERRAIN_REQUEST": 0.5},
+    waits_for_client=True,
+    promised_messages=_PROMISED,
+    unknown_interval=CommandResult.DENIED,
+    unknown_interval_text=(INFO, "No ap_message for mavlink id ({})"),
+    unknown_get_interval=CommandResult.FAILED,
+    unknown_request=CommandResult.FAILED,
+    min_interval_us=2500,
+    answers_after_acknowledgement=True,
+    load_permille=0,
+    battery_type=0,
+    vtol_state=3,
+    gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.RTK_FIXED, eph=121, epv=200, h_acc_mm=300, v_acc_mm=300),
+    lost_fix_type=GPS_FIX_TYPE.NO_FIX,
+    sensors=_sensors,
+    estimator_flags=_estimator_flags,
+    wind=_wind,
+)

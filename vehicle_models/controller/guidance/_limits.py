@@ -1,0 +1,72 @@
+"""The numbers by which the vehicle is flown, as the present parameters give them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from .._flight_state import Behaviour
+
+Seconds = float
+
+
+@dataclass(frozen=True, slots=True)
+class StickLimits:
+    """What a full stick means."""
+
+    tilt_rad: float
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
+    yaw_radps: float
+    rates_radps: float  # roll and pitch of acrobatics
+    dead: float  # share of a stick's travel around its middle that has no effect
+    lost_after_s: Seconds
+    # A pilot takes over from these by moving a stick faster than a share of its travel in a second.
+    overrides: frozenset[Behaviour] = frozenset()
+    overrides_from: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class FollowTargetLimits:
+    """How a leader is followed: height above home, distance from the leader, angle to its course."""
+
+    height_m: float
+    distance_m: float
+    angle_rad: float
+    speed_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class FlightLimits:
+    """Speeds, heights and times of every manoeuvre."""
+
+    cruise_mps: float  # positions flown on the autopilot's own account
+    speed_max_mps: float  # setpoints of a companion
+    setpoint_climb_mps: float  # likewise
+    setpoint_descent_mps: float
+    climb_mps: float
+    descent_mps: float
+    takeoff_mps: float
+    takeoff_spool_s: Seconds  # rotors turn, nothing moves
+    takeoff_ramp_s: Seconds  # the climb grows to its full speed
+    takeoff_height_m: float  # when a takeoff command gives none
+    land_mps: float
+    land_slow_below_m: float  # landing speed below, full descent above `land_fast_above_m`, linear between
+    land_fast_above_m: float
+    return_height_m: float  # above home
+    return_near_m: float  # nearer to home than this no climb is made
+    return_climbs_by_m: float | None  # climb at least this much, where an autopilot does not climb to a fixed height
+    landed_disarm_s: Seconds | None
+    idle_disarm_s: Seconds | None
+    setpoint_timeout_s: Seconds
+    sticks: StickLimits
+    follow_target: FollowTargetLimits
+    goto_mps: float  # positions that a companion gives
+    faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: along the motion
+    return_faces_home: bool
+    return_waits_s: Seconds  # above home, before landing
+    orbit_radius_max_m: float
+    circle_radius_m: float
+    circle_radps: float  # clockwise
+    thrust_is_climb: bool  # thrust of attitude setpoints: 0.5 holds the height

@@ -1,0 +1,69 @@
+"""What an autopilot is, and what it says of its own accord."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from .._flight_state import FlightState
+from ..files._metadata import Metadata
+from ..files._served_files import FileContent
+from ..links._enums import MAV_AUTOPILOT, MAV_TYPE
+from ..parameters._store import ParameterStore
+from ..telemetry._event_names import EventName
+from ..telemetry._texts import FlightEvent, StatusText
+
+Seconds = float
+
+
+@dataclass(frozen=True, slots=True)
+class BootText:
+    """A text that is sent while the autopilot starts, at a running time."""
+
+    at_s: Seconds
+    severity: int
+    text: str
+
+
+def no_boot_texts(flight: FlightState) -> Sequence[BootText]:
+    return ()
+
+
+def no_files(parameters: ParameterStore) -> Mapping[str, FileContent]:
+    return {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentityPolicy:
+    """Version, texts, events and files of an autopilot.
+
+    `texts` gives the text of an event; an event that is missing there has none. `event_names` are PX4's machine-readable
+    events; an autopilot without them leaves it empty.
+    """
+
+    name: str
+    autopilot: MAV_AUTOPILOT
+    vehicle_type: MAV_TYPE = MAV_TYPE.QUADROTOR
+    capabilities: int
+    flight_sw_version: int
+    flight_custom_version: bytes
+    board_version: int
+    uid: int
+    uid2: bytes = b""
+    protocol_versions: tuple[int, int, int] | None = None
+    """Version in use, lowest and highest; None for an autopilot without PROTOCOL_VERSION."""
+    texts: Mapping[FlightEvent, StatusText]
+    text_ending: str
+    """Put behind every text: PX4 ends a text that is an event as well with a tab."""
+    boot_texts: Callable[[FlightState], Sequence[BootText]] = no_boot_texts
+    climbed_clear_texts: tuple[StatusText, ...] = ()
+    """Sent when the vehicle has risen clear of the ground."""
+    ground_contact_text: StatusText | None = None
+    """Sent when the vehicle meets the ground, with {} for the speed in m/s."""
+    event_names: tuple[EventName, ...] = ()
+    metadata: Metadata | None = None
+    files: Callable[[ParameterStore], Mapping[str, FileContent]] = no_files
+    """What MAVLink FTP serves beside the metadata."""
+    file_sessions: int = 1
+    files_writable: bool = False
+    """Whether clients may store files, which last as long as the process."""

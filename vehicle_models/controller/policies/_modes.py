@@ -1,0 +1,74 @@
+"""Which modes an autopilot has, when they may be entered, and when the vehicle may be armed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from .._flight_state import Behaviour, FlightMode, FlightState
+from .._service import CommandResult, Refusal
+from ..parameters._store import ParameterStore
+
+
+def no_prearm_failures(flight: FlightState, parameters: ParameterStore) -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModePolicy:
+    """Modes and arming. The functions change nothing; `has_setpoints` says whether setpoints arrive in time."""
+
+    modes: tuple[FlightMode, ...]
+    initial: FlightMode
+    hold: FlightMode
+    land: FlightMode
+    return_home: FlightMode
+    offboard: FlightMode
+    reposition: FlightMode
+    """The mode in which DO_REPOSITION flies."""
+    mission: FlightMode
+    takeoff: FlightMode | None = None
+    """None: taking off is part of the offboard mode."""
+    loiter: FlightMode | None = None
+    """The mode of NAV_LOITER_UNLIM; None: there is no such command."""
+    orbit: FlightMode | None = None
+    """The mode of DO_ORBIT; None: there is no such command."""
+    pilot: tuple[FlightMode, FlightMode] | None = None
+    """What a pilot who moves the sticks takes over in: with a position, and without one."""
+    after_landing: FlightMode | None = None
+    """Entered when the vehicle has been disarmed."""
+    standard_modes: Mapping[str, int] = field(default_factory=dict)
+    """MAV_STANDARD_MODE by name of the mode; empty: the autopilot does not list its modes."""
+    acknowledges_set_mode: bool
+    """Whether the SET_MODE message is acknowledged like a command."""
+    heartbeat_on_change: bool
+    """Whether a change of mode sends a heartbeat at once."""
+    heartbeat: Callable[[FlightState, bool], tuple[int, int]]
+    """base_mode and system_status, given the flight and `has_setpoints`."""
+    refuse_mode: Callable[[FlightState, FlightMode | None, int, bool], Refusal | None]
+    """Why a mode may not be entered: flight, mode (None for a number that is no mode), its number, `has_setpoints`."""
+    number_of_command: Callable[[tuple[float, ...]], int | None]
+    """The custom mode that the parameters of DO_SET_MODE ask for; None where they ask for none."""
+    knows_position: Callable[[FlightState], bool]
+    """Whether navigation has found the position, so that home can be set."""
+    refuse_arming: Callable[[FlightState, ParameterStore, bool, bool], Refusal | None]
+    """Why the vehicle may not be armed: flight, parameters, whether it is forced, `has_setpoints`."""
+    refuse_disarming: Callable[[FlightState, bool], Refusal | None]
+    """Why the vehicle may not be disarmed: flight, whether it is forced."""
+    refuse_arm_value: Callable[[float], Refusal | None]
+    """Why the first parameter of COMPONENT_ARM_DISARM makes no sense."""
+    prearm_failures: Callable[[FlightState, ParameterStore], tuple[str, ...]] = no_prearm_failures
+    """Failing checks that the autopilot reports without being asked; none for one that does not report."""
+    checks_when_armed: CommandResult
+    """Result of RUN_PREARM_CHECKS while armed."""
+    manual_landing_disarms: bool
+    """Whether the vehicle is disarmed after a landing by sticks as after any other."""
+
+    @property
+    def termination(self) -> FlightMode | None:
+        """The mode that stops the rotors for good, where there is one."""
+        return next((mode for mode in self.modes if mode.behaviour is Behaviour.TERMINATE), None)
+
+    def numbered(self, custom: int) -> FlightMode | None:
+        """The mode with this custom number, if there is one."""
+        return next((mode for mode in self.modes if mode.custom == custom), None)

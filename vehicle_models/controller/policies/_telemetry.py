@@ -1,0 +1,79 @@
+"""What an autopilot streams, how it handles requests for messages, and what its messages report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from .._flight_state import FlightState
+from .._service import CommandResult
+from ..telemetry._texts import StatusText
+
+
+@dataclass(frozen=True, slots=True)
+class GpsQuality:
+    """The fields of GPS_RAW_INT about the quality of a fix."""
+
+    fix_type: int
+    eph: int
+    epv: int
+    h_acc_mm: int
+    v_acc_mm: int
+
+
+@dataclass(frozen=True, slots=True)
+class SensorBits:
+    """present, enabled, health of SYS_STATUS."""
+
+    present: int
+    enabled: int
+    health: int
+
+
+def no_estimator_flags(flight: FlightState) -> int:
+    return 0
+
+
+def no_wind(flight: FlightState) -> tuple[float, float, float] | None:
+    return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TelemetryPolicy:
+    """Streams and contents of an autopilot's messages."""
+
+    messages: frozenset[str]
+    """Everything that may be streamed or requested."""
+    stream_sets: Mapping[str, Mapping[str, float]]
+    """Rates in Hz by message, by name of the set that a link asks for."""
+    stream_groups: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    """Messages by MAV_DATA_STREAM; empty: REQUEST_DATA_STREAM has no effect."""
+    stream_parameters: Mapping[str, int] = field(default_factory=dict)
+    """Group by ending of the parameter that holds its rate: SR0_ and the ending for the first link, SR1_ for the second."""
+    max_rates_hz: Mapping[str, float] = field(default_factory=dict)
+    """The rate that a message's stream never exceeds."""
+    gimbal_rates_hz: Mapping[str, float] = field(default_factory=dict)
+    """Rates of the gimbal's messages on a vehicle that has one."""
+    waits_for_client: bool
+    """Whether a channel stays silent, but for streams and answers, until a client has sent something."""
+    promised_messages: frozenset[int] = frozenset()
+    """Ids of messages whose request is accepted but which never come."""
+    unknown_interval: CommandResult
+    unknown_interval_text: StatusText | None
+    unknown_get_interval: CommandResult
+    unknown_request: CommandResult
+    min_interval_us: int
+    """Shorter intervals are denied; 0 denies none."""
+    answers_after_acknowledgement: bool = False
+    """Whether a requested message comes behind the acknowledgement of REQUEST_MESSAGE."""
+    load_permille: int
+    battery_type: int
+    vtol_state: int
+    gps_quality: GpsQuality
+    lost_fix_type: int
+    """GPS_RAW_INT.fix_type without fixes."""
+    sensors: Callable[[FlightState], SensorBits]
+    estimator_flags: Callable[[FlightState], int] = no_estimator_flags
+    """EKF_STATUS_REPORT.flags."""
+    wind: Callable[[FlightState], tuple[float, float, float] | None] = no_wind
+    """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an estimate."""

@@ -1,0 +1,99 @@
+"""PX4's answers to commands, as section 3.3 of the observations has them."""
+
+from __future__ import annotations
+
+import math
+
+from .._flight_state import FlightState
+from .._service import Command, CommandResult, Refusal
+from ..guidance._limits import FlightLimits
+from ..links._enums import MAV_CMD
+from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
+from ..telemetry._texts import CRITICAL
+
+# Accepted, and without effect here.
+_ACCEPTED = (
+    MAV_CMD.DO_SET_ACTUATOR,
+    MAV_CMD.DO_GO_AROUND,
+    MAV_CMD.PREFLIGHT_CALIBRATION,
+    MAV_CMD.PREFLIGHT_STORAGE,
+    MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN,
+    MAV_CMD.ACTUATOR_TEST,
+    MAV_CMD.RUN_PREARM_CHECKS,
+    MAV_CMD.LOGGING_START,
+    MAV_CMD.LOGGING_STOP,
+)
+# No module of PX4's SITL handles these: there is no answer at all.
+_UNANSWERED = (
+    MAV_CMD.DO_DIGICAM_CONFIGURE,
+    MAV_CMD.DO_DIGICAM_CONTROL,
+    MAV_CMD.DO_MOUNT_CONFIGURE,
+    MAV_CMD.DO_MOUNT_CONTROL,
+    MAV_CMD.DO_SET_CAM_TRIGG_DIST,
+    MAV_CMD.START_RX_PAIR,
+    MAV_CMD.REQUEST_CAMERA_INFORMATION,
+    MAV_CMD.SET_CAMERA_MODE,
+    MAV_CMD.DO_GIMBAL_MANAGER_PITCHYAW,
+    MAV_CMD.DO_GIMBAL_MANAGER_CONFIGURE,
+    MAV_CMD.DO_TRIGGER_CONTROL,
+    MAV_CMD.DO_VTOL_TRANSITION,
+    MAV_CMD.DO_WINCH,
+)
+_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS
+
+
+def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
+    accepted, denied = (CommandResult.ACCEPTED,), CommandAnswer((CommandResult.DENIED,))
+    match command.number:
+        case MAV_CMD.DO_GRIPPER:
+            return CommandAnswer(accepted, first_time=(CommandResult.IN_PROGRESS, CommandResult.ACCEPTED))
+        case MAV_CMD.PREFLIGHT_CALIBRATION | MAV_CMD.PREFLIGHT_STORAGE if flight.armed:
+            return CommandAnswer((CommandResult.TEMPORARILY_REJECTED,))
+        case MAV_CMD.ACTUATOR_TEST if flight.armed:
+            return denied
+        case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN if command.params[0] != 0.0 and (flight.armed or command.params[0] != 1.0):
+            return denied
+        case MAV_CMD.MISSION_START:
+            return CommandAnswer((CommandResult.DENIED,), ((CRITICAL, "Mission start denied! No valid mission"),))
+        case MAV_CMD.CONTROL_HIGH_LATENCY:
+            text = "Control high latency failed! Telemetry unavailable"
+            return CommandAnswer((CommandResult.FAILED,), ((CRITICAL, text),))
+    return None
+
+
+def _takeoff_altitude_m(flight: FlightState, command: Command, limits: FlightLimits) -> float | None:
+    """Zero and NaN alike mean the default height."""
+    altitude = command.params[6]
+    return altitude if math.isfinite(altitude) and altitude != 0.0 else None
+
+
+def _refuse_reposition(flight: FlightState, command: Command) -> Refusal | None:
+    return None if command.flag(1, _CHANGE_MODE) else Refusal(CommandResult.UNSUPPORTED)
+
+
+def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) -> float:
+    # Above sea level whatever the frame says: so did every release that was seen, and MAVSDK relies on it.
+    return altitude_m
+
+
+COMMANDS = CommandPolicy(
+    optional=frozenset({MAV_CMD.DO_CHANGE_ALTITUDE}),
+    fixed_results={
+        **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
+        **dict.fromkeys(_UNANSWERED),
+        MAV_CMD.DO_LAND_START: CommandResult.CANCELLED,
+    },
+    answer=_answer,
+    accepts_mode_first=True,
+    any_component=False,
+    answers_ping=True,
+    refuse_takeoff=lambda flight, command: None,
+    takeoff_altitude_m=_takeoff_altitude_m,
+    refuse_reposition=_refuse_reposition,
+    refuse_home=lambda flight, command: None,
+    altitude_amsl_m=_altitude_amsl_m,
+    result_without_speed=CommandResult.ACCEPTED,
+    bad_orbit_text=(CRITICAL, "Orbit radius limit exceeded"),
+    roi_names_place=roi_by_kind,
+    gimbal_needs_control=True,
+)

@@ -1,0 +1,152 @@
+"""PX4's failsafes, fence and battery. Times and texts of failsafes are as its SITL was seen to keep them.
+
+What a breach of the fence looks like on the link was not observed; it is as PX4's source has it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from .._flight_state import Behaviour, FlightState
+from .._service import CommandResult, Refusal
+from ..parameters._store import ParameterStore
+from ..policies._safety import (
+    BatteryStep,
+    Breach,
+    FailsafeSettings,
+    FenceLimits,
+    FencePolicy,
+    Reaction,
+    SafetyPolicy,
+    SimulatedDischarge,
+)
+from ..telemetry._texts import CRITICAL, EMERGENCY, ERROR, WARNING, StatusText
+
+_ACTIONS: dict[int, Behaviour] = {
+    1: Behaviour.HOLD,
+    2: Behaviour.RETURN,
+    3: Behaviour.LAND,
+    5: Behaviour.TERMINATE,
+    6: Behaviour.TERMINATE,  # disarming in the air, which comes to the same
+}
+_FENCE_ACTIONS: dict[int, Behaviour] = {
+    2: Behaviour.HOLD,
+    3: Behaviour.RETURN,
+    4: Behaviour.TERMINATE,
+    5: Behaviour.LAND,
+}
+# Reactions to lost setpoints. Without sticks, position and altitude modes cannot be flown, and a return takes their place.
+_SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
+    4: Behaviour.LAND,
+    5: Behaviour.HOLD,
+    6: Behaviour.TERMINATE,
+    7: Behaviour.TERMINATE,
+}
+_ACTIVATED = ((ERROR, "Failsafe activated"),)
+_SILENCE_S = 1.9  # until a silent link is noticed: with COM_DL_LOSS_T at 10, the SITL acted after 11.9 s
+_SITL_BATTERY = (60.0, 50.0)  # defaults of SIM_BAT_DRAIN and SIM_BAT_MIN_PCT
+_FENCE_TEXTS: dict[Breach, StatusText] = {
+    Breach.CEILING: (CRITICAL, "Geofence: exceeding maximum altitude above Home"),
+    Breach.CIRCLE: (CRITICAL, "Geofence: exceeding maximum distance to Home"),
+    Breach.POLYGON: (CRITICAL, "Geofence: approaching or outside geofence"),
+}
+
+
+def _failsafes(p: ParameterStore) -> FailsafeSettings:
+    hold_s = _hold_s(p)
+    setpoint_action = _SETPOINT_ACTIONS.get(int(p["COM_OBL_RC_ACT"]), Behaviour.RETURN)
+    return FailsafeSettings(
+        hold_texts=((ERROR, f"Failsafe activated: entering Hold for {hold_s:.0f} seconds"),),
+        disarms_on_ground=False,
+        disarm_suffix="",
+        strongest=True,
+        latched=True,
+        station_timeout_s=max(p["COM_DL_LOSS_T"], 1.0) + _SILENCE_S,
+        station=_reaction(_ACTIONS.get(int(p["NAV_DLL_ACT"])), hold_s),
+        station_lost_event=(WARNING, "Connection to ground station lost"),
+        setpoints=Reaction(setpoint_action, action_texts=_ACTIVATED, resumes=True),
+        sticks=_reaction(_ACTIONS.get(int(p["NAV_RCL_ACT"])), hold_s),
+        battery=_battery(p, hold_s),
+        position=Reaction(Behaviour.LAND, action_texts=_ACTIVATED, resumes=True),
+    )
+
+
+def _hold_s(p: ParameterStore) -> float:
+    return min(max(p["COM_FAIL_ACT_T"], 0.0), 25.0)
+
+
+def _reaction(action: Behaviour | None, hold_s: float) -> Reaction | None:
+    if action is None:
+        return None
+    at_once = action in (Behaviour.HOLD, Behaviour.TERMINATE)
+    return Reaction(action, 0.0 if at_once else hold_s, action_texts=_ACTIVATED)
+
+
+def _battery(p: ParameterStore, hold_s: float) -> tuple[BatteryStep, ...]:
+    """COM_LOW_BAT_ACT: 0 warns; 2 lands at the critical level; 3 returns when critical, lands in the emergency."""
+    action = int(p["COM_LOW_BAT_ACT"])
+    critical = {2: Behaviour.LAND, 3: Behaviour.RETURN}.get(action)
+    emergency = Behaviour.LAND if action in (2, 3) else None
+    critical_texts = () if critical else ((WARNING, "Critical battery"),)
+    emergency_texts = ((EMERGENCY, "Emergency battery level"),)
+    return (
+        BatteryStep(Reaction(texts=((WARNING, "Low battery"),), shows=False), 2, p["BAT_LOW_THR"]),
+        BatteryStep(Reaction(critical, hold_s, critical_texts, _ACTIVATED, shows=bool(critical)), 3, p["BAT_CRIT_THR"]),
+        BatteryStep(Reaction(emergency, hold_s, emergency_texts, _ACTIVATED, shows=bool(emergency)), 4, p["BAT_EMERGEN_THR"]),
+    )
+
+
+def _fence_limits(p: ParameterStore) -> FenceLimits:
+    return FenceLimits(
+        radius_m=p["GF_MAX_HOR_DIST"] if p["GF_MAX_HOR_DIST"] > 0.0 else None,
+        ceiling_m=p["GF_MAX_VER_DIST"] if p["GF_MAX_VER_DIST"] > 0.0 else None,
+        polygons=True,
+        enabled=int(p["GF_ACTION"]) != 0,
+    )
+
+
+def _fence_reaction(breach: Breach, outside_m: float, p: ParameterStore) -> Reaction:
+    """GF_ACTION: 1 warns; 2 holds and 4 terminates at once; 3 returns and 5 lands after the Hold."""
+    text = _FENCE_TEXTS[breach]
+    reaction = _reaction(_FENCE_ACTIONS.get(int(p["GF_ACTION"])), _hold_s(p))
+    if reaction is None:
+        return Reaction(texts=(text, *_ACTIVATED), shows=False)
+    return dataclasses.replace(reaction, texts=(text,))
+
+
+def _simulated_discharge(p: ParameterStore) -> SimulatedDischarge | None:
+    """Asked for by a drain or a least charge other than the defaults, which the vehicle's own battery does not follow."""
+    drain_s, min_percent = p["SIM_BAT_DRAIN"], p["SIM_BAT_MIN_PCT"]
+    if (drain_s, min_percent) == _SITL_BATTERY or p["SIM_BAT_ENABLE"] != 1.0:
+        return None
+    return SimulatedDischarge(max(drain_s, 1.0), min(max(min_percent, 0.0), 100.0) / 100.0)
+
+
+def _battery_volts(flight: FlightState, p: ParameterStore) -> float:
+    if flight.simulated_fraction is None:
+        return flight.battery_v
+    empty_v, full_v = p["BAT1_V_EMPTY"], p["BAT1_V_CHARGED"]
+    return max(p["BAT1_N_CELLS"], 1.0) * (empty_v + (full_v - empty_v) * flight.simulated_fraction)
+
+
+SAFETY = SafetyPolicy(
+    failsafes=_failsafes,
+    fence=FencePolicy(
+        limits=_fence_limits,
+        reaction=_fence_reaction,
+        repeat_distance_m=math.inf,
+        any_inclusion=True,
+        enable_command=False,
+        enable_parameter=None,
+        refuses_setpoints=False,
+        outside=Refusal(CommandResult.ACCEPTED, ((CRITICAL, "Reposition is outside geofence"),)),
+        rally_limit_m=lambda p: math.inf,
+        rally_includes_home=lambda p: True,
+        uses_rally=lambda p: int(p["RTL_TYPE"]) == 0,  # 0: home or the nearest rally point
+    ),
+    is_ground_station=lambda system, p: True,
+    battery_volts=_battery_volts,
+    simulated_discharge=_simulated_discharge,
+    failure_parameter="SYS_FAILURE_EN",
+)

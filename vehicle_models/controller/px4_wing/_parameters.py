@@ -1,0 +1,75 @@
+"""The parameters of PX4 on a fixed wing, and the flight limits that they give."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+from ..guidance._wing import WingLimits
+from ..parameters._store import INT32, Parameter, ParameterStore
+from ..px4._parameters import PARAMETERS as MULTICOPTER_PARAMETERS
+
+_WING_PARAMETERS = (
+    Parameter("FW_AIRSPD_MAX", 20.0),
+    Parameter("FW_AIRSPD_MIN", 11.0),
+    Parameter("FW_AIRSPD_TRIM", 15.0),
+    Parameter("FW_LND_AIRSPD", -1.0),
+    Parameter("FW_LND_ANG", 5.0),
+    Parameter("FW_LND_FLALT", 2.5),
+    Parameter("FW_LND_FL_SINK", 0.4),
+    Parameter("FW_T_CLMB_R_SP", 3.0),
+    Parameter("FW_T_SINK_R_SP", 2.0),
+    Parameter("MAV_TYPE", 1, INT32),
+    Parameter("MIS_TAKEOFF_ALT", 30.0),
+    Parameter("NAV_LOITER_RAD", 80.0),
+    Parameter("RTL_DESCEND_ALT", 60.0),
+    Parameter("RTL_LAND_DELAY", -1.0),
+    Parameter("RTL_LOITER_RAD", 80.0),
+    Parameter("RTL_RETURN_ALT", 60.0),
+    Parameter("SYS_AUTOSTART", 2100, INT32),
+)
+MIN_CIRCLE_HEIGHT_M = 25.0  # circles are not flown lower
+_RADIUS_RANGE_M = (30.0, 500.0)  # what the airframe can fly
+
+
+def _definitions() -> tuple[Parameter, ...]:
+    """The quadrotor's, with the defaults of a fixed wing and what only that has."""
+    remaining = {parameter.name: parameter for parameter in _WING_PARAMETERS}
+    common = tuple(
+        replace(parameter, default=remaining.pop(parameter.name).default) if parameter.name in remaining else parameter
+        for parameter in MULTICOPTER_PARAMETERS.definitions
+    )
+    return (*common, *remaining.values())
+
+
+def limits(p: ParameterStore) -> WingLimits:
+    common = MULTICOPTER_PARAMETERS.limits(p)
+    shared = {field.name: getattr(common, field.name) for field in fields(common)}
+    min_airspeed = max(p["FW_AIRSPD_MIN"], 1.0)
+    landing_airspeed = p["FW_LND_AIRSPD"]
+    return WingLimits(
+        **{
+            **shared,
+            "sticks": replace(common.sticks, overrides=frozenset()),  # PX4 lets sticks take over on multicopters alone
+            "cruise_mps": max(p["FW_AIRSPD_TRIM"], min_airspeed),
+            "speed_max_mps": max(p["FW_AIRSPD_MAX"], min_airspeed),
+            "climb_mps": max(p["FW_T_CLMB_R_SP"], 0.5),
+            "descent_mps": max(p["FW_T_SINK_R_SP"], 0.5),
+        },
+        min_airspeed_mps=min_airspeed,
+        landing_mps=landing_airspeed if landing_airspeed > 0.0 else 1.1 * min_airspeed,
+        loiter_radius_m=_radius_m(p["NAV_LOITER_RAD"]),
+        return_radius_m=_radius_m(p["RTL_LOITER_RAD"]),
+        descend_height_m=max(p["RTL_DESCEND_ALT"], MIN_CIRCLE_HEIGHT_M),
+        land_delay_s=p["RTL_LAND_DELAY"] if p["RTL_LAND_DELAY"] >= 0.0 else None,
+        glide_rad=math.radians(min(max(p["FW_LND_ANG"], 2.0), 12.0)),
+        flare_height_m=min(max(p["FW_LND_FLALT"], 0.5), 10.0),
+        flare_sink_mps=min(max(p["FW_LND_FL_SINK"], 0.1), 1.0),
+    )
+
+
+def _radius_m(radius_m: float) -> float:
+    return math.copysign(min(max(abs(radius_m), _RADIUS_RANGE_M[0]), _RADIUS_RANGE_M[1]), radius_m)
+
+
+PARAMETERS = replace(MULTICOPTER_PARAMETERS, definitions=_definitions(), limits=limits)

@@ -1,0 +1,102 @@
+"""Messages about attitude, position and motion, as the vehicle estimates them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from .._service import Stream, Values
+from .._service_context import ServiceContext
+from ._attitude import AttitudeCache
+from ._units import heading_cdeg, hundredths
+
+_NAN = math.nan
+_UNKNOWN_COVARIANCES = (_NAN, *(0.0,) * 20) * 2  # of pose and velocity: NaN in the first element means unknown
+_LOCAL_NED, _BODY_FRD = 1, 12  # MAV_FRAME of ODOMETRY
+_ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT = 8, 100
+
+
+class MotionTelemetry:
+    """Values in wire order. SIMSTATE, which holds the truth in a real SITL, holds the estimate: agents must not learn the truth."""
+
+    def __init__(self, context: ServiceContext, attitude: AttitudeCache) -> None:
+        self._context = context
+        self._flight = context.flight
+        self._body = attitude
+
+    def streams(self) -> Mapping[str, Stream]:
+        return {
+            "ATTITUDE": self._attitude,
+            "ATTITUDE_QUATERNION": self._attitude_quaternion,
+            "LOCAL_POSITION_NED": self._local_position,
+            "GLOBAL_POSITION_INT": self._global_position,
+            "ODOMETRY": self._odometry,
+            "VFR_HUD": self._hud,
+            "ALTITUDE": self._altitude,
+            "AHRS": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            "AHRS2": self._ahrs2,
+            "SIMSTATE": self._simstate,
+        }
+
+    def _attitude(self) -> Values:
+        f = self._flight
+        return (f.time_ms, f.roll_rad, f.pitch_rad, f.yaw_rad, f.p_radps, f.q_radps, f.r_radps)
+
+    def _attitude_quaternion(self) -> Values:
+        f = self._flight
+        return (f.time_ms, *self._body.now().quaternion, f.p_radps, f.q_radps, f.r_radps, 0.0, 0.0, 0.0, 0.0)
+
+    def _local_position(self) -> Values | None:
+        f = self._flight
+        if f.home is None:
+            return None
+        return (f.time_ms, f.north_m, f.east_m, f.down_m, f.vn_mps, f.ve_mps, f.vd_mps)
+
+    def _global_position(self) -> Values | None:
+        f = self._flight
+        if f.home is None:
+            return None
+        return (
+            f.time_ms,
+            f.latitude_e7,
+            f.longitude_e7,
+            round(f.altitude_m * 1000.0),
+            round(f.height_m * 1000.0),
+            hundredths(f.vn_mps),
+            hundredths(f.ve_mps),
+            hundredths(f.vd_mps),
+            heading_cdeg(f.yaw_rad),
+        )
+
+    def _odometry(self) -> Values | None:
+        f = self._flight
+        if f.home is None:
+            return None
+        body = self._body.now()
+        velocity = body.rotated(f.vn_mps, f.ve_mps, f.vd_mps)
+        pose = (f.north_m, f.east_m, f.down_m, *body.quaternion)
+        rates = (f.p_radps, f.q_radps, f.r_radps)
+        frames = (_LOCAL_NED, _BODY_FRD, 0, _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT)
+        return (f.time_us, *pose, *velocity, *rates, *_UNKNOWN_COVARIANCES, *frames)
+
+    def _hud(self) -> Values:
+        f = self._flight
+        outputs = self._context.airframe.outputs()
+        heading = round(math.degrees(f.yaw_rad)) % 360
+        throttle = round(100.0 * sum(outputs) / len(outputs))
+        return (f.airspeed_mps, math.hypot(f.vn_mps, f.ve_mps), f.altitude_m, -f.vd_mps, heading, throttle)
+
+    def _altitude(self) -> Values:
+        f = self._flight
+        above_m = -f.down_m
+        return (f.time_us, f.altitude_m, f.altitude_m, above_m, f.height_m, _NAN, above_m)
+
+    def _ahrs2(self) -> Values:
+        f = self._flight
+        return (f.roll_rad, f.pitch_rad, f.yaw_rad, f.altitude_m, f.latitude_e7, f.longitude_e7)
+
+    def _simstate(self) -> Values:
+        f = self._flight
+        attitude = (f.roll_rad, f.pitch_rad, f.yaw_rad)
+        force = self._context.airframe.specific_force_mps2()
+        return (*attitude, *force, f.p_radps, f.q_radps, f.r_radps, f.latitude_e7, f.longitude_e7)

@@ -1,0 +1,66 @@
+"""Messages about the battery and the outputs that drain it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from .._service import Stream, Values
+from .._service_context import ServiceContext
+from ..policies._telemetry import TelemetryPolicy
+from ..safety._battery_monitor import BatteryMonitor
+from ._units import hundredths
+
+_MAX_ROTOR_RPM = 8000.0  # chosen, not measured
+_NO_CELL = 65535
+_UNKNOWN_TEMPERATURE = 32767
+_ESC_TEMPERATURE_C = 25
+_NOMINAL_V = 14.8
+
+
+class PowerTelemetry:
+    """Values in wire order."""
+
+    def __init__(
+        self,
+        context: ServiceContext,
+        policy: TelemetryPolicy,
+        battery: BatteryMonitor,
+        charge_state: Callable[[], int],
+    ) -> None:
+        self._context = context
+        self._flight = context.flight
+        self._policy = policy
+        self._battery = battery
+        self._charge_state = charge_state
+
+    def streams(self) -> Mapping[str, Stream]:
+        return {
+            "SERVO_OUTPUT_RAW": self._servo_outputs,
+            "BATTERY_STATUS": self._battery_status,
+            "POWER_STATUS": lambda: (5000, 0, 0),
+            "ESC_TELEMETRY_1_TO_4": self._motors,
+        }
+
+    def _servo_outputs(self) -> Values:
+        outputs_us = [1000 + round(1000.0 * output) for output in self._context.airframe.outputs()]
+        return (self._flight.time_us & 0xFFFFFFFF, *outputs_us, 0, 0, 0, 0, 0, *(0,) * 8)
+
+    def _battery_status(self) -> Values:
+        f = self._flight
+        cells_mv = (self._battery.millivolts(), *(_NO_CELL,) * 9)
+        used_mah, percent = round(self._battery.used_mah()), round(100.0 * f.battery_fraction)
+        head = (used_mah, -1, _UNKNOWN_TEMPERATURE, *cells_mv, hundredths(f.battery_a), 0, 0, self._policy.battery_type)
+        return (*head, percent, 0, self._charge_state(), 0, 0, 0, 0, 0, 0)
+
+    def _motors(self) -> Values:
+        """Four motors at their share of full speed, with the current in equal parts."""
+        f = self._flight
+        outputs = [*self._context.airframe.outputs(), 0.0, 0.0, 0.0, 0.0][:4]
+        turning = sum(output > 0.0 for output in outputs) or 1
+        amperes = [f.battery_a / turning if output > 0.0 else 0.0 for output in outputs]
+        used_mah = round(f.battery_used_wh / _NOMINAL_V * 250.0) & 0xFFFF  # a quarter each
+        count = f.time_ms // 20 & 0xFFFF
+        volts_c = (min(max(round(self._battery.volts() * 100.0), 0), 65535),) * 4
+        amperes_c = [min(max(round(current * 100.0), 0), 65535) for current in amperes]
+        rpm = [round(max(output, 0.0) * _MAX_ROTOR_RPM) for output in outputs]
+        return (*volts_c, *amperes_c, *(used_mah,) * 4, *rpm, *(count,) * 4, *(_ESC_TEMPERATURE_C,) * 4)

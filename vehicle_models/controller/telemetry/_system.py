@@ -1,0 +1,84 @@
+"""Messages about the state of the autopilot itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from .._service import Stream, Values
+from .._service_context import ServiceContext
+from ..policies._identity import IdentityPolicy
+from ..policies._modes import ModePolicy
+from ..policies._telemetry import TelemetryPolicy
+from ..safety._battery_monitor import BatteryMonitor
+from ._units import hundredths
+
+_MAVLINK_VERSION = 3  # of HEARTBEAT; it did not change with MAVLink 2
+_GPS, _XY_POSITION_CONTROL = 0x20, 0x4000  # MAV_SYS_STATUS_SENSOR
+_ESTIMATOR_OK = 1023
+_ESTIMATOR_BY_GPS = 8 | 16 | 256 | 512  # ESTIMATOR_STATUS_FLAGS: horizontal position, and its prediction
+_NAN = math.nan
+
+
+class SystemTelemetry:
+    """Values in wire order."""
+
+    def __init__(
+        self,
+        context: ServiceContext,
+        policy: TelemetryPolicy,
+        identity: IdentityPolicy,
+        modes: ModePolicy,
+        battery: BatteryMonitor,
+        has_setpoints: Callable[[], bool],
+    ) -> None:
+        self._flight = context.flight
+        self._channels = context.radio.channels
+        self._policy = policy
+        self._identity = identity
+        self._modes = modes
+        self._battery = battery
+        self._has_setpoints = has_setpoints
+
+    def streams(self) -> Mapping[str, Stream]:
+        f, policy = self._flight, self._policy
+        return {
+            "HEARTBEAT": self._heartbeat,
+            "CURRENT_MODE": self._current_mode,
+            "SYS_STATUS": self._status,
+            "EXTENDED_SYS_STATE": lambda: (policy.vtol_state, int(f.landed)),
+            "SYSTEM_TIME": lambda: (f.unix_start_us + f.time_us, f.time_ms),
+            "ESTIMATOR_STATUS": self._estimator,
+            "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, policy.estimator_flags(f), 0.0),
+            "VIBRATION": lambda: (f.time_us, 0.0, 0.0, 0.0, 0, 0, 0),
+            "MEMINFO": lambda: (0, 65535, 131072),
+            "LINK_NODE_STATUS": self._links,
+        }
+
+    def _heartbeat(self) -> Values:
+        flight, identity = self._flight, self._identity
+        base, status = self._modes.heartbeat(flight, self._has_setpoints())
+        return (flight.mode.custom, identity.vehicle_type, identity.autopilot, base, status, _MAVLINK_VERSION)
+
+    def _current_mode(self) -> Values:
+        mode = self._flight.mode
+        return (mode.custom, mode.custom, self._modes.standard_modes.get(mode.name, 0))
+
+    def _status(self) -> Values:
+        f = self._flight
+        bits = self._policy.sensors(f)
+        lost = 0 if f.gps_ok else _GPS if f.position_ok else _GPS | _XY_POSITION_CONTROL
+        battery = (self._policy.load_permille, self._battery.millivolts(), hundredths(f.battery_a))
+        percent = round(100.0 * f.battery_fraction)
+        return (bits.present, bits.enabled, bits.health & ~lost, *battery, 0, 0, 0, 0, 0, 0, percent, 0, 0, 0)
+
+    def _estimator(self) -> Values:
+        f = self._flight
+        flags = (_ESTIMATOR_OK if f.position_ok else _ESTIMATOR_OK & ~_ESTIMATOR_BY_GPS) if f.home else 0
+        return (f.time_us, 0.01, 0.02, 0.02, _NAN, 0.0, _NAN, 0.3, 0.3, flags)
+
+    def _links(self) -> Values:
+        """Counts of all links together; rates and buffers are not measured."""
+        links = [channel.link for channel in self._channels]
+        sent, received = sum(link.sent for link in links), sum(link.received for link in links)
+        return (self._flight.time_ms, 0, 0, sent, received, 0, 0, 0, 0, 0, 0)
