@@ -28,32 +28,32 @@ class BatteryModel:
 
     def __init__(self, spec: BatterySpec) -> None:
         self._capacity_j = spec.capacity_wh * 3600.0
-        self._left_j = self._capacity_j * spec.initial_fraction
+        self._remaining_j = self._capacity_j * spec.initial_fraction
         self.power_w = 0.0
 
     def drain(self, thrust_n: Sequence[float], span_s: float) -> None:
         """Take what the rotors' thrusts and the electronics use in `span_s`."""
         power = _ELECTRONICS_W
-        for one in thrust_n:
-            power += _PER_THRUST15 * one * math.sqrt(one)
+        for rotor_thrust_n in thrust_n:
+            power += _PER_THRUST15 * rotor_thrust_n * math.sqrt(rotor_thrust_n)
         self.spend(power, span_s)
 
     def spend(self, power_w: float, span_s: float) -> None:
         """Take `power_w` for `span_s`."""
         self.power_w = power_w
-        self._left_j = max(0.0, self._left_j - power_w * span_s)
+        self._remaining_j = max(0.0, self._remaining_j - power_w * span_s)
 
     def drop_to(self, fraction: float) -> None:
         """Lose charge at once, as a cell that fails; never gains any."""
-        self._left_j = min(self._left_j, fraction * self._capacity_j)
+        self._remaining_j = min(self._remaining_j, fraction * self._capacity_j)
 
     @property
     def fraction(self) -> float:
-        return self._left_j / self._capacity_j
+        return self._remaining_j / self._capacity_j
 
     @property
     def used_wh(self) -> float:
-        return (self._capacity_j - self._left_j) / 3600.0
+        return (self._capacity_j - self._remaining_j) / 3600.0
 
     def terminals(self) -> tuple[float, float]:
         """Volts and amperes under the present load."""

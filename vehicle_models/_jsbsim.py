@@ -86,9 +86,9 @@ class JsbsimPlant:
         self._ground_m = place.altitude_m + feet_m
         self._fdm = _load(name, place, self._plane, feet_m, physics_hz)
         self._run: Callable[[], bool] = self._fdm.run
-        self._get = [self.node(one).get_double_value for one in _READ]
+        self._getters = [self.node(read).get_double_value for read in _READ]
         self._force = [self.node(f"accelerations/a-pilot-{axis}-ft_sec2").get_double_value for axis in "xyz"]
-        self._put = {one: self.node(f"ap/{one}").set_double_value for one in written}
+        self._setters = {target: self.node(f"ap/{target}").set_double_value for target in written}
         self._wind = [self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
         self._gust = [self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
         self.motion = VehicleMotion()
@@ -96,7 +96,7 @@ class JsbsimPlant:
 
     def write(self, name: str, value: float) -> None:
         """Set one of the properties that the aircraft file lists under "target"."""
-        self._put[name](value)
+        self._setters[name](value)
 
     def set_wind_ned_mps(self, wind: Vector) -> None:
         for put, value in zip(self._wind, wind, strict=True):
@@ -131,7 +131,7 @@ class JsbsimPlant:
         return node
 
     def _read(self) -> None:
-        (lat, lon, height, vn, ve, vd, phi, theta, psi, p, q, r, airspeed) = [get() for get in self._get]
+        (lat, lon, height, vn, ve, vd, phi, theta, psi, p, q, r, airspeed) = [get() for get in self._getters]
         motion = self.motion
         motion.east_m, motion.north_m = east, north = self._plane.east_north_m(lat, lon)
         motion.up_m = height * _FT - self._ground_m

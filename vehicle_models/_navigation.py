@@ -39,8 +39,8 @@ class Navigation:
         self._random = random
         self._draws: list[list[float]] = []
         self._follow = -math.expm1(-step_s / _FOLLOW_S)
-        self._wanders = _Wander.of(gps, FIX_S)
-        a, b, c, d, *_ = self._draw()
+        self._wander = _Wander.of(gps, FIX_S)
+        a, b, c, d, *_ = self._draw_normal()
         rate = _DECAY / gps.wander_time_s
         self._east = (gps.wander_m * a, rate * gps.wander_m * b)
         self._north = (gps.wander_m * c, rate * gps.wander_m * d)
@@ -58,7 +58,7 @@ class Navigation:
     def set_off(self, off: bool) -> None:
         """Fixes end, or come again."""
         if off and not self.off:
-            first, second, *_ = self._draw()
+            first, second, *_ = self._draw_normal()
             self._bias_en_mps2 = (_BIAS_MPS2 * first, _BIAS_MPS2 * second)
         self.off = off
         self.velocity_error_en_mps = (0.0, 0.0)
@@ -70,7 +70,7 @@ class Navigation:
     def step(self) -> None:
         """Advance by one step: take a fix when one is due, and follow it."""
         if self.off:
-            self._reckon()
+            self._dead_reckon()
             return
         self._since_fix_s += self._step_s
         if self._since_fix_s > FIX_S - 1e-9:
@@ -81,16 +81,16 @@ class Navigation:
         fe, fn, fu = self.fix_error_enu_m
         self.error_enu_m = (e + share * (fe - e), n + share * (fn - n), u + share * (fu - u))
 
-    def _reckon(self) -> None:
+    def _dead_reckon(self) -> None:
         (e, n, u), (ve, vn), (ae, an), span = self.error_enu_m, self.velocity_error_en_mps, self._bias_en_mps2, self._step_s
         self.velocity_error_en_mps = (ve, vn) = (ve + ae * span, vn + an * span)
         self.error_enu_m = (e + ve * span, n + vn * span, u)
 
     def _fix(self) -> None:
-        a, b, c, d, e, f, g = self._draw()
+        a, b, c, d, e, f, g = self._draw_normal()
         noise = self._gps.noise_m
-        self._east = self._wanders.step(self._east, a, b)
-        self._north = self._wanders.step(self._north, c, d)
+        self._east = self._wander.step(self._east, a, b)
+        self._north = self._wander.step(self._north, c, d)
         self.fix_error_enu_m = (self._east[0] + noise * e, self._north[0] + noise * f, 1.5 * noise * g)
         if self._drift_en_mps:
             (away_e, away_n), (drift_e, drift_n), (fix_e, fix_n, fix_u) = (
@@ -102,7 +102,7 @@ class Navigation:
             self.fix_error_enu_m = (fix_e + away_e, fix_n + away_n, fix_u)
         self.fixes += 1
 
-    def _draw(self) -> list[float]:
+    def _draw_normal(self) -> list[float]:
         if not self._draws:
             self._draws = self._random.standard_normal((_BLOCK, 7)).tolist()
         return self._draws.pop()
@@ -131,5 +131,5 @@ class _Wander:
         """The state one fix later, for two standard normal draws."""
         error, rate = state
         a, b, c, d = self.transition
-        own, cross, of_rate = self.noise
-        return a * error + b * rate + own * first + cross * second, c * error + d * rate + of_rate * second
+        of_error, cross, of_rate = self.noise
+        return a * error + b * rate + of_error * first + cross * second, c * error + d * rate + of_rate * second

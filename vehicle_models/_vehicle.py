@@ -22,7 +22,7 @@ from bench.simspec import generator
 
 from ._battery import BatteryModel
 from ._failures import Failures
-from ._geodesy import TangentPlane
+from ._geodesy import LocalFrame, TangentPlane
 from ._gusts import Gusts, mean_wind_ned_mps
 from ._jsbsim import StartPose, VehicleMotion
 from ._navigation import Navigation
@@ -45,7 +45,7 @@ from .controller import (
 from .x500 import FULL_THRUST_N, HOVER_THRUST, ROTORS, X500Plant
 
 _YAW_MAX_RADPS = 1.0
-_FASTEST_MPS, _CLIMB_MPS, _DESCENT_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says
+_SPEED_MAX_MPS, _CLIMB_MAX_MPS, _DESCENT_MAX_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says
 _TILT_MAX_RAD, _RATE_MAX_RADPS = math.radians(45.0), 4.0  # of attitudes and rates that somebody gives
 _CRASH_MPS = 3.0
 _CRASH_TILT_RAD = math.radians(70.0)
@@ -86,10 +86,9 @@ class SteeredAirframe(Airframe, Protocol):
 class X500Airframe:
     """The airframe as its flight controller sees it: targets by the vehicle's own estimate, heading turned no faster than 1 rad/s."""
 
-    def __init__(self, plant: X500Plant, plane: TangentPlane, home_enu_m: tuple[float, float], step_s: float) -> None:
+    def __init__(self, plant: X500Plant, frame: LocalFrame, step_s: float) -> None:
         self._plant = plant
-        self._plane = plane
-        self._home_east_m, self._home_north_m = home_enu_m
+        self._home_east_m, self._home_north_m = frame.home_east_m, frame.home_north_m
         self._step_s = step_s
         self._yaw_rad = plant.motion.yaw_rad
         self._target: FlightTarget | None = None  # as last taken
@@ -112,7 +111,7 @@ class X500Airframe:
     def fly(self, target: FlightTarget) -> None:
         """Aim the true position beside the target by the error of the estimate, so that the estimate meets the target."""
         if target is not self._target and target != self._target:
-            self._take(target)
+            self._write_constant(target)
         write = self._plant.write
         error_e, error_n, error_u = self.error_enu_m
         if target.north_east_m is not None:
@@ -121,10 +120,10 @@ class X500Airframe:
             write("target-e-m", target.north_east_m[1] + self._home_east_m - error_e + shift_e)
         if target.down_m is not None:
             write("target-u-m", -target.down_m - error_u)
-        self._turn(target)
+        self._write_heading(target)
         write("flying", 1.0)
 
-    def _take(self, target: FlightTarget) -> None:
+    def _write_constant(self, target: FlightTarget) -> None:
         """Everything about a target that stays the same while it is flown."""
         self._target = target
         write = self._plant.write
@@ -138,12 +137,12 @@ class X500Airframe:
         write("target-an-mps2", north)
         write("target-ae-mps2", east)
         write("target-au-mps2", -down)
-        self._tilt(target.attitude)
-        write("speed-max-mps", min(target.speed_max_mps, _FASTEST_MPS))
-        write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MPS))
-        write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MPS))
+        self._write_attitude(target.attitude)
+        write("speed-max-mps", min(target.speed_max_mps, _SPEED_MAX_MPS))
+        write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MAX_MPS))
+        write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MAX_MPS))
 
-    def _tilt(self, attitude: TargetAttitude | None) -> None:
+    def _write_attitude(self, attitude: TargetAttitude | None) -> None:
         write = self._plant.write
         rates = attitude.rates_radps if attitude else None
         write("tilt-mode", 1.0 if attitude else 0.0)
@@ -157,8 +156,8 @@ class X500Airframe:
             for name, rate in zip("pqr", rates, strict=True):
                 write(f"given-{name}-radps", _clipped(rate, _RATE_MAX_RADPS))
 
-    def wanted_attitude(self) -> tuple[float, float, float, float]:
-        return self._plant.wanted_attitude()
+    def commanded_attitude(self) -> tuple[float, float, float, float]:
+        return self._plant.commanded_attitude()
 
     def test_rotor(self, number: int, share: float) -> None:
         self._plant.write(f"test-{ROTORS[number]}", share)
@@ -169,23 +168,16 @@ class X500Airframe:
     def specific_force_mps2(self) -> Vector:
         return self._plant.specific_force_mps2()
 
-    def to_geodetic_e7(self, north_m: float, east_m: float) -> tuple[int, int]:
-        return self._plane.geodetic_e7(east_m + self._home_east_m, north_m + self._home_north_m)
-
-    def to_local_m(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-        east, north = self._plane.east_north_m(math.radians(latitude_deg), math.radians(longitude_deg))
-        return north - self._home_north_m, east - self._home_east_m
-
-    def _turn(self, target: FlightTarget) -> None:
+    def _write_heading(self, target: FlightTarget) -> None:
         if target.attitude and target.attitude.rates_radps:
             self._yaw_rad = self._plant.motion.yaw_rad
             self._plant.write("target-yawrate-radps", 0.0)
             return
         rate = target.yawrate_radps
         if target.yaw_rad is not None:
-            missing = math.remainder(target.yaw_rad - self._yaw_rad, 2.0 * math.pi)
-            most = min(target.turn_max_radps, _YAW_MAX_RADPS) * self._step_s
-            turn = min(max(missing, -most), most)
+            error_rad = math.remainder(target.yaw_rad - self._yaw_rad, 2.0 * math.pi)
+            max_turn = min(target.turn_max_radps, _YAW_MAX_RADPS) * self._step_s
+            turn = min(max(error_rad, -max_turn), max_turn)
             rate = turn / self._step_s
         rate = min(max(rate, -_YAW_MAX_RADPS), _YAW_MAX_RADPS)
         self._yaw_rad = math.remainder(self._yaw_rad + rate * self._step_s, 2.0 * math.pi)
@@ -211,8 +203,8 @@ class Aircraft(ABC):
         self.time = START
         self._booted_ns = 0  # simulated time at the flight controller's last start
         origin, home = simspec.world.origin, simspec.vehicle.home
-        self._home = (home.east_m, home.north_m)
         self._plane = TangentPlane(origin.latitude_deg, origin.longitude_deg)
+        self._frame = LocalFrame(self._plane, home.east_m, home.north_m)
         self._ground_m = origin.altitude_m
         place = StartPose(
             origin.latitude_deg,
@@ -266,11 +258,11 @@ class Aircraft(ABC):
             self._restart()
         self._failures.apply(self.time.ns)
         self._controller.control()
-        self._air()
+        self._apply_gusts()
         falling_mps = self._speed_mps()
         self._plant.advance()
         self.time = SimTime(self.time.ns + self._step_ns)
-        self._power()
+        self._update_battery()
         self._navigation.step()
         self._sense()
         if self._crashed(falling_mps):
@@ -278,10 +270,10 @@ class Aircraft(ABC):
         self._controller.report()
 
     def truth(self) -> VehicleState:
-        return self._state((0.0, 0.0, 0.0))
+        return self._vehicle_state((0.0, 0.0, 0.0))
 
     def estimate(self) -> VehicleState:
-        return self._state(self._navigation.error_enu_m, self._navigation.velocity_error_en_mps)
+        return self._vehicle_state(self._navigation.error_enu_m, self._navigation.velocity_error_en_mps)
 
     def condition(self) -> VehicleCondition:
         flight = self._flight
@@ -305,7 +297,7 @@ class Aircraft(ABC):
 
     def _cold_flight(self) -> FlightState:
         """What a flight controller knows when it starts at the present moment."""
-        latitude_e7, longitude_e7 = self._plane.geodetic_e7(*self._home)
+        latitude_e7, longitude_e7 = self._frame.to_geodetic_e7(0.0, 0.0)
         return FlightState(
             step_s=self.step_s,
             origin=ReferencePoint(latitude_e7, longitude_e7, self._ground_m),
@@ -319,6 +311,7 @@ class Aircraft(ABC):
             self._autopilot,
             self._flight,
             self._airframe,
+            self._frame,
             self._links,
             self._parameters,
             self._tap,
@@ -339,15 +332,15 @@ class Aircraft(ABC):
         self._sense()
         self._controller = self._boot(persistent)
 
-    def _air(self) -> None:
+    def _apply_gusts(self) -> None:
         if not self._gusts.calm:
             motion = self._plant.motion
             self._plant.set_gust_ned_mps(self._gusts.step(motion.up_m, motion.airspeed_mps))
 
-    def _silence(self, link: str, lost: bool) -> None:
-        for one in self._links:
-            if one.spec.name == link:
-                one.silenced = lost
+    def _silence(self, name: str, lost: bool) -> None:
+        for candidate in self._links:
+            if candidate.spec.name == name:
+                candidate.silenced = lost
 
     def _hil_state(self) -> tuple[float, ...]:
         """HIL_STATE_QUATERNION in wire order: the true motion."""
@@ -362,7 +355,7 @@ class Aircraft(ABC):
         head = (self._flight.time_us, *attitude, *rates, latitude_e7, longitude_e7, altitude_mm)
         return (*head, *speeds, airspeed, airspeed, *forces)
 
-    def _power(self) -> None:
+    def _update_battery(self) -> None:
         self._drain(self._battery)
         if self._battery.fraction <= 0.0:
             self._airframe.disarm()  # nothing turns without power, whatever the flight controller wants
@@ -392,13 +385,13 @@ class Aircraft(ABC):
 
     def _sense(self) -> None:
         """Write what the vehicle believes and feels into the state that its services read."""
-        flight, motion = self._flight, self._plant.motion
+        flight, motion, frame = self._flight, self._plant.motion, self._frame
         error = self._airframe.error_enu_m = self._navigation.error_enu_m
         east, north, up = motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]
         flight.time_ns = self.time.ns - self._booted_ns
         if self._navigation.off == flight.gps_ok:
             flight.gps_lost_ns = flight.time_ns if self._navigation.off else None
-        flight.east_m, flight.north_m, flight.down_m = east - self._home[0], north - self._home[1], -up
+        flight.east_m, flight.north_m, flight.down_m = east - frame.home_east_m, north - frame.home_north_m, -up
         flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
         flight.altitude_m = up + self._ground_m
         if flight.gps_epoch != self._navigation.fixes:
@@ -406,9 +399,9 @@ class Aircraft(ABC):
             fix = self._navigation.fix_error_enu_m
             flight.fix_e7 = self._plane.geodetic_e7(motion.east_m + fix[0], motion.north_m + fix[1])
             flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
-        wrong_e, wrong_n = self._navigation.velocity_error_en_mps
-        flight.vn_mps, flight.ve_mps, flight.vd_mps = motion.vn_mps + wrong_n, motion.ve_mps + wrong_e, motion.vd_mps
-        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = motion.roll_rad, motion.pitch_rad, _half_turn(motion.yaw_rad)
+        error_ve, error_vn = self._navigation.velocity_error_en_mps
+        flight.vn_mps, flight.ve_mps, flight.vd_mps = motion.vn_mps + error_vn, motion.ve_mps + error_ve, motion.vd_mps
+        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = motion.roll_rad, motion.pitch_rad, _signed_heading(motion.yaw_rad)
         flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
         flight.airspeed_mps = motion.airspeed_mps
         flight.on_ground = motion.up_m < _TOUCH_M
@@ -416,15 +409,15 @@ class Aircraft(ABC):
         flight.charge_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
         flight.battery_v, flight.battery_a = battery.terminals()
 
-    def _state(self, error: Vector, wrong_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:
+    def _vehicle_state(self, error: Vector, velocity_error_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:
         motion: VehicleMotion = self._plant.motion
         return VehicleState(
             time=self.time,
             position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
-            velocity_enu_mps=(motion.ve_mps + wrong_en_mps[0], motion.vn_mps + wrong_en_mps[1], -motion.vd_mps),
+            velocity_enu_mps=(motion.ve_mps + velocity_error_en_mps[0], motion.vn_mps + velocity_error_en_mps[1], -motion.vd_mps),
             roll_rad=motion.roll_rad,
             pitch_rad=motion.pitch_rad,
-            yaw_rad=_half_turn(motion.yaw_rad),
+            yaw_rad=_signed_heading(motion.yaw_rad),
             rates_body_radps=(motion.p_radps, motion.q_radps, motion.r_radps),
             camera_pan_rad=self._flight.camera_pan_rad,
             camera_tilt_rad=self._flight.camera_tilt_rad,
@@ -439,7 +432,7 @@ class X500(Aircraft):
 
     def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         self._x500 = X500Plant(place, self.step_s)
-        return self._x500, X500Airframe(self._x500, self._plane, self._home, self.step_s)
+        return self._x500, X500Airframe(self._x500, self._frame, self.step_s)
 
     def _drain(self, battery: BatteryModel) -> None:
         battery.drain(self._x500.thrust_n(), self.step_s)
@@ -453,10 +446,10 @@ class X500(Aircraft):
         return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)
 
 
-def _clipped(value: float, most: float) -> float:
-    return min(max(value, -most), most)
+def _clipped(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
 
 
-def _half_turn(yaw_rad: float) -> float:
+def _signed_heading(yaw_rad: float) -> float:
     """JSBSim's heading, 0 to 2 pi, as autopilots state it: -pi to pi."""
     return yaw_rad - 2.0 * math.pi if yaw_rad > math.pi else yaw_rad

@@ -38,7 +38,7 @@ class Wing(Aircraft):
     def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
         self._wing = WingPlant(place, self.step_s)
         self._sinking_mps = 0.0
-        return self._wing, WingAirframe(self._wing, self._plane, self._home, self.step_s)
+        return self._wing, WingAirframe(self._wing, self._frame, self.step_s)
 
     def _drain(self, battery: BatteryModel) -> None:
         battery.spend(self._wing.electric_w(), self.step_s)

@@ -16,7 +16,7 @@ class ParameterFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._kept: Mapping[str, float] | None = None
+        self._saved: Mapping[str, float] | None = None
 
     def load(self) -> dict[str, float]:
         """The values kept. Raises SetupError for a file that holds something else."""
@@ -27,27 +27,27 @@ class ParameterFile:
         except (OSError, UnicodeDecodeError) as error:
             raise SetupError(Fault(str(self._path), f"cannot be read: {error}", "name a file of parameters")) from None
         try:
-            found = json.loads(text)
+            content = json.loads(text)
         except ValueError as error:
             raise SetupError(Fault(str(self._path), f"is no JSON: {error}", "fix or remove it")) from None
-        numbers = isinstance(found, dict) and all(
-            isinstance(one, int | float) and not isinstance(one, bool) for one in found.values()
+        numbers = isinstance(content, dict) and all(
+            isinstance(number, int | float) and not isinstance(number, bool) for number in content.values()
         )
         if not numbers:
             raise SetupError(Fault(str(self._path), "holds something else than names and numbers", "fix or remove it"))
-        return {name: float(value) for name, value in found.items()}
+        return {name: float(value) for name, value in content.items()}
 
-    def keep(self, values: Mapping[str, float]) -> None:
+    def save(self, values: Mapping[str, float]) -> None:
         """Write the values, when they have changed, all of them or none. Raises SetupError where that cannot be."""
-        if values == self._kept:
+        if values == self._saved:
             return
-        beside = self._path.with_name(f"{self._path.name}.new")
+        new_file = self._path.with_name(f"{self._path.name}.new")
         try:
-            beside.write_text(json.dumps(dict(values), indent=1, sort_keys=True) + "\n", encoding="utf-8")
-            os.replace(beside, self._path)
+            new_file.write_text(json.dumps(dict(values), indent=1, sort_keys=True) + "\n", encoding="utf-8")
+            os.replace(new_file, self._path)
         except OSError as error:
             raise SetupError(Fault(str(self._path), f"cannot be written: {error}", "name a file in a folder of yours")) from None
-        self._kept = dict(values)
+        self._saved = dict(values)
 
 
 @runtime_checkable

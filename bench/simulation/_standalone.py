@@ -48,8 +48,8 @@ def run_standalone(
     `camera` hangs a camera on a gimbal below it, both on the links. True motion is told to whoever asks, as a SITL does.
     """
     file = ParameterFile(parameter_file) if parameter_file else None
-    kept = file.load() if file else {}
-    simspec = standalone_simspec(autopilot, home, {**kept, **(parameters or {})}, model, camera)
+    saved = file.load() if file else {}
+    simspec = standalone_simspec(autopilot, home, {**saved, **(parameters or {})}, model, camera)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", model)
     plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
     with ExitStack() as stack:
@@ -58,17 +58,17 @@ def run_standalone(
             if say:
                 say(f"{autopilot} on {name}: connect to {endpoint}")
 
-        def keep() -> None:
+        def save() -> None:
             if file and isinstance(vehicle, HasParameters):
-                file.keep(vehicle.changed_parameters())
+                file.save(vehicle.changed_parameters())
 
         try:
             shutter = Shutter(vehicle, simspec.vehicle.camera.rate_hz) if camera and isinstance(vehicle, CarriesCamera) else None
-            fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=keep, after_step=shutter)
+            fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=save, after_step=shutter)
         except KeyboardInterrupt:
             if say:
                 say(f"stopped after {vehicle.time.s:.1f} s")
-        keep()
+        save()
 
 
 class Shutter:
@@ -134,9 +134,9 @@ def fly(
     `each_second` is called once in a simulated second.
     """
     pause = wait or stop.wait
-    begun, from_s = clock(), vehicle.time.s
-    next_s = from_s + 1.0
-    while not stop.is_set() and (duration_s is None or vehicle.time.s - from_s < duration_s - 1e-9):
+    start, start_sim_s = clock(), vehicle.time.s
+    next_s = start_sim_s + 1.0
+    while not stop.is_set() and (duration_s is None or vehicle.time.s - start_sim_s < duration_s - 1e-9):
         vehicle.receive()
         vehicle.step()
         if each_second and vehicle.time.s >= next_s:
@@ -144,9 +144,9 @@ def fly(
             each_second()
         if after_step:
             after_step(vehicle.time)
-        due = begun + (vehicle.time.s - from_s) / speed
-        ahead = due - clock()
-        if ahead > 0.0:
-            pause(ahead)
-        elif ahead < -_LATE_S:
-            begun -= ahead
+        due = start + (vehicle.time.s - start_sim_s) / speed
+        ahead_s = due - clock()
+        if ahead_s > 0.0:
+            pause(ahead_s)
+        elif ahead_s < -_LATE_S:
+            start -= ahead_s

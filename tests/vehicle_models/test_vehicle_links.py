@@ -14,7 +14,7 @@ from bench.contracts import LinkSpec, Vehicle, VehiclePlan
 from bench.errors import SetupError
 from vehicle_models import open_x500
 from vehicle_models.controller.links._links import BACKLOG_BYTES, INBOX_FRAMES
-from vehicle_models.controller.links._radio import HEARD_PER_STEP
+from vehicle_models.controller.links._radio import MESSAGES_PER_STEP
 
 
 def beat(system: int = 255) -> bytes:
@@ -98,7 +98,7 @@ def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
             vehicle.receive()
         vehicle.step()
         counters = vehicle.counters()
-        assert INBOX_FRAMES <= vehicle.receive()["air"] <= INBOX_FRAMES + HEARD_PER_STEP
+        assert INBOX_FRAMES <= vehicle.receive()["air"] <= INBOX_FRAMES + MESSAGES_PER_STEP
         assert INBOX_FRAMES * 9 <= counters["mavlink_garbage_bytes"] <= 5000 * 9
         assert counters["mavlink_dropped"] > 1000
         assert vehicle.time.ns == 20_000_000

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.contracts import MavlinkTap
 
+from .._geodesy import LocalFrame
 from ._autopilot import Autopilot
 from ._flight_state import Airframe, Behaviour, FlightState, FlightTarget
 from ._liftoff import LiftoffAndLanding
@@ -88,6 +89,7 @@ class Controller:
         autopilot: Autopilot,
         flight: FlightState,
         airframe: Airframe,
+        frame: LocalFrame,
         links: Sequence[Link],
         initial_parameters: Mapping[str, float],
         tap: MavlinkTap | None = None,
@@ -105,7 +107,7 @@ class Controller:
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
         radio = Radio(self.channels, tap, autopilot.telemetry.waits_for_client)
         texts = Texts(radio, autopilot.identity.texts, autopilot.identity.text_ending)
-        self._context = ServiceContext(flight, airframe, radio, texts, parameters)
+        self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
         self._plans = StoredPlans()
         self._camera: CameraComponent | None = None
         services = self._build_services(manoeuvres, equipment or Equipment())
@@ -122,11 +124,11 @@ class Controller:
     def _build_services(self, manoeuvres: Manoeuvres | None, equipment: Equipment) -> list[object]:
         """Every service, in the order in which they tick."""
         context, autopilot, plans = self._context, self._autopilot, self._plans
-        flight, airframe, parameters = context.flight, context.airframe, context.parameters
+        flight, parameters = context.flight, context.parameters
         fence_policy = autopilot.safety.fence
 
-        boundary = FenceBoundary(fence_policy, flight, airframe, parameters, plans.fence)
-        rally = Rally(fence_policy, airframe, parameters, plans.rally)
+        boundary = FenceBoundary(fence_policy, flight, context.frame, parameters, plans.fence)
+        rally = Rally(fence_policy, context.frame, parameters, plans.rally)
         limits = autopilot.parameters.limits(parameters)
         self._guidance = guidance = Guidance(flight, limits, rally.return_point, manoeuvres)
         parameters.on_change(self._update_limits)

@@ -144,7 +144,7 @@ class Airframe(Protocol):
     def rest(self) -> None:
         """Stay on the ground at idle."""
 
-    def wanted_attitude(self) -> tuple[float, float, float, float]:
+    def commanded_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch and yaw in radians that are steered to, and thrust as a share of all there is."""
 
     def test_rotor(self, number: int, share: float) -> None:
@@ -155,12 +155,6 @@ class Airframe(Protocol):
 
     def specific_force_mps2(self) -> Vector:
         """What the accelerometer feels, body FRD."""
-
-    def to_geodetic_e7(self, north_m: float, east_m: float) -> tuple[int, int]:
-        """Latitude and longitude of a local place, in 1e-7 degree."""
-
-    def to_local_m(self, latitude_deg: float, longitude_deg: float) -> NorthEast:
-        """North and east of a geodetic place in the local frame."""
 
 
 @dataclass(slots=True)

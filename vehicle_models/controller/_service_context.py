@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .._geodesy import LocalFrame
 from ._flight_state import Airframe, FlightState
 from .links._radio import Radio
 from .parameters._store import ParameterStore
@@ -12,10 +13,11 @@ from .telemetry._texts import Texts
 
 @dataclass(frozen=True, slots=True)
 class ServiceContext:
-    """The vehicle's state, the airframe below it, the ways to talk to clients, and the parameters."""
+    """The vehicle's state, the airframe below it, the local frame, the ways to talk to clients, and the parameters."""
 
     flight: FlightState
     airframe: Airframe
+    frame: LocalFrame
     radio: Radio
     texts: Texts
     parameters: ParameterStore

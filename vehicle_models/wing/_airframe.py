@@ -13,7 +13,7 @@ import math
 
 from bench.contracts import Vector
 
-from .._geodesy import TangentPlane
+from .._geodesy import LocalFrame
 from ..controller import FlightTarget, TargetAttitude, WingTarget
 from ._plant import AREA_M2, DRAG_0, DRAG_PER_LIFT2, LIFT_0, LIFT_PER_RAD, MASS_KG, WingPlant, most_thrust_n
 
@@ -33,10 +33,9 @@ _SLOW_MPS = 1.5  # slower than wanted by more: height is given up for speed
 class WingAirframe:
     """The airframe as its flight controller sees it; targets by the vehicle's own estimate."""
 
-    def __init__(self, plant: WingPlant, plane: TangentPlane, home_enu_m: tuple[float, float], step_s: float) -> None:
+    def __init__(self, plant: WingPlant, frame: LocalFrame, step_s: float) -> None:
         self._plant = plant
-        self._plane = plane
-        self._home_east_m, self._home_north_m = home_enu_m
+        self._home_east_m, self._home_north_m = frame.home_east_m, frame.home_north_m
         self._step_s = step_s
         self._flies = False
         self._thrown_s: float | None = None  # on the catapult; None: off it
@@ -90,7 +89,7 @@ class WingAirframe:
         pitch = min(max(attitude.pitch_rad, _PITCH_RAD[0]), _PITCH_RAD[1])
         return roll, pitch, min(max(attitude.thrust, 0.0), 1.0)
 
-    def wanted_attitude(self) -> tuple[float, float, float, float]:
+    def commanded_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays what it is."""
         return self._wanted
 
@@ -102,13 +101,6 @@ class WingAirframe:
 
     def specific_force_mps2(self) -> Vector:
         return self._plant.specific_force_mps2()
-
-    def to_geodetic_e7(self, north_m: float, east_m: float) -> tuple[int, int]:
-        return self._plane.geodetic_e7(east_m + self._home_east_m, north_m + self._home_north_m)
-
-    def to_local_m(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-        east, north = self._plane.east_north_m(math.radians(latitude_deg), math.radians(longitude_deg))
-        return north - self._home_north_m, east - self._home_east_m
 
     def _lie(self) -> None:
         for name in ("flying", "throttle", "catapult-n"):

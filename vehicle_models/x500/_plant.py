@@ -63,8 +63,8 @@ class X500Plant(JsbsimPlant):
         self._start_north, self._start_east = (self.node(name).get_double_value for name in _FROM_START)
         self._motors = [self.node(f"motor/{name}").get_double_value for name in ROTORS]
         self._wanted = [self.node(f"ap/{name}").get_double_value for name in _WANTED]
-        self._put["ground-m"](self._ground_m)
-        self._put["outer-dt-s"](_OUTER_EVERY / physics_hz)
+        self._setters["ground-m"](self._ground_m)
+        self._setters["outer-dt-s"](_OUTER_EVERY / physics_hz)
         self._written: dict[str, float] = {}
         self.shift_ne_m = self._shift()
 
@@ -72,7 +72,7 @@ class X500Plant(JsbsimPlant):
         """Set one of the properties that x500.xml lists under "target"; only changes cost anything."""
         if self._written.get(name) != value:
             self._written[name] = value
-            self._put[name](value)
+            self._setters[name](value)
 
     def thrust_n(self) -> list[float]:
         """Thrust of each rotor, in PX4's order."""
@@ -86,7 +86,7 @@ class X500Plant(JsbsimPlant):
         """Let a rotor (by its place in ROTORS) turn as it is told, or not at all."""
         self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
 
-    def wanted_attitude(self) -> tuple[float, float, float, float]:
+    def commanded_attitude(self) -> tuple[float, float, float, float]:
         """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors can give."""
         roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
         return roll, pitch, yaw, thrust_n / FULL_THRUST_N

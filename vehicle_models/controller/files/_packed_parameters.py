@@ -19,32 +19,34 @@ def packed_parameters(store: ParameterStore, query: str) -> bytes:
     Of each: kind and flags, the length of the name shared with the one before, the rest of the name, the value, and
     the default where it differs and was asked for. Names come sorted by their place in the list.
     """
-    asked = {key: found[0] for key, found in parse_qs(query).items()}
-    start, count = (_whole(asked.get(key, "")) for key in ("start", "count"))
+    options = {key: values[0] for key, values in parse_qs(query).items()}
+    start, count = (_number(options.get(key, "")) for key in ("start", "count"))
     names = store.names[start : start + count if count else None]
-    with_defaults = asked.get("withdefaults") == "1"
+    with_defaults = options.get("withdefaults") == "1"
     data, previous = b"", ""
     for name in names:
-        code, form = _KINDS[store.kinds[name]]
+        type_code, code_format = _KINDS[store.kinds[name]]
         value, default = store[name], store.definitions[name].default
         flags = _HAS_DEFAULT if with_defaults and value != default else 0
-        shared = _shared(previous, name)
-        entry = bytes([flags << 4 | code, (len(name) - shared - 1) << 4 | shared]) + name[shared:].encode()
+        shared_length = _shared_prefix_length(previous, name)
+        entry = (
+            bytes([flags << 4 | type_code, (len(name) - shared_length - 1) << 4 | shared_length]) + name[shared_length:].encode()
+        )
         numbers = (value, default) if flags else (value,)
-        entry += b"".join(struct.pack(form, one if form == "<f" else int(one)) for one in numbers)
+        entry += b"".join(struct.pack(code_format, one if code_format == "<f" else int(one)) for one in numbers)
         data += entry
         previous = name
     return _HEAD.pack(_MAGIC_DEFAULTS if with_defaults else _MAGIC, len(names), len(store.names)) + data
 
 
-def _shared(one: str, other: str) -> int:
+def _shared_prefix_length(previous: str, name: str) -> int:
     length = 0
-    for left, right in zip(one, other, strict=False):
-        if left != right or length == min(15, len(other) - 1):
+    for first, second in zip(previous, name, strict=False):
+        if first != second or length == min(15, len(name) - 1):
             break
         length += 1
     return length
 
 
-def _whole(text: str) -> int:
+def _number(text: str) -> int:
     return min(int(text), 65535) if text.isdigit() and len(text) < 10 else 0

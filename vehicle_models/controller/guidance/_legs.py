@@ -13,8 +13,8 @@ from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
 HeadingFunction = Callable[[FlightState, NorthEast], "float | None"]
 """The heading to fly with towards a place; None keeps the present one."""
 
-_WIDEST_M = 2550.0  # the widest that ArduPilot can store
-_NEAR_M = 3.0  # nearer than this a direction has no meaning
+_MAX_RADIUS_M = 2550.0  # the widest that ArduPilot can store
+_MIN_BEARING_DISTANCE_M = 3.0  # nearer than this a direction has no meaning
 
 
 class MissionLeg(Protocol):
@@ -35,10 +35,10 @@ class GotoLeg(Hold):
         flight: FlightState,
         place: NorthEast,
         down_m: float,
-        look: HeadingFunction,
+        heading_towards: HeadingFunction,
         radius_m: float,
         height_m: float,
-        stays_s: float,
+        stay_s: float,
         aim: NorthEast | None = None,
         speed_mps: float | None = None,
         begin: NorthEast | None = None,
@@ -47,9 +47,9 @@ class GotoLeg(Hold):
         self._goal, self._height = place, down_m
         self.line = (begin or (flight.north_m, flight.east_m), place)
         """From the place where the leg begins, by default here, to its end."""
-        self._look = look
+        self._heading_towards = heading_towards
         self._radius_m, self._height_m = radius_m, height_m
-        self._stays_ns = stays_s * 1e9
+        self._stay_ns = stay_s * 1e9
         self._arrived_ns: int | None = None
         self._heading_rad = flight.yaw_rad
 
@@ -58,7 +58,7 @@ class GotoLeg(Hold):
         return self
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        heading = self._look(flight, self._goal)
+        heading = self._heading_towards(flight, self._goal)
         if heading is not None:
             self._heading_rad = heading
         return FlightTarget(
@@ -73,15 +73,15 @@ class GotoLeg(Hold):
     @property
     def stays_at(self) -> NorthEast | None:
         """The place that it stays at, for a time or for ever; None on the way to it, and where it only passes."""
-        here = self._stays_ns == math.inf or (self._arrived_ns is not None and self._stays_ns > 0.0)
-        return self._goal if here else None
+        stays = self._stay_ns == math.inf or (self._arrived_ns is not None and self._stay_ns > 0.0)
+        return self._goal if stays else None
 
     def over(self, flight: FlightState) -> bool:
         if self._arrived_ns is None:
-            near = math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
-            if near and abs(self._height - flight.down_m) < self._height_m:
+            within_radius = math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
+            if within_radius and abs(self._height - flight.down_m) < self._height_m:
                 self._arrived_ns = flight.time_ns
-        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= self._stays_ns
+        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= self._stay_ns
 
 
 class ClimbLeg(Takeoff):
@@ -100,11 +100,11 @@ class DescendLeg:
 
     def __init__(self, manoeuvre: Land | Return) -> None:
         self.manoeuvre: Manoeuvre = manoeuvre
-        self._begun = False
+        self._flew = False
 
     def over(self, flight: FlightState) -> bool:
-        self._begun = self._begun or flight.flying
-        return self._begun and flight.landed is LandedState.ON_GROUND
+        self._flew = self._flew or flight.flying
+        return self._flew and flight.landed is LandedState.ON_GROUND
 
 
 class TurnsLeg:
@@ -117,15 +117,15 @@ class TurnsLeg:
         down_m: float,
         radius_m: float,
         turns: float,
-        look: HeadingFunction,
+        heading_towards: HeadingFunction,
         speed_mps: float | None,
     ) -> None:
-        self._centre, self._down_m, self._look = centre, down_m, look
-        self._radius_m = min(max(abs(radius_m), 1.0), _WIDEST_M)
+        self._centre, self._down_m, self._heading_towards = centre, down_m, heading_towards
+        self._radius_m = min(max(abs(radius_m), 1.0), _MAX_RADIUS_M)
         self._sense = -1.0 if radius_m < 0.0 else 1.0
-        self._missing_rad = 2.0 * math.pi * turns
+        self._remaining_rad = 2.0 * math.pi * turns
         self._angle_rad = self._angle(flight)
-        self._on_it = False
+        self._on_circle = False
         self.speed_mps = speed_mps
 
     @property
@@ -144,14 +144,14 @@ class TurnsLeg:
         angle, radius = self._angle(flight), self._radius_m
         speed = min(self.speed_mps or limits.cruise_mps, math.sqrt(2.0 * radius))
         north, east = math.cos(angle), math.sin(angle)
-        away_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])
-        self._on_it = self._on_it or abs(away_m - radius) < max(2.0, 0.05 * radius)
-        turning = (-east * speed * self._sense, north * speed * self._sense, 0.0) if self._on_it else (0.0, 0.0, 0.0)
+        distance_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])
+        self._on_circle = self._on_circle or abs(distance_m - radius) < max(2.0, 0.05 * radius)
+        velocity = (-east * speed * self._sense, north * speed * self._sense, 0.0) if self._on_circle else (0.0, 0.0, 0.0)
         return FlightTarget(
             north_east_m=(self._centre[0] + north * radius, self._centre[1] + east * radius),
             down_m=self._down_m,
-            velocity_ned_mps=turning,
-            yaw_rad=self._look(flight, self._centre),
+            velocity_ned_mps=velocity,
+            yaw_rad=self._heading_towards(flight, self._centre),
             speed_max_mps=max(speed * 1.5, 1.0),
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
@@ -162,13 +162,13 @@ class TurnsLeg:
 
     def over(self, flight: FlightState) -> bool:
         angle = self._angle(flight)
-        if self._on_it:
-            self._missing_rad -= self._sense * math.remainder(angle - self._angle_rad, 2.0 * math.pi)
+        if self._on_circle:
+            self._remaining_rad -= self._sense * math.remainder(angle - self._angle_rad, 2.0 * math.pi)
         self._angle_rad = angle
-        return self._missing_rad <= 0.0
+        return self._remaining_rad <= 0.0
 
 
 def bearing(flight: FlightState, place: NorthEast) -> float | None:
     """Towards a place; None where it is too near for that."""
     north, east = place[0] - flight.north_m, place[1] - flight.east_m
-    return math.atan2(east, north) if math.hypot(north, east) > _NEAR_M else None
+    return math.atan2(east, north) if math.hypot(north, east) > _MIN_BEARING_DISTANCE_M else None

@@ -44,12 +44,12 @@ class Hold:
             north, east = self._place[0] - flight.north_m, self._place[1] - flight.east_m
             if math.hypot(north, east) > limits.faces_beyond_m:
                 self._yaw_rad = math.atan2(east, north)
-        along = self._faces and limits.faces_beyond_m is None
+        along_motion = self._faces and limits.faces_beyond_m is None
         return FlightTarget(
             north_east_m=self._place,
             down_m=self._down_m,
-            yaw_rad=None if along else self._yaw_rad,
-            faces_motion=along,
+            yaw_rad=None if along_motion else self._yaw_rad,
+            faces_motion=along_motion,
             speed_max_mps=self._speed_mps or limits.cruise_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
@@ -81,17 +81,17 @@ class Takeoff:
         self._down_m = min(down_m, flight.down_m)
         self._yaw_rad = flight.yaw_rad
         self._begun_ns: int | None = None
-        self._spools = not flight.flying
+        self._spools_up = not flight.flying
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._begun_ns is None:
             self._begun_ns = flight.time_ns
         climbing_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
-        waits = self._spools and climbing_s < 0.0
-        share = climbing_s / limits.takeoff_ramp_s if self._spools and climbing_s < limits.takeoff_ramp_s else 1.0
+        spooling = self._spools_up and climbing_s < 0.0
+        share = climbing_s / limits.takeoff_ramp_s if self._spools_up and climbing_s < limits.takeoff_ramp_s else 1.0
         return FlightTarget(
             north_east_m=self._place,
-            down_m=flight.down_m if waits else self._down_m,
+            down_m=flight.down_m if spooling else self._down_m,
             yaw_rad=self._yaw_rad,
             speed_max_mps=limits.cruise_mps,
             climb_max_mps=max(share * limits.takeoff_mps, self.SLOWEST_MPS),
@@ -142,12 +142,12 @@ class Return:
 
     def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
         self._home = home
-        away_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
+        distance_m = math.hypot(flight.north_m - home.north_m, flight.east_m - home.east_m)
         height_m = home.down_m - flight.down_m
         if limits.return_climbs_by_m is not None:
             cruise_m = max(limits.return_height_m, height_m + limits.return_climbs_by_m)
         else:
-            cruise_m = height_m if away_m < limits.return_near_m else max(limits.return_height_m, height_m)
+            cruise_m = height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
         self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
         self._faces = limits.return_faces_home
@@ -166,7 +166,7 @@ class Return:
             self._climbing = flight.down_m > self._cruise_down_m + 0.5
             return self._climb.target(flight, limits)
         home = (self._home.north_m, self._home.east_m)
-        if self._waited(flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M):
+        if self._has_waited(flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M):
             self._land = Land(flight, home, self._home.down_m)
         return FlightTarget(
             north_east_m=home,
@@ -177,7 +177,7 @@ class Return:
             descent_max_mps=limits.descent_mps,
         )
 
-    def _waited(self, flight: FlightState, limits: FlightLimits, arrived: bool) -> bool:
+    def _has_waited(self, flight: FlightState, limits: FlightLimits, arrived: bool) -> bool:
         """Whether it has been above home for long enough."""
         if arrived and self._arrived_ns is None:
             self._arrived_ns = flight.time_ns
@@ -204,44 +204,44 @@ class FollowSetpoints:
 
     def __init__(self, flight: FlightState) -> None:
         self._rest = Hold(flight)
-        self._given: FlightTarget | None = None
-        self._pushes = (False, False)
-        self._pushed_mps = (0.0, 0.0, 0.0)
+        self._setpoint: FlightTarget | None = None
+        self._accelerates = (False, False)
+        self._velocity_mps = (0.0, 0.0, 0.0)
 
-    def give(self, target: FlightTarget, flight: FlightState, pushes: tuple[bool, bool] = (False, False)) -> None:
+    def give(self, target: FlightTarget, flight: FlightState, accelerates: tuple[bool, bool] = (False, False)) -> None:
         """Fly `target` from now on."""
-        before, self._pushes = self._pushes, pushes
-        north, east, down = self._pushed_mps
-        if not before[0]:
+        previously, self._accelerates = self._accelerates, accelerates
+        north, east, down = self._velocity_mps
+        if not previously[0]:
             north, east = flight.vn_mps, flight.ve_mps
-        if not before[1]:
+        if not previously[1]:
             down = flight.vd_mps
-        self._pushed_mps = (north, east, down)
-        self._given = target
+        self._velocity_mps = (north, east, down)
+        self._setpoint = target
 
     def lapse(self, flight: FlightState) -> None:
         """The companion is silent: stop and stay."""
-        self._given, self._rest, self._pushes = None, Hold(flight), (False, False)
+        self._setpoint, self._rest, self._accelerates = None, Hold(flight), (False, False)
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        if self._given is None:
+        if self._setpoint is None:
             return self._rest.target(flight, limits)
-        return self._pushed(self._given, flight) if any(self._pushes) else self._given
+        return self._with_integrated_velocity(self._setpoint, flight) if any(self._accelerates) else self._setpoint
 
-    def _pushed(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
-        moves = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
-        most = (target.speed_max_mps, target.speed_max_mps, target.descent_max_mps)
-        least = (-target.speed_max_mps, -target.speed_max_mps, -target.climb_max_mps)
-        pushed = []
+    def _with_integrated_velocity(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
+        estimated = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
+        upper = (target.speed_max_mps, target.speed_max_mps, target.descent_max_mps)
+        lower = (-target.speed_max_mps, -target.speed_max_mps, -target.climb_max_mps)
+        velocity = []
         for axis, acceleration in enumerate(target.acceleration_ned_mps2):
-            speed = self._pushed_mps[axis] + acceleration * flight.step_s
-            speed = min(max(speed, moves[axis] - self.LEAD_MPS), moves[axis] + self.LEAD_MPS)
-            pushed.append(min(max(speed, least[axis]), most[axis]))
-        self._pushed_mps = (pushed[0], pushed[1], pushed[2])
-        horizontally, vertically = self._pushes
-        given = target.velocity_ned_mps
-        north, east = pushed[:2] if horizontally else given[:2]
-        return replace(target, velocity_ned_mps=(north, east, pushed[2] if vertically else given[2]))
+            speed = self._velocity_mps[axis] + acceleration * flight.step_s
+            speed = min(max(speed, estimated[axis] - self.LEAD_MPS), estimated[axis] + self.LEAD_MPS)
+            velocity.append(min(max(speed, lower[axis]), upper[axis]))
+        self._velocity_mps = (velocity[0], velocity[1], velocity[2])
+        horizontally, vertically = self._accelerates
+        setpoint_velocity = target.velocity_ned_mps
+        north, east = velocity[:2] if horizontally else setpoint_velocity[:2]
+        return replace(target, velocity_ned_mps=(north, east, velocity[2] if vertically else setpoint_velocity[2]))
 
     def done(self, flight: FlightState) -> bool:
         return False
@@ -258,10 +258,10 @@ class Circle:
         down_m: float,
         radius_m: float,
         speed_mps: float,  # negative: anticlockwise
-        looks: Literal["in", "ahead", "kept"] = "in",
+        faces: Literal["in", "ahead", "kept"] = "in",
     ) -> None:
         self.centre, self.down_m, self.radius_m, self.speed_mps = centre, down_m, radius_m, speed_mps
-        self._looks = looks
+        self._faces_direction = faces
         self._angle_rad: float | None = None
         self._flown_mps = 0.0
         self._height = ThrottleHeight()
@@ -278,18 +278,18 @@ class Circle:
         if self._angle_rad is None and abs(math.hypot(north, east) - self.radius_m) > self.JOINED_M:
             angle, speed = math.atan2(east, north), 0.0
         else:
-            self._speed_up(flight)
+            self._accelerate(flight)
             speed = self._flown_mps
             angle = math.atan2(east, north) if self._angle_rad is None else self._angle_rad
             angle = self._angle_rad = angle + speed / self.radius_m * flight.step_s
         cos, sin = math.cos(angle), math.sin(angle)
-        inwards = -speed * speed / self.radius_m
-        down, sinks = self._vertical(flight, limits)
+        inwards_mps2 = -speed * speed / self.radius_m
+        down, sink = self._vertical(flight, limits)
         return FlightTarget(
             north_east_m=(self.centre[0] + self.radius_m * cos, self.centre[1] + self.radius_m * sin),
             down_m=down,
-            velocity_ned_mps=(-speed * sin, speed * cos, sinks),
-            acceleration_ned_mps2=(inwards * cos, inwards * sin, 0.0),
+            velocity_ned_mps=(-speed * sin, speed * cos, sink),
+            acceleration_ned_mps2=(inwards_mps2 * cos, inwards_mps2 * sin, 0.0),
             yaw_rad=self._yaw_rad(angle, flight),
             speed_max_mps=max(limits.cruise_mps, abs(self.speed_mps) + 2.0),
             climb_max_mps=limits.climb_mps,
@@ -299,9 +299,9 @@ class Circle:
     def done(self, flight: FlightState) -> bool:
         return False
 
-    def _speed_up(self, flight: FlightState) -> None:
-        most = 1.5 * flight.step_s
-        self._flown_mps += min(max(self.speed_mps - self._flown_mps, -most), most)
+    def _accelerate(self, flight: FlightState) -> None:
+        max_change = 1.5 * flight.step_s
+        self._flown_mps += min(max(self.speed_mps - self._flown_mps, -max_change), max_change)
 
     def _vertical(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
         """The radio's throttle has a say in an autopilot's own circling mode."""
@@ -310,9 +310,9 @@ class Circle:
         return self._height.target(flight, limits)
 
     def _yaw_rad(self, angle: float, flight: FlightState) -> float | None:
-        if self._looks == "in":
+        if self._faces_direction == "in":
             return angle + math.pi
-        if self._looks == "ahead":
+        if self._faces_direction == "ahead":
             return angle + math.copysign(math.pi / 2, self.speed_mps)
         return None
 
@@ -325,14 +325,14 @@ class ThrottleHeight:
 
     def target(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
         """Height to hold and velocity downwards."""
-        sticks, most = flight.sticks or StickPositions(), limits.sticks
-        wish = beyond_dead_zone(sticks.throttle, most.dead)
-        if wish == 0.0:
+        sticks, stick_limits = flight.sticks or StickPositions(), limits.sticks
+        deflection = beyond_dead_zone(sticks.throttle, stick_limits.dead)
+        if deflection == 0.0:
             if self._held_m is None:
                 self._held_m = flight.down_m + _stopping_m(flight.vd_mps)
             return self._held_m, 0.0
         self._held_m = None
-        return None, -wish * (most.climb_mps if wish > 0.0 else most.descent_mps)
+        return None, -deflection * (stick_limits.climb_mps if deflection > 0.0 else stick_limits.descent_mps)
 
 
 class ManualFlight:
@@ -344,60 +344,64 @@ class ManualFlight:
         self._place: NorthEast | None = None
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        sticks, most = flight.sticks or StickPositions(), limits.sticks
-        down, sinks = (
+        sticks, stick_limits = flight.sticks or StickPositions(), limits.sticks
+        down, sink = (
             (None, 0.0) if self._stick in (StickControl.RATES, StickControl.ATTITUDE) else self._height.target(flight, limits)
         )
-        moves = self._moves(sticks, flight, limits)
+        velocity = self._velocity(sticks, flight, limits)
         return FlightTarget(
             north_east_m=self._place,
             down_m=down,
-            velocity_ned_mps=(*moves, sinks),
-            yawrate_radps=beyond_dead_zone(sticks.yaw, most.dead) * most.yaw_radps,
-            speed_max_mps=most.speed_mps,
-            climb_max_mps=most.climb_mps,
-            descent_max_mps=most.descent_mps,
+            velocity_ned_mps=(*velocity, sink),
+            yawrate_radps=beyond_dead_zone(sticks.yaw, stick_limits.dead) * stick_limits.yaw_radps,
+            speed_max_mps=stick_limits.speed_mps,
+            climb_max_mps=stick_limits.climb_mps,
+            descent_max_mps=stick_limits.descent_mps,
             attitude=self._attitude(sticks, flight, limits),
         )
 
     def done(self, flight: FlightState) -> bool:
         return False
 
-    def _moves(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> NorthEast:
+    def _velocity(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> NorthEast:
         if self._stick is not StickControl.POSITION:
             return 0.0, 0.0
-        ahead, right = (
-            beyond_dead_zone(one, limits.sticks.dead) * limits.sticks.speed_mps for one in (sticks.pitch, sticks.roll)
+        forward, right = (
+            beyond_dead_zone(stick, limits.sticks.dead) * limits.sticks.speed_mps for stick in (sticks.pitch, sticks.roll)
         )
-        if ahead == right == 0.0:
+        if forward == right == 0.0:
             # On its feet it stays where it stands: going after a wandering position would turn it over.
             self._place = None if flight.on_ground else self._place or _stopping_place(flight)
             return 0.0, 0.0
         self._place = None
         cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
-        return cos * ahead - sin * right, sin * ahead + cos * right
+        return cos * forward - sin * right, sin * forward + cos * right
 
     def _attitude(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> TargetAttitude | None:
         if self._stick is StickControl.POSITION:
             return None
-        most = limits.sticks
+        stick_limits = limits.sticks
         thrust = None if self._stick is StickControl.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
         if self._stick is StickControl.RATES:
-            rates = (sticks.roll * most.rates_radps, -sticks.pitch * most.rates_radps, sticks.yaw * most.yaw_radps)
+            rates = (
+                sticks.roll * stick_limits.rates_radps,
+                -sticks.pitch * stick_limits.rates_radps,
+                sticks.yaw * stick_limits.yaw_radps,
+            )
             return TargetAttitude(thrust=thrust, rates_radps=rates)
         share = 0.0 if flight.on_ground else 1.0  # no tilting on the feet
-        return TargetAttitude(sticks.roll * most.tilt_rad * share, -sticks.pitch * most.tilt_rad * share, thrust)
+        return TargetAttitude(sticks.roll * stick_limits.tilt_rad * share, -sticks.pitch * stick_limits.tilt_rad * share, thrust)
 
 
 class Manoeuvres:
     """How this kind of aircraft does what every kind can: the multicopter's way. Another kind overrides what it does otherwise."""
 
-    lands_from_afar = False  # a landing begins elsewhere than over its place
-    passes_m, passes_height_m = 0.0, 0.0  # a waypoint counts as reached this near, if not before
+    approaches_landing = False  # a landing begins elsewhere than over its place
+    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0  # a waypoint counts as reached this near, if not before
 
-    def turning_radius_m(self, wanted_m: float, limits: FlightLimits) -> float:
+    def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
         """Radius of the turns that a mission wants; 0 leaves it to the vehicle."""
-        return wanted_m or 10.0
+        return requested_m or 10.0
 
     def hold(
         self,

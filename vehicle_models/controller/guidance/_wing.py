@@ -90,10 +90,10 @@ class WingLand(Land):
 
     APPROACH_HEIGHT_M = 25.0
     LEAD_M = 40.0  # how far ahead on the path it aims
-    AIM_SHORT_S = 2.1  # of flight at landing speed: the flare floats so far
+    FLOAT_S = 2.1  # of flight at landing speed: the flare floats so far
 
     def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
-        self._spot = north_east_m or (flight.north_m, flight.east_m)
+        self._landing_place = north_east_m or (flight.north_m, flight.east_m)
         self._ground_down_m = ground_down_m
         self._course_rad, self._headwind_mps = _into_wind(flight)
         self._phase = "circle"
@@ -111,10 +111,10 @@ class WingLand(Land):
             return _circle(wing, self._turn_centre(wing), down, abs(wing.loiter_radius_m))
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         ahead_m = along_m + self.LEAD_M
-        place = (self._spot[0] + ahead_m * cos, self._spot[1] + ahead_m * sin)
+        place = (self._landing_place[0] + ahead_m * cos, self._landing_place[1] + ahead_m * sin)
         slope = math.tan(wing.glide_rad)
         if self._phase == "glide":
-            path_m = max(-along_m - self._short_m(wing), 0.0) * slope
+            path_m = max(-along_m - self._float_m(wing), 0.0) * slope
             return WingTarget(
                 north_east_m=place,
                 down_m=self._ground_down_m - path_m,
@@ -134,28 +134,28 @@ class WingLand(Land):
 
     def _along(self, flight: FlightState) -> NorthEast:
         """Where the vehicle is against the landing spot: metres along the landing course, and right of it."""
-        north, east = flight.north_m - self._spot[0], flight.east_m - self._spot[1]
+        north, east = flight.north_m - self._landing_place[0], flight.east_m - self._landing_place[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return north * cos + east * sin, east * cos - north * sin
 
     def _entry_m(self, wing: WingLimits) -> float:
-        return self.APPROACH_HEIGHT_M / math.tan(wing.glide_rad) + self._short_m(wing)
+        return self.APPROACH_HEIGHT_M / math.tan(wing.glide_rad) + self._float_m(wing)
 
-    def _short_m(self, wing: WingLimits) -> float:
-        return self.AIM_SHORT_S * max(wing.landing_mps - self._headwind_mps, 0.0)
+    def _float_m(self, wing: WingLimits) -> float:
+        return self.FLOAT_S * max(wing.landing_mps - self._headwind_mps, 0.0)
 
     def _turn_centre(self, wing: WingLimits) -> NorthEast:
         """Of the clockwise circle that runs into the glide path."""
-        back, aside = self._entry_m(wing), abs(wing.loiter_radius_m)
+        back_m, offset_m = self._entry_m(wing), abs(wing.loiter_radius_m)
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
-        return self._spot[0] - back * cos - aside * sin, self._spot[1] - back * sin + aside * cos
+        return self._landing_place[0] - back_m * cos - offset_m * sin, self._landing_place[1] - back_m * sin + offset_m * cos
 
     def _at_entry(self, flight: FlightState, wing: WingLimits, height_m: float) -> bool:
         along_m, right_m = self._along(flight)
         course = math.atan2(flight.ve_mps, flight.vn_mps)
         aligned = abs(math.remainder(course - self._course_rad, 2.0 * math.pi)) < math.radians(25.0)
-        near = math.hypot(along_m + self._entry_m(wing), right_m) < 40.0
-        return aligned and near and height_m < self.APPROACH_HEIGHT_M + 3.0
+        at_place = math.hypot(along_m + self._entry_m(wing), right_m) < 40.0
+        return aligned and at_place and height_m < self.APPROACH_HEIGHT_M + 3.0
 
 
 class WingReturn(Return):
@@ -166,8 +166,8 @@ class WingReturn(Return):
         self._home = home
         height_m = home.down_m - flight.down_m
         self._cruise_down_m = home.down_m - max(wing.return_height_m, height_m)
-        self._there = False
-        self._low_ns: int | None = None
+        self._arrived = False
+        self._descended_ns: int | None = None
         self._land = None
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
@@ -175,15 +175,15 @@ class WingReturn(Return):
             return self._land.target(flight, limits)
         wing = wing_limits(limits)
         home = (self._home.north_m, self._home.east_m)
-        away_m = math.hypot(flight.north_m - home[0], flight.east_m - home[1])
-        self._there = self._there or away_m < 1.25 * abs(wing.return_radius_m)
-        low = self._home.down_m - wing.descend_height_m
-        if self._there and flight.down_m > low - 2.0 and self._low_ns is None:
-            self._low_ns = flight.time_ns
-        circled_ns = None if self._low_ns is None else flight.time_ns - self._low_ns
-        if circled_ns is not None and wing.land_delay_s is not None and circled_ns >= round(wing.land_delay_s * 1e9):
+        distance_m = math.hypot(flight.north_m - home[0], flight.east_m - home[1])
+        self._arrived = self._arrived or distance_m < 1.25 * abs(wing.return_radius_m)
+        descended_down = self._home.down_m - wing.descend_height_m
+        if self._arrived and flight.down_m > descended_down - 2.0 and self._descended_ns is None:
+            self._descended_ns = flight.time_ns
+        circling_ns = None if self._descended_ns is None else flight.time_ns - self._descended_ns
+        if circling_ns is not None and wing.land_delay_s is not None and circling_ns >= round(wing.land_delay_s * 1e9):
             self._land = WingLand(flight, home, self._home.down_m)
-        down = low if self._there else self._cruise_down_m
+        down = descended_down if self._arrived else self._cruise_down_m
         return _circle(wing, home, down, wing.return_radius_m)
 
 
@@ -200,16 +200,16 @@ class WingFollowSetpoints(FollowSetpoints):
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         wing = wing_limits(limits)
-        if self._given is None:
+        if self._setpoint is None:
             return self._rest.target(flight, limits)
-        given = super().target(flight, limits)
-        if given.attitude:
-            return given
-        speed = math.hypot(*given.velocity_ned_mps[:2])
+        setpoint = super().target(flight, limits)
+        if setpoint.attitude:
+            return setpoint
+        speed = math.hypot(*setpoint.velocity_ned_mps[:2])
         return WingTarget(
-            north_east_m=given.north_east_m,
-            down_m=given.down_m,
-            velocity_ned_mps=given.velocity_ned_mps,
+            north_east_m=setpoint.north_east_m,
+            down_m=setpoint.down_m,
+            velocity_ned_mps=setpoint.velocity_ned_mps,
             speed_max_mps=speed if speed > 1.0 else wing.cruise_mps,
             climb_max_mps=wing.climb_mps,
             descent_max_mps=wing.descent_mps,
@@ -220,11 +220,11 @@ class WingFollowSetpoints(FollowSetpoints):
 class WingManoeuvres(Manoeuvres):
     """A fixed wing's way."""
 
-    lands_from_afar = True
-    passes_m, passes_height_m = 25.0, 10.0
+    approaches_landing = True
+    min_acceptance_radius_m, min_acceptance_height_m = 25.0, 10.0
 
-    def turning_radius_m(self, wanted_m: float, limits: FlightLimits) -> float:
-        return math.copysign(max(abs(wanted_m), 30.0), wanted_m) if wanted_m else wing_limits(limits).loiter_radius_m
+    def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
+        return math.copysign(max(abs(requested_m), 30.0), requested_m) if requested_m else wing_limits(limits).loiter_radius_m
 
     def hold(
         self,
@@ -262,7 +262,7 @@ class WingManoeuvres(Manoeuvres):
         if isinstance(manoeuvre, GotoLeg):
             if manoeuvre.stays_at:
                 return _circle(wing, manoeuvre.stays_at, down, None, target.speed_max_mps)
-            return replace(target, north_east_m=_along(flight, *manoeuvre.line))
+            return replace(target, north_east_m=_aim_point(flight, *manoeuvre.line))
         if isinstance(manoeuvre, Takeoff):
             return _climb_ahead(wing, down, flight.yaw_rad if target.yaw_rad is None else target.yaw_rad)
         return target
@@ -281,7 +281,7 @@ def _circle(
     )
 
 
-def _along(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
+def _aim_point(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
     """The point of a line to aim at: ahead of the nearest, as far as it is away where that is more, and not beyond the end."""
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
@@ -289,10 +289,10 @@ def _along(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
         return end
     north, east = north / length, east / length
     here = (flight.north_m - begin[0], flight.east_m - begin[1])
-    passed, aside = here[0] * north + here[1] * east, abs(here[1] * north - here[0] * east)
-    lead = max(_LEAD_S * math.hypot(flight.vn_mps, flight.ve_mps), aside)
-    ahead = min(max(passed + lead, 0.0), length)
-    return begin[0] + ahead * north, begin[1] + ahead * east
+    passed_m, offset_m = here[0] * north + here[1] * east, abs(here[1] * north - here[0] * east)
+    lead_m = max(_LEAD_S * math.hypot(flight.vn_mps, flight.ve_mps), offset_m)
+    aim_m = min(max(passed_m + lead_m, 0.0), length)
+    return begin[0] + aim_m * north, begin[1] + aim_m * east
 
 
 def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarget:

@@ -93,12 +93,12 @@ _Field = tuple[str, str, int]  # name, type, length of the array or 0
 
 def _fields(text: str) -> list[_Field]:
     """Fields of a definition's text."""
-    found = []
-    for one in filter(None, (part.strip() for part in text.split(","))):
-        kind, name = one.split()
+    fields = []
+    for field in filter(None, (part.strip() for part in text.split(","))):
+        kind, name = field.split()
         kind, _, length = kind.partition("[")
-        found.append((name, kind, int(length.rstrip("]")) if length else 0))
-    return found
+        fields.append((name, kind, int(length.rstrip("]")) if length else 0))
+    return fields
 
 
 def _crc_extra(name: str, base: Sequence[_Field]) -> int:
@@ -112,14 +112,14 @@ def _crc_extra(name: str, base: Sequence[_Field]) -> int:
 
 def _message_class(module: Any, number: int, name: str, text: str) -> type[Any]:
     """A message class as pymavlink's generator would write it."""
-    plain, _, extensions = text.partition("|")
-    named = _fields(plain) + _fields(extensions)
-    base = sorted(_fields(plain), key=lambda one: -_SIZES[one[1]])  # the wire's order: the largest first, stably
+    base_text, _, extensions = text.partition("|")
+    fields = _fields(base_text) + _fields(extensions)
+    base = sorted(_fields(base_text), key=lambda field: -_SIZES[field[1]])  # the wire's order: the largest first, stably
     wire = [*base, *_fields(extensions)]
     codes = "<" + "".join(f"{length or ''}{_CODES[kind]}" for _, kind, length in wire)
-    order = [one[0] for one in wire]
+    order = [name for name, _, _ in wire]
     crc_extra, unpacker = _crc_extra(name, base), struct.Struct(codes)
-    defaults = {one: b"" if kind == "char" else [0] * length if length else 0 for one, kind, length in named}
+    defaults = {field: b"" if kind == "char" else [0] * length if length else 0 for field, kind, length in fields}
 
     class Message(module.MAVLink_message):  # type: ignore[misc]
         def __init__(self, *values: Any, **by_name: Any) -> None:
@@ -143,16 +143,16 @@ def _message_class(module: Any, number: int, name: str, text: str) -> type[Any]:
     attributes = {
         "id": number,
         "msgname": name,
-        "fieldnames": [one[0] for one in named],
+        "fieldnames": [field[0] for field in fields],
         "ordered_fieldnames": order,
-        "fieldtypes": [one[1] for one in named],
+        "fieldtypes": [field[1] for field in fields],
         "fielddisplays_by_name": {},
         "fieldenums_by_name": {},
         "fieldunits_by_name": {},
         "native_format": bytearray(codes.encode()),
-        "orders": [order.index(one[0]) for one in named],
-        "lengths": [1 if one[1] == "char" else one[2] or 1 for one in wire],
-        "array_lengths": [one[2] for one in wire],
+        "orders": [order.index(field[0]) for field in fields],
+        "lengths": [1 if kind == "char" else length or 1 for _, kind, length in wire],
+        "array_lengths": [length for _, _, length in wire],
         "crc_extra": crc_extra,
         "unpacker": unpacker,
         "instance_field": None,
@@ -165,11 +165,11 @@ def _message_class(module: Any, number: int, name: str, text: str) -> type[Any]:
 
 
 def _load() -> Any:
-    found = importlib.util.find_spec(_SOURCE)
-    if found is None or found.loader is None:
+    spec = importlib.util.find_spec(_SOURCE)
+    if spec is None or spec.loader is None:
         raise ImportError(_SOURCE)
-    module: Any = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
+    module: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
     for number, name, text in _MISSING:
         message = _message_class(module, number, name, text)
         module.mavlink_map[number] = message

@@ -30,7 +30,7 @@ class FrameReader:
         self.garbage_bytes = 0
         self.unread_bytes = 0
 
-    def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, most: int | None = None) -> list[bytes]:
+    def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, max_frames: int | None = None) -> list[bytes]:
         """Every frame that is complete now, in order. What may be the beginning of another one waits for more.
 
         `last` says that no more will come, as at the end of a datagram: then what is incomplete is garbage, and the
@@ -39,27 +39,27 @@ class FrameReader:
         """
         data = self._rest + data if self._rest else data
         frames: list[bytes] = []
-        at, end, enough = 0, len(data), self.garbage_bytes + patience
-        while at < end:
+        start, end, enough = 0, len(data), self.garbage_bytes + patience
+        while start < end:
             if self.garbage_bytes > enough:
-                self.garbage_bytes += end - at
-                at = end
+                self.garbage_bytes += end - start
+                start = end
                 break
-            length = _length(data, at, end)
-            if length > 0 and _intact(data, at, length):
-                frames.append(data[at : at + length])
-                at += length
-                if len(frames) == most:
-                    self.unread_bytes += end - at
-                    at = end
+            length = _length(data, start, end)
+            if length > 0 and _intact(data, start, length):
+                frames.append(data[start : start + length])
+                start += length
+                if len(frames) == max_frames:
+                    self.unread_bytes += end - start
+                    start = end
             elif length == 0 and not last:
                 break
             else:
-                begins = _BEGINS.search(data, at + 1)
-                skipped = (begins.start() if begins else end) - at
+                next_start = _BEGINS.search(data, start + 1)
+                skipped = (next_start.start() if next_start else end) - start
                 self.garbage_bytes += skipped
-                at += skipped
-        self._rest = data[at:]
+                start += skipped
+        self._rest = data[start:]
         return frames
 
 
@@ -181,7 +181,7 @@ def v1_length(number: int) -> int | None:
         return None
     fields = _wire_fields(kind)
     for count in range(len(fields), 0, -1):
-        sizes = [_SIZES[one] for _, one, _ in fields[:count]]
+        sizes = [_SIZES[type_name] for _, type_name, _ in fields[:count]]
         if sizes == sorted(sizes, reverse=True) and _crc_extra(kind.msgname, fields[:count]) == kind.crc_extra:
             return _bytes(fields[:count])
     return None

@@ -29,22 +29,22 @@ from ._frames import MAX_FRAME, FrameReader
 BACKLOG_BYTES = 1024 * 1024
 INBOX_FRAMES = 2048
 FLOOD_FRAMES = 1536  # a client for whom more than this waits floods the link
-HEARD_FROM_FLOOD = 8  # of its messages are heard in a step
+FLOOD_FRAMES_PER_STEP = 8  # of its messages are heard in a step
 MAX_CLIENTS = 8
 # Of one socket in one poll; then it is not listened to until the next.
-_FRAMES = 128
-_DATAGRAMS = 64
-_GARBAGE_BYTES = 512
-_UNREAD = 16  # datagrams thrown away behind garbage
-_ACCEPTED = 4  # TCP clients
-_CHUNK = 2048  # bytes of a stream read at once
-_CHUNK_FRAMES = (_CHUNK + MAX_FRAME) // 8  # there are never more in it
+_FRAMES_PER_POLL = 128
+_DATAGRAMS_PER_POLL = 64
+_GARBAGE_BYTES_PER_POLL = 512
+_MAX_DISCARDED = 16  # datagrams thrown away behind garbage
+_ACCEPTED_PER_POLL = 4  # TCP clients
+_CHUNK_BYTES = 2048  # bytes of a stream read at once
+_CHUNK_FRAMES = (_CHUNK_BYTES + MAX_FRAME) // 8  # there are never more in it
 _SOCKET_BYTES = 512 * 1024  # asked of the kernel for each UDP socket; it may give less
-_EARS_PER_POLL = 2  # sockets opened for newcomers
-_STRANGERS = "strangers"  # share a queue until they have spoken twice
+_SOCKETS_PER_POLL = 2  # sockets opened for newcomers
+_UNKNOWN_PEERS = "strangers"  # share a queue until they have spoken twice
 _SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux: counts of a socket, 32 bits each
-_SERIAL_BYTES = 16 * 1024  # what waits for a serial line; more is lost, as on a line without flow control
-_DATAGRAM = 1200  # what goes out in one datagram: several whole messages, never half of one
+_SERIAL_BACKLOG_BYTES = 16 * 1024  # what waits for a serial line; more is lost, as on a line without flow control
+_DATAGRAM_BYTES = 1200  # what goes out in one datagram: several whole messages, never half of one
 
 
 class Link(Protocol):
@@ -105,24 +105,24 @@ class Inbox:
         self._waiting += 1
         return True
 
-    def take(self, most: int) -> list[bytes]:
+    def take(self, max_frames: int) -> list[bytes]:
         """The eldest frames, at most so many, one of each client in turn; of a client that floods the link only a few."""
         taken: list[bytes] = []
-        left = {source: HEARD_FROM_FLOOD for source, queue in self._queues.items() if len(queue) > FLOOD_FRAMES}
+        remaining = {source: FLOOD_FRAMES_PER_STEP for source, queue in self._queues.items() if len(queue) > FLOOD_FRAMES}
         turn = deque(self._queues)
-        while turn and len(taken) < most:
+        while turn and len(taken) < max_frames:
             source = turn.popleft()
             queue = self._queues[source]
             taken.append(queue.popleft())
-            if source in left:
-                left[source] -= 1
+            if source in remaining:
+                remaining[source] -= 1
             if not queue:
                 del self._queues[source]
-            elif left.get(source, 1):
+            elif remaining.get(source, 1):
                 turn.append(source)
         if turn:  # whose turn it would be now begins the next time
-            heard = [source for source in self._queues if source not in turn]
-            self._queues = {source: self._queues[source] for source in (*turn, *heard)}
+            served = [source for source in self._queues if source not in turn]
+            self._queues = {source: self._queues[source] for source in (*turn, *served)}
         self._waiting -= len(taken)
         return taken
 
@@ -131,7 +131,7 @@ class Inbox:
         self._waiting = 0
 
 
-class _Counted:
+class _LinkCounters:
     """What the kinds of link share: frames that wait, and what was lost."""
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -141,41 +141,41 @@ class _Counted:
         self.sent = 0
         self.silenced = False
         self.garbage_bytes = 0
-        self._lost = 0
+        self._dropped = 0
 
     @property
     def dropped(self) -> int:
-        return self._lost
+        return self._dropped
 
-    def _take(self, source: object, reader: FrameReader, data: bytes, most: int | None = None) -> tuple[int, int]:
+    def _put_frames(self, source: object, reader: FrameReader, data: bytes, most: int | None = None) -> tuple[int, int]:
         """Put what is whole into the inbox; the frames and the bytes of garbage met. `most` is for a datagram: no more
         than so many frames are taken from it, and nothing of it is kept."""
         garbage, unread = reader.garbage_bytes, reader.unread_bytes
-        frames = reader.feed(data, most is not None, _GARBAGE_BYTES, most)
+        frames = reader.feed(data, most is not None, _GARBAGE_BYTES_PER_POLL, most)
         self.received += len(frames)
         for frame in frames:
             if not self.inbox.put(source, frame):
-                self._lost += 1
-        self._lost += reader.unread_bytes > unread
+                self._dropped += 1
+        self._dropped += reader.unread_bytes > unread
         garbage = reader.garbage_bytes - garbage
         self.garbage_bytes += garbage
         return len(frames), garbage
 
-    def _take_stream(self, source: object, reader: FrameReader, read: Callable[[int], bytes]) -> None:
+    def _read_stream(self, source: object, reader: FrameReader, read: Callable[[int], bytes]) -> None:
         """Take what a stream has to say, as far as this poll goes. Raises what `read` raises; EOFError at the end."""
         frames = garbage = 0
-        while frames < _FRAMES and garbage < _GARBAGE_BYTES and self.inbox.room(source) >= _CHUNK_FRAMES:
-            data = read(_CHUNK)
+        while frames < _FRAMES_PER_POLL and garbage < _GARBAGE_BYTES_PER_POLL and self.inbox.room(source) >= _CHUNK_FRAMES:
+            data = read(_CHUNK_BYTES)
             if not data:
                 raise EOFError
-            more, worse = self._take(source, reader, data)
-            frames, garbage = frames + more, garbage + worse
+            count, bad_bytes = self._put_frames(source, reader, data)
+            frames, garbage = frames + count, garbage + bad_bytes
 
 
 Address = tuple[str, int]
 
 
-class UdpLink(_Counted):
+class UdpLink(_LinkCounters):
     """`udp_out` sends to one address; `udp_in` to everybody who has written to it.
 
     Who has written twice gets an ear: a socket at the same port that hears nobody else, so that the kernel keeps one
@@ -187,43 +187,43 @@ class UdpLink(_Counted):
         out = spec.kind == "udp_out"
         if out and not spec.port:
             raise SetupError(Fault(f"link {spec.name}", "udp_out needs a port to send to", "give one, for example 14540"))
-        self._socket = _bound(spec, socket.SOCK_DGRAM, port=0 if out else spec.port)
-        self._partner: Address | None = None
+        self._socket = _open_socket(spec, socket.SOCK_DGRAM, port=0 if out else spec.port)
+        self._target: Address | None = None
         if out:
             address = socket.getaddrinfo(spec.host, spec.port, socket.AF_INET)[0][4]
-            self._partner = str(address[0]), int(address[1])
-        self._speakers: dict[Address, socket.socket | None] = {}  # who has been silent longest comes first
-        self._lost_in_closed = 0
+            self._target = str(address[0]), int(address[1])
+        self._peers: dict[Address, socket.socket | None] = {}  # who has been silent longest comes first
+        self._dropped_in_closed = 0
         port = spec.port if out else self._socket.getsockname()[1]
         self.endpoint = f"{'udpin' if out else 'udpout'}:{spec.host}:{port}"
         self._reader = FrameReader()
         self._buffer = memoryview(bytearray(65536))
-        self._ears = select.poll()
-        self._ears.register(self._socket, select.POLLIN)
+        self._poll_set = select.poll()
+        self._poll_set.register(self._socket, select.POLLIN)
 
     @property
     def dropped(self) -> int:
-        sockets = [self._socket, *filter(None, self._speakers.values())]
-        return self._lost + self._lost_in_closed + sum(_lost_in(one) for one in sockets)
+        sockets = [self._socket, *filter(None, self._peers.values())]
+        return self._dropped + self._dropped_in_closed + sum(_dropped_by_kernel(sock) for sock in sockets)
 
     def poll(self) -> None:
-        ready = {number for number, _ in self._ears.poll(0)}
+        ready = {number for number, _ in self._poll_set.poll(0)}
         if not ready:
             return
-        for peer, ear in list(self._speakers.items()):
-            if ear and ear.fileno() in ready and self.inbox.room(peer):
-                self._read(ear)
+        for peer, peer_socket in list(self._peers.items()):
+            if peer_socket and peer_socket.fileno() in ready and self.inbox.room(peer):
+                self._read(peer_socket)
         newcomers = self._read(self._socket) if self._socket.fileno() in ready else []
         if newcomers:
-            for peer in newcomers[:_EARS_PER_POLL]:
-                self._give_ear(peer)
+            for peer in newcomers[:_SOCKETS_PER_POLL]:
+                self._open_peer_socket(peer)
             self._read(self._socket)  # what they said before they had one
 
     def _read(self, sock: socket.socket) -> list[Address]:
         """Take what a socket has, as far as this poll goes; those heard again who have no ear yet."""
-        frames = garbage = unread = 0
-        without: dict[Address, None] = {}
-        for _ in range(_DATAGRAMS):
+        frames = garbage = discarded = 0
+        returning: dict[Address, None] = {}
+        for _ in range(_DATAGRAMS_PER_POLL):
             try:
                 size, peer = sock.recvfrom_into(self._buffer)
             except (BlockingIOError, InterruptedError):
@@ -231,64 +231,64 @@ class UdpLink(_Counted):
             except OSError:  # an answer of the network to something sent earlier
                 continue
             source: object = peer
-            if peer not in self._speakers:
-                source = _STRANGERS
-            elif self._speakers[peer] is None:
-                without[peer] = None
-            self._heard(peer)
+            if peer not in self._peers:
+                source = _UNKNOWN_PEERS
+            elif self._peers[peer] is None:
+                returning[peer] = None
+            self._note_speaker(peer)
             room = self.inbox.room(source)
-            if not room or garbage >= _GARBAGE_BYTES:
-                self._lost += 1
-                unread += 1
-                if unread >= _UNREAD and sock is not self._socket:
+            if not room or garbage >= _GARBAGE_BYTES_PER_POLL:
+                self._dropped += 1
+                discarded += 1
+                if discarded >= _MAX_DISCARDED and sock is not self._socket:
                     break
                 continue
-            more, worse = self._take(source, self._reader, bytes(self._buffer[:size]), room)
-            frames, garbage = frames + more, garbage + worse
-            if frames >= _FRAMES or more >= room:
+            count, bad_bytes = self._put_frames(source, self._reader, bytes(self._buffer[:size]), room)
+            frames, garbage = frames + count, garbage + bad_bytes
+            if frames >= _FRAMES_PER_POLL or count >= room:
                 break
-        return list(without)
+        return list(returning)
 
-    def _heard(self, peer: Address) -> None:
+    def _note_speaker(self, peer: Address) -> None:
         """This one has spoken just now. Who has not spoken for longest gives way, so that somebody who comes and goes
         cannot fill the list."""
-        ear = self._speakers.pop(peer, None)
-        if len(self._speakers) >= MAX_CLIENTS:
-            eldest = next(iter(self._speakers))
-            self._close(self._speakers.pop(eldest))
-        self._speakers[peer] = ear
+        peer_socket = self._peers.pop(peer, None)
+        if len(self._peers) >= MAX_CLIENTS:
+            oldest = next(iter(self._peers))
+            self._close(self._peers.pop(oldest))
+        self._peers[peer] = peer_socket
 
-    def _give_ear(self, peer: Address) -> None:
+    def _open_peer_socket(self, peer: Address) -> None:
         """Open a socket that hears this peer alone; where the system cannot, the link's own goes on hearing it."""
-        if self._speakers.get(peer, self._socket) is not None:
+        if self._peers.get(peer, self._socket) is not None:
             return  # gone again
-        ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        peer_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            ear.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
-            ear.setblocking(False)
-            ear.bind(self._socket.getsockname())
-            ear.connect(peer)
+            peer_socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            peer_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
+            peer_socket.setblocking(False)
+            peer_socket.bind(self._socket.getsockname())
+            peer_socket.connect(peer)
         except OSError:
-            ear.close()
+            peer_socket.close()
         else:
-            self._speakers[peer] = ear
-            self._ears.register(ear, select.POLLIN)
+            self._peers[peer] = peer_socket
+            self._poll_set.register(peer_socket, select.POLLIN)
         finally:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)  # or others could take the port too
 
-    def _close(self, ear: socket.socket | None) -> None:
-        if ear:
-            self._lost_in_closed += _lost_in(ear)
-            self._ears.unregister(ear)
-            ear.close()
+    def _close(self, peer_socket: socket.socket | None) -> None:
+        if peer_socket:
+            self._dropped_in_closed += _dropped_by_kernel(peer_socket)
+            self._poll_set.unregister(peer_socket)
+            peer_socket.close()
 
     def _listeners(self) -> Iterable[Address]:
-        return (self._partner,) if self._partner else self._speakers
+        return (self._target,) if self._target else self._peers
 
     def connected(self) -> bool:
-        return bool(self._partner or self._speakers)
+        return bool(self._target or self._peers)
 
     def send(self, frames: list[bytes]) -> None:
         for datagram in _datagrams(frames):
@@ -296,29 +296,29 @@ class UdpLink(_Counted):
                 try:
                     self._socket.sendto(datagram, peer)
                 except OSError:
-                    self._lost += 1
+                    self._dropped += 1
 
     def close(self) -> None:
-        for ear in self._speakers.values():
-            self._close(ear)
-        self._speakers.clear()
+        for peer_socket in self._peers.values():
+            self._close(peer_socket)
+        self._peers.clear()
         self._socket.close()
 
 
-def _lost_in(sock: socket.socket) -> int:
+def _dropped_by_kernel(sock: socket.socket) -> int:
     """Datagrams that the kernel threw away for want of room; 0 where it does not say."""
     try:
-        said = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+        counts = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
     except OSError:
         return 0
-    return int.from_bytes(said[4 * _MEMINFO_DROPS :], sys.byteorder)
+    return int.from_bytes(counts[4 * _MEMINFO_DROPS :], sys.byteorder)
 
 
-class _Client:
+class _TcpClient:
     """One TCP client: its frames as they come, its bytes as it takes them."""
 
-    def __init__(self, taken: socket.socket) -> None:
-        self.socket = taken
+    def __init__(self, sock: socket.socket) -> None:
+        self.socket = sock
         self.reader = FrameReader()
         self.backlog = bytearray()
 
@@ -336,14 +336,14 @@ class _Client:
         return len(self.backlog) <= BACKLOG_BYTES
 
 
-class TcpLink(_Counted):
+class TcpLink(_LinkCounters):
     """`tcp_in`: listens, and serves several clients the same messages."""
 
     def __init__(self, spec: LinkSpec) -> None:
         super().__init__(spec)
-        self._socket = _bound(spec, socket.SOCK_STREAM, port=spec.port)
+        self._socket = _open_socket(spec, socket.SOCK_STREAM, port=spec.port)
         self._socket.listen(MAX_CLIENTS)
-        self._clients: list[_Client] = []
+        self._clients: list[_TcpClient] = []
         self.endpoint = f"tcp:{spec.host}:{self._socket.getsockname()[1]}"
 
     def poll(self) -> None:
@@ -352,24 +352,24 @@ class TcpLink(_Counted):
             self._read(client)
 
     def _accept(self) -> None:
-        for _ in range(min(MAX_CLIENTS - len(self._clients), _ACCEPTED)):
+        for _ in range(min(MAX_CLIENTS - len(self._clients), _ACCEPTED_PER_POLL)):
             try:
-                taken, _ = self._socket.accept()
+                sock, _ = self._socket.accept()
             except OSError:
                 return
-            taken.setblocking(False)
-            taken.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._clients.append(_Client(taken))
+            sock.setblocking(False)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients.append(_TcpClient(sock))
 
-    def _read(self, client: _Client) -> None:
+    def _read(self, client: _TcpClient) -> None:
         try:
-            self._take_stream(client, client.reader, client.socket.recv)
+            self._read_stream(client, client.reader, client.socket.recv)
         except (BlockingIOError, InterruptedError):
             return
         except (OSError, EOFError):
             self._drop(client)
 
-    def _drop(self, client: _Client) -> None:
+    def _drop(self, client: _TcpClient) -> None:
         self._clients.remove(client)
         client.socket.close()
 
@@ -380,7 +380,7 @@ class TcpLink(_Counted):
         data = b"".join(frames)
         for client in list(self._clients):
             if not client.push(data):
-                self._lost += 1
+                self._dropped += 1
                 self._drop(client)
 
     def close(self) -> None:
@@ -389,7 +389,7 @@ class TcpLink(_Counted):
         self._socket.close()
 
 
-class SerialLink(_Counted):
+class SerialLink(_LinkCounters):
     """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or a device that exists.
 
     `auto` as a path names whatever the system gives; any other path of no device becomes a link to it. The line is raw,
@@ -398,26 +398,26 @@ class SerialLink(_Counted):
 
     def __init__(self, spec: LinkSpec) -> None:
         super().__init__(spec)
-        self._link: Path | None = None
-        self._open_ends: list[int] = []
+        self._symlink: Path | None = None
+        self._terminal_ends: list[int] = []
         path = Path(spec.path)
         if spec.path not in ("", "auto") and path.is_char_device():
-            self._line = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            self._open_ends = [self._line]
+            self._terminal = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            self._terminal_ends = [self._terminal]
             self.endpoint = spec.path
         else:
-            self._line, there = os.openpty()
-            self._open_ends = [self._line, there]  # ours stays open, or the line would break when the companion leaves
-            os.set_blocking(self._line, False)
-            self.endpoint = os.ttyname(there)
+            self._terminal, far_end = os.openpty()
+            self._terminal_ends = [self._terminal, far_end]  # ours stays open, or the line would break when the companion leaves
+            os.set_blocking(self._terminal, False)
+            self.endpoint = os.ttyname(far_end)
             if spec.path not in ("", "auto"):
-                self._name(path)
+                self._link_path(path)
         with contextlib.suppress(termios.error):
-            tty.setraw(self._open_ends[-1])
+            tty.setraw(self._terminal_ends[-1])
         self._reader = FrameReader()
         self._backlog = bytearray()
 
-    def _name(self, path: Path) -> None:
+    def _link_path(self, path: Path) -> None:
         try:
             if path.is_symlink() and not path.exists():
                 path.unlink()  # of a run that was ended by force
@@ -425,31 +425,31 @@ class SerialLink(_Counted):
         except OSError:
             self.close()
             raise
-        self._link = path
+        self._symlink = path
         self.endpoint = str(path)
 
     def poll(self) -> None:
         with contextlib.suppress(OSError, EOFError):  # nothing there, or nobody
-            self._take_stream(None, self._reader, lambda size: os.read(self._line, size))
+            self._read_stream(None, self._reader, lambda size: os.read(self._terminal, size))
 
     def connected(self) -> bool:
         return True
 
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:
-            if len(self._backlog) < _SERIAL_BYTES:
+            if len(self._backlog) < _SERIAL_BACKLOG_BYTES:
                 self._backlog += frame
             else:
-                self._lost += 1
+                self._dropped += 1
         with contextlib.suppress(OSError):
             while self._backlog:
-                del self._backlog[: os.write(self._line, self._backlog)]
+                del self._backlog[: os.write(self._terminal, self._backlog)]
 
     def close(self) -> None:
-        if self._link:
-            self._link.unlink(missing_ok=True)
-        for one in self._open_ends:
-            os.close(one)
+        if self._symlink:
+            self._symlink.unlink(missing_ok=True)
+        for end in self._terminal_ends:
+            os.close(end)
 
 
 @contextmanager
@@ -460,13 +460,13 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
         faults: list[Fault] = []
         for spec in specs:
             try:
-                link = _KINDS[spec.kind](spec)
+                link = _LINK_CLASSES[spec.kind](spec)
             except SetupError as error:
                 faults += error.faults
             except OSError as error:
                 remedy = "choose a free port and an address of this machine"
-                where = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
-                faults.append(Fault(f"link {spec.name}", f"{where} cannot be opened: {error.strerror}", remedy))
+                address = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
+                faults.append(Fault(f"link {spec.name}", f"{address} cannot be opened: {error.strerror}", remedy))
             else:
                 stack.callback(link.close)
                 links.append(link)
@@ -475,7 +475,7 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
         yield links
 
 
-_KINDS: Mapping[str, Callable[[LinkSpec], Link]] = {
+_LINK_CLASSES: Mapping[str, Callable[[LinkSpec], Link]] = {
     "udp_out": UdpLink,
     "udp_in": UdpLink,
     "tcp_in": TcpLink,
@@ -483,7 +483,7 @@ _KINDS: Mapping[str, Callable[[LinkSpec], Link]] = {
 }
 
 
-def _bound(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:
+def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(socket.socket(socket.AF_INET, kind))
         if kind is socket.SOCK_STREAM:
@@ -500,13 +500,13 @@ def _bound(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:
 
 def _datagrams(frames: list[bytes]) -> Iterator[bytes]:
     """Frames joined to datagrams of at most 1200 bytes: a system call costs more than the message in it."""
-    if 0 < sum(map(len, frames)) <= _DATAGRAM:
+    if 0 < sum(map(len, frames)) <= _DATAGRAM_BYTES:
         yield b"".join(frames)
         return
     joined: list[bytes] = []
     size = 0
     for frame in frames:
-        if size + len(frame) > _DATAGRAM and joined:
+        if size + len(frame) > _DATAGRAM_BYTES and joined:
             yield b"".join(joined)
             joined, size = [], 0
         joined.append(frame)

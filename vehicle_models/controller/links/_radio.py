@@ -12,7 +12,7 @@ from ._links import Link
 from ._signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
-HEARD_PER_STEP = 48  # messages of one link (2400 a second); the rest waits, so that a flood costs its own link only
+MESSAGES_PER_STEP = 48  # messages of one link (2400 a second); the rest waits, so that a flood costs its own link only
 
 
 class Channel:
@@ -22,33 +22,33 @@ class Channel:
         self.link = link
         self._signing = signing
         self._number = number
-        self._speaks_v1 = False
-        self._seen: set[int] = set()  # systems that have spoken here
+        self._uses_v1 = False
+        self._known_systems: set[int] = set()  # systems that have spoken here
         self.name = link.spec.name
-        self.heard = False  # whether anybody has spoken here
+        self.has_client = False  # whether anybody has spoken here
         self._packer = packer
         self._sequence = 0
-        self._waiting: list[bytes] = []
-        self._on = link.connected()
+        self._queue: list[bytes] = []
+        self._connected = link.connected()
 
     @property
     def connected(self) -> bool:
         """Whether somebody listens; settled once a step, so that all of a step goes out or nothing does."""
-        return self._on
+        return self._connected
 
     def send(self, number: int, values: Iterable[Any]) -> None:
         """Queue a message for everybody on this channel; values in wire order."""
-        if not self._on:
+        if not self._connected:
             return
         frame: bytes | None
-        if self._speaks_v1:
+        if self._uses_v1:
             frame = self._packer.pack_v1(number, self._sequence, values)
         elif self._signing.on:
             frame = self._packer.pack_signed(number, self._sequence, values, self._sign)
         else:
             frame = self._packer.pack(number, self._sequence, values)
         if frame is not None:
-            self._waiting.append(frame)
+            self._queue.append(frame)
             self._sequence = (self._sequence + 1) & 0xFF
 
     def send_message(self, name: str, **fields: Any) -> None:
@@ -60,33 +60,33 @@ class Channel:
         unless nothing but 1 has ever been heard."""
         if not self._signing.admits(frame, message_id(frame)):
             return False
-        self._speaks_v1 = frame[0] == _V1 and (self._speaks_v1 or not self.heard)
-        self.heard = True
-        self._seen.add(sender(frame)[0])
+        self._uses_v1 = frame[0] == _V1 and (self._uses_v1 or not self.has_client)
+        self.has_client = True
+        self._known_systems.add(sender(frame)[0])
         return True
 
     def forward(self, frame: bytes) -> None:
         """Queue somebody else's frame as it is; one for a system that has never spoken here is not for this channel."""
-        if self._on and target_system(frame) in (0, *self._seen) and not (self._speaks_v1 and frame[0] == _V2):
-            self._waiting.append(frame)
+        if self._connected and target_system(frame) in (0, *self._known_systems) and not (self._uses_v1 and frame[0] == _V2):
+            self._queue.append(frame)
 
     def _sign(self, unsigned: bytes) -> bytes:
         return self._signing.sign(unsigned, self._number)
 
     def begin(self) -> None:
         """A step begins."""
-        self._on = self.link.connected() and not self.link.silenced
+        self._connected = self.link.connected() and not self.link.silenced
         if self.link.silenced:
             self.link.inbox.clear()
 
     def take(self) -> list[bytes]:
         """What is heard in this step of what waits."""
-        return self.link.inbox.take(HEARD_PER_STEP)
+        return self.link.inbox.take(MESSAGES_PER_STEP)
 
     def flush(self, tap: MavlinkTap | None) -> None:
         """Send what waits."""
-        if self._waiting:
-            frames, self._waiting = self._waiting, []
+        if self._queue:
+            frames, self._queue = self._queue, []
             self.link.sent += len(frames)
             if tap:
                 tap(self.name, "to_agent", b"".join(frames))
@@ -96,16 +96,16 @@ class Channel:
 class Radio:
     """All channels of a vehicle. `needs_hearing` keeps what nobody asked for from channels where nobody has spoken yet."""
 
-    def __init__(self, channels: list[Channel], tap: MavlinkTap | None, needs_hearing: bool) -> None:
+    def __init__(self, channels: list[Channel], tap: MavlinkTap | None, waits_for_client: bool) -> None:
         self.channels = channels
         self._tap = tap
-        self._needs_hearing = needs_hearing
+        self._waits_for_client = waits_for_client
 
     def broadcast(self, name: str, **fields: Any) -> None:
         """Say something unasked on every channel; only where somebody has spoken, when that is the autopilot's way."""
         number, values = wire_values(name, **fields)
         for channel in self.channels:
-            if channel.heard or not self._needs_hearing:
+            if channel.has_client or not self._waits_for_client:
                 channel.send(number, values)
 
     def begin(self) -> None:

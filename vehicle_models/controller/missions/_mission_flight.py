@@ -196,7 +196,7 @@ class MissionFlight:
         degrees = item.place_deg
         if degrees is None or (self._policy.home_first and degrees == (0.0, 0.0)):
             return None
-        return self._context.airframe.to_local_m(*degrees)
+        return self._context.frame.to_local_m(*degrees)
 
     def _down_m(self, item: MissionItem) -> float:
         flight = self._context.flight
@@ -334,7 +334,7 @@ class MissionFlight:
                 return self._return(flight)
             case MAV_CMD.NAV_LAND | MAV_CMD.NAV_VTOL_LAND:
                 distance_m = math.hypot(place[0] - flight.north_m, place[1] - flight.east_m)
-                if self._place(item) and distance_m > 1.0 and not self._guidance.manoeuvres.lands_from_afar:
+                if self._place(item) and distance_m > 1.0 and not self._guidance.manoeuvres.approaches_landing:
                     self._lands_next = True
                     return self._goto(flight, item, place, flight.down_m, 0.0, radius_m=1.0)
                 return DescendLeg(self._landing(flight, item))
@@ -348,9 +348,9 @@ class MissionFlight:
                     flight, place, down, radius, min(max(first, 0.0), 255.0), self._heading_towards, self._guidance.speed_mps
                 )
             case _:
-                stays = max(first, 0.0) if item.command != MAV_CMD.NAV_LOITER_TO_ALT else 0.0
-                aim = self._beyond(flight, place) if item.command in _PASSED and stays == 0.0 else None
-                return self._goto(flight, item, place, down, stays, aim=aim)
+                stay_s = max(first, 0.0) if item.command != MAV_CMD.NAV_LOITER_TO_ALT else 0.0
+                aim = self._beyond(flight, place) if item.command in _PASSED and stay_s == 0.0 else None
+                return self._goto(flight, item, place, down, stay_s, aim=aim)
 
     def _goto(
         self,
@@ -358,7 +358,7 @@ class MissionFlight:
         item: MissionItem,
         place: NorthEast,
         down: float,
-        stays_s: float,
+        stay_s: float,
         radius_m: float | None = None,
         aim: NorthEast | None = None,
     ) -> GotoLeg:
@@ -368,9 +368,9 @@ class MissionFlight:
             self._yaw_rad = math.radians(math.remainder(degrees, 360.0))
         height = math.inf if radius == math.inf else self._policy.acceptance_height_m
         manoeuvres = self._guidance.manoeuvres
-        radius, height = max(radius, manoeuvres.passes_m), max(height, manoeuvres.passes_height_m)
+        radius, height = max(radius, manoeuvres.min_acceptance_radius_m), max(height, manoeuvres.min_acceptance_height_m)
         return GotoLeg(
-            flight, place, down, self._heading_towards, radius, height, stays_s, aim, self._guidance.speed_mps, self._from
+            flight, place, down, self._heading_towards, radius, height, stay_s, aim, self._guidance.speed_mps, self._from
         )
 
     def _beyond(self, flight: FlightState, place: NorthEast) -> NorthEast | None:

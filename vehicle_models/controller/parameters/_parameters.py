@@ -50,7 +50,7 @@ class Parameters:
                 if push.counts_seconds:
                     self._store.put(push.name, due_ns // 1_000_000_000)
                 for channel in self._radio.channels:
-                    if channel.heard:
+                    if channel.has_client:
                         self._send(channel, push.name, _NO_INDEX)
                 if push.every_s is None:
                     continue

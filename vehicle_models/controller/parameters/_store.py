@@ -36,23 +36,23 @@ class Parameter:
 class ParameterStore:
     """Values by name. Integers are kept whole. Raises SetupError for names in `given` that do not exist."""
 
-    def __init__(self, parameters: Iterable[Parameter], given: Mapping[str, float]) -> None:
+    def __init__(self, parameters: Iterable[Parameter], initial: Mapping[str, float]) -> None:
         ordered = tuple(parameters)
-        self.definitions = {one.name: one for one in ordered}
-        self.kinds = {one.name: one.kind for one in ordered}
+        self.definitions = {parameter.name: parameter for parameter in ordered}
+        self.kinds = {parameter.name: parameter.kind for parameter in ordered}
         self.names = list(self.kinds)
         self.index = {name: number for number, name in enumerate(self.names)}
-        self._values = {one.name: float(one.default) for one in ordered}
+        self._values = {parameter.name: float(parameter.default) for parameter in ordered}
         self._saved: dict[str, float] = {}  # where that is not the present value
         self._listeners: list[Callable[[], None]] = []
         faults = [
-            Fault(f"vehicle.parameters.{name}", "this autopilot has no such parameter here", self._near(name))
-            for name in given
+            Fault(f"vehicle.parameters.{name}", "this autopilot has no such parameter here", self._similar_names(name))
+            for name in initial
             if name not in self.kinds
         ]
         if faults:
             raise SetupError(faults)
-        for name, value in given.items():
+        for name, value in initial.items():
             self.put(name, value)
 
     def __getitem__(self, name: str) -> float:
@@ -97,7 +97,9 @@ class ParameterStore:
         """What is saved and differs from the defaults, without what changes by itself."""
         saved = {**self._values, **self._saved}
         return {
-            name: saved[name] for name, one in self.definitions.items() if not one.volatile and saved[name] != float(one.default)
+            name: saved[name]
+            for name, parameter in self.definitions.items()
+            if not parameter.volatile and saved[name] != float(parameter.default)
         }
 
     def packed(self, name: str) -> bytes:
@@ -105,7 +107,7 @@ class ParameterStore:
         value = self._values[name]
         return struct.pack("<f", value) if self.kinds[name] == REAL32 else struct.pack("<i", int(value))
 
-    def _near(self, name: str) -> str:
+    def _similar_names(self, name: str) -> str:
         close = [known for known in self.names if known.startswith(name[:3])]
         return f"there are, for example, {', '.join(close[:5] or self.names[:5])}"
 

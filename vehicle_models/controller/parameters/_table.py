@@ -14,18 +14,18 @@ KINDS_BY_NAME = {"float": REAL32, "int8": INT8, "int16": INT16, "int32": INT32}
 _SPAN = re.compile(r"\{([^{}]*)\}")
 
 
-def read_parameters(table: Path, more: Iterable[Parameter] = (), by_name: bool = False) -> tuple[Parameter, ...]:
+def read_parameters(table: Path, extra: Iterable[Parameter] = (), by_name: bool = False) -> tuple[Parameter, ...]:
     """The parameters of a table, in its order or by name, and those of `more` that it lacks.
 
     `{0-3}` in a name stands for each number, `{a|b}` for each text; `{}` in the default for the same one. The columns
     are name, type (float, int8, int16, int32), default, min, max, unit, group, flags (reboot, volatile), description.
     """
     with table.open(newline="", encoding="ascii") as file:
-        found = {one.name: one for row in csv.DictReader(file) for one in _of_row(row)}
-    for one in more:
-        found.setdefault(one.name, one)
-    parameters = found.values()
-    return tuple(sorted(parameters, key=lambda one: one.name) if by_name else parameters)
+        parameters_by_name = {parameter.name: parameter for row in csv.DictReader(file) for parameter in _of_row(row)}
+    for parameter in extra:
+        parameters_by_name.setdefault(parameter.name, parameter)
+    parameters = parameters_by_name.values()
+    return tuple(sorted(parameters, key=lambda parameter: parameter.name) if by_name else parameters)
 
 
 def _of_row(row: dict[str, str]) -> Iterator[Parameter]:

@@ -208,7 +208,7 @@ class Gimbal:
             return CommandResult.DENIED
         context, flight = self._context, self._context.flight
         above_sea_m = self._policy.altitude_amsl_m(flight, command.frame, altitude)
-        self.look_at(*context.airframe.to_local_m(latitude, longitude), flight.origin.altitude_m - above_sea_m)
+        self.look_at(*context.frame.to_local_m(latitude, longitude), flight.origin.altitude_m - above_sea_m)
         return CommandResult.ACCEPTED
 
     def _release(self, command: Command) -> CommandResult | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .._flight_state import Airframe, FlightState, NorthEast
+from ..._geodesy import LocalFrame
+from .._flight_state import FlightState, NorthEast
 from ..links._enums import MAV_CMD
 from ..missions._store import MissionItem, StoredPlan
 from ..parameters._store import ParameterStore
@@ -45,7 +46,7 @@ class FenceArea:
         return min((_nearest_on_line(place, *edge) for edge in edges), key=lambda point: math.dist(point, place))
 
 
-def fence_areas(plan: StoredPlan, airframe: Airframe) -> tuple[FenceArea, ...]:
+def fence_areas(plan: StoredPlan, frame: LocalFrame) -> tuple[FenceArea, ...]:
     """The areas of a fence plan; an area that is incomplete or not on Earth is left out."""
     areas: list[FenceArea] = []
     index = 0
@@ -53,7 +54,7 @@ def fence_areas(plan: StoredPlan, airframe: Airframe) -> tuple[FenceArea, ...]:
         item = plan.items[index]
         polygon = item.command in _POLYGONS
         count = int(min(max(item.params[0], 1.0), 1e5)) if polygon and math.isfinite(item.params[0]) else 1
-        places = [local_place(vertex, airframe) for vertex in plan.items[index : index + count]]
+        places = [local_place(vertex, frame) for vertex in plan.items[index : index + count]]
         corners = tuple(place for place in places if place is not None)
         inclusion = item.command in _INCLUSIONS
         if polygon and len(corners) == count and count >= 3:
@@ -64,21 +65,21 @@ def fence_areas(plan: StoredPlan, airframe: Airframe) -> tuple[FenceArea, ...]:
     return tuple(areas)
 
 
-def local_place(item: MissionItem, airframe: Airframe) -> NorthEast | None:
+def local_place(item: MissionItem, frame: LocalFrame) -> NorthEast | None:
     degrees = item.place_deg
-    return airframe.to_local_m(*degrees) if degrees else None
+    return frame.to_local_m(*degrees) if degrees else None
 
 
 class FenceBoundary:
     """The fence as plan, parameters and commands have it at present."""
 
     def __init__(
-        self, policy: FencePolicy, flight: FlightState, airframe: Airframe, parameters: ParameterStore, plan: StoredPlan
+        self, policy: FencePolicy, flight: FlightState, frame: LocalFrame, parameters: ParameterStore, plan: StoredPlan
     ) -> None:
         self.policy = policy
         self.limits: FenceLimits = policy.limits(parameters)
         self._flight = flight
-        self._airframe = airframe
+        self._frame = frame
         self._parameters = parameters
         self._plan = plan
         self._areas: tuple[FenceArea, ...] = ()
@@ -143,7 +144,7 @@ class FenceBoundary:
         return enough(area.contains(place) for area in inclusions)
 
     def _plan_changed(self) -> None:
-        self._areas = fence_areas(self._plan, self._airframe)
+        self._areas = fence_areas(self._plan, self._frame)
 
     def _parameters_changed(self) -> None:
         self.limits = self.policy.limits(self._parameters)

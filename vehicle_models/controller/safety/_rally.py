@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from .._flight_state import Airframe, FlightState, NorthEast, ReferencePoint
+from ..._geodesy import LocalFrame
+from .._flight_state import FlightState, NorthEast, ReferencePoint
 from ..missions._store import MissionItem, StoredPlan
 from ..parameters._store import ParameterStore
 from ..policies._safety import FencePolicy
@@ -15,9 +16,9 @@ from ._fence_boundary import local_place
 class Rally:
     """Home, or the nearest rally point where the autopilot counts them."""
 
-    def __init__(self, policy: FencePolicy, airframe: Airframe, parameters: ParameterStore, plan: StoredPlan) -> None:
+    def __init__(self, policy: FencePolicy, frame: LocalFrame, parameters: ParameterStore, plan: StoredPlan) -> None:
         self._policy = policy
-        self._airframe = airframe
+        self._frame = frame
         self._parameters = parameters
         self._plan = plan
         self._points: tuple[tuple[MissionItem, NorthEast], ...] = ()
@@ -40,5 +41,5 @@ class Rally:
         return replace(home, latitude_e7=item.x, longitude_e7=item.y, north_m=north, east_m=east)
 
     def _plan_changed(self) -> None:
-        places = [(item, local_place(item, self._airframe)) for item in self._plan.items]
+        places = [(item, local_place(item, self._frame)) for item in self._plan.items]
         self._points = tuple((item, place) for item, place in places if place)

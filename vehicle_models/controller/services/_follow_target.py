@@ -126,5 +126,5 @@ class FollowTargetService:
         velocity = None
         if m.est_capabilities & _HAS_VELOCITY and math.isfinite(m.vel[0] + m.vel[1]):
             velocity = (m.vel[0], m.vel[1])
-        place = self._context.airframe.to_local_m(m.lat * 1e-7, m.lon * 1e-7)
+        place = self._context.frame.to_local_m(m.lat * 1e-7, m.lon * 1e-7)
         self._leader.update(place, velocity, self._context.flight.time_ns)

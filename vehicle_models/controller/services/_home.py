@@ -57,7 +57,7 @@ class HomeKeeper:
         latitude, longitude, altitude = command.params[4:7]
         if not (abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5):
             return CommandResult.DENIED
-        north, east = self._context.airframe.to_local_m(latitude, longitude)
+        north, east = self._context.frame.to_local_m(latitude, longitude)
         altitude = self._policy.altitude_amsl_m(flight, command.frame, altitude)
         self._set(round(latitude * 1e7), round(longitude * 1e7), altitude, north, east)
         return CommandResult.ACCEPTED

@@ -129,7 +129,7 @@ class Navigator:
         if math.isfinite(latitude) and math.isfinite(longitude):
             if abs(latitude) > 90.0 or abs(longitude) > 180.0:
                 return CommandResult.DENIED
-            place = self._context.airframe.to_local_m(latitude, longitude)
+            place = self._context.frame.to_local_m(latitude, longitude)
             if math.hypot(place[0] - flight.north_m, place[1] - flight.east_m) > _MAX_REPOSITION_M:
                 return CommandResult.DENIED
         down = self._down_m(command, altitude)
@@ -188,7 +188,7 @@ class Navigator:
         if math.isfinite(latitude) and math.isfinite(longitude):
             if abs(latitude) > 90.0 or abs(longitude) > 180.0:
                 return CommandResult.DENIED
-            centre = context.airframe.to_local_m(latitude, longitude)
+            centre = context.frame.to_local_m(latitude, longitude)
         if not 1.0 <= abs(radius) <= limits.orbit_radius_max_m:
             if self._policy.bad_orbit_text:
                 context.texts.send(*self._policy.bad_orbit_text)
@@ -211,7 +211,7 @@ class Navigator:
         flight, manoeuvre = self._context.flight, self._guidance.manoeuvre
         if flight.mode is not self._mode_policy.orbit or not isinstance(manoeuvre, Circle):
             return None
-        latitude, longitude = self._context.airframe.to_geodetic_e7(*manoeuvre.centre)
+        latitude, longitude = self._context.frame.to_geodetic_e7(*manoeuvre.centre)
         radius = math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps)
         altitude = flight.origin.altitude_m - manoeuvre.down_m
         return (flight.time_us, radius, latitude, longitude, altitude, _ORBIT_FRAME)
@@ -259,7 +259,7 @@ class Navigator:
         latitude, longitude = command.params[4:6]
         valid = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude != 0.0 or longitude != 0.0)
         if valid and self._policy.roi_names_place(command):
-            self._guidance.heading = HeadingToPlace(self._context.airframe.to_local_m(latitude, longitude))
+            self._guidance.heading = HeadingToPlace(self._context.frame.to_local_m(latitude, longitude))
             return CommandResult.ACCEPTED
         return self._look_ahead(command)
 

@@ -125,7 +125,7 @@ class Setpoints:
             if abs(m.lat_int) > 900_000_000 or abs(m.lon_int) > 1_800_000_000:
                 self._stop()
                 return
-            north, east = context.airframe.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
+            north, east = context.frame.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
             reference_m = {"home": (flight.home or flight.origin).altitude_m, "ground": flight.origin.altitude_m}
             position = (north, east, flight.origin.altitude_m - m.alt - reference_m.get(frame, 0.0))
             if self._fence.policy.refuses_setpoints and not self._fence.allows(*position):

@@ -35,7 +35,7 @@ class TargetTelemetry:
 
     def _attitude_target(self) -> Values | None:
         f = self._flight
-        roll, pitch, yaw, thrust = self._context.airframe.wanted_attitude()
+        roll, pitch, yaw, thrust = self._context.airframe.commanded_attitude()
         attitude = f.target.attitude
         rates = attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
         return (f.time_ms, *attitude_quaternion(roll, pitch, yaw), *rates, thrust, 0)
@@ -64,7 +64,7 @@ class TargetTelemetry:
         f, target = self._flight, self._flight.target
         if not f.armed or target.north_east_m is None or target.down_m is None or not self._echoes():
             return None
-        latitude, longitude = self._context.airframe.to_geodetic_e7(*target.north_east_m)
+        latitude, longitude = self._context.frame.to_geodetic_e7(*target.north_east_m)
         altitude = f.origin.altitude_m - target.down_m
         yaw = target.yaw_rad if target.yaw_rad is not None else _NAN
         motion = (*target.velocity_ned_mps, *target.acceleration_ned_mps2)
