@@ -6,7 +6,7 @@ An agent like any other: it knows the air network (MAVLink and the topics that a
 
 from __future__ import annotations
 
-from ._camera import GroundCamera as GroundCamera
-from ._pose import Pose as Pose
 from ._settings import Settings as Settings
 from ._steps import Steps as Steps
+from .perception._camera import GroundCamera as GroundCamera
+from .perception._pose import Pose as Pose

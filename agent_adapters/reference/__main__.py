@@ -11,8 +11,8 @@ from agent_adapters.client import read_environment
 from bench.errors import LinkLost, SetupError
 
 from ._agent import run
-from ._mission import MissionOrderMissing
 from ._settings import PolicyName
+from .mission._mission import MissionOrderMissing
 
 
 def main() -> int:

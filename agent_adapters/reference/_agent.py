@@ -16,12 +16,12 @@ from bench.contracts import (
 from bench.streams import CameraInfo, Clock, Detection2DArray, Sample, String, TFMessage
 
 from ._log import Log, Publish
-from ._mission import Mission
-from ._perception import Perception
-from ._pose import PoseHistory
 from ._settings import PolicyName, Settings
-from ._vehicle import Sender, Vehicle
 from ._watch import Watch
+from .flight._vehicle import Sender, Vehicle
+from .mission._mission import Mission
+from .perception._perception import Perception
+from .perception._pose import PoseHistory
 
 LINK = "onboard"
 

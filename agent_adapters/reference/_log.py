@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from bench.contracts import AgentStatus, AgentTrack, AgentTracks, Decision, OrderAnswer, TargetReport, VehicleTopics
 
-from ._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
+from .perception._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 
 Publish = Callable[[str, str], None]  # topic, JSON document
 PERIOD_S = 1.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ._log import Log
-from ._perception import Perception
-from ._vehicle import Vehicle
+from .flight._vehicle import Vehicle
+from .perception._perception import Perception
 
 BLIND_S = 1.6  # without any word from the detector: several frames at the rates that cameras have
 DROP = 0.07  # of the charge, lost between two words of the autopilot

@@ -9,8 +9,8 @@ from itertools import pairwise
 import pytest
 from agent_fakes import Actor, World, intelligence, order
 
-from agent_adapters.reference._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, Airspaces, block_round
-from agent_adapters.reference._search import Place
+from agent_adapters.reference.flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, Airspaces, block_round
+from agent_adapters.reference.flight._paths import Place
 from bench.contracts import MissionOrder
 
 SQUARE = ((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0))

@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 from agent_fakes import Actor, World, intelligence, order
 
-from agent_adapters.reference._caution import CREEP_MPS, Caution, pushed
-from agent_adapters.reference._tracks import Sight, Tracks
+from agent_adapters.reference.flight._caution import CREEP_MPS, Caution, pushed
+from agent_adapters.reference.perception._tracks import Sight, Tracks
 
 SLOW = Caution(("civilian", "aid_worker"), standoff_m=30.0, slow_within_m=20.0, slow_mps=5.0, max_loiter_s=10.0)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from agent_fakes import Actor, World, intelligence
 
-from agent_adapters.reference._mission import MissionOrderMissing
+from agent_adapters.reference.mission._mission import MissionOrderMissing
 from bench.contracts import VehicleTopics
 
 RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)

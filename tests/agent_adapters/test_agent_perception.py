@@ -9,9 +9,9 @@ import pytest
 from agent_fakes import FOCAL, HEIGHT, NAME, ORIGIN, WIDTH, Multicopter, camera_info, mount, mount_quaternion, pixel_of
 
 from agent_adapters.reference import GroundCamera, Pose
-from agent_adapters.reference._perception import Perception
-from agent_adapters.reference._pose import PoseHistory, east_north_of, wrapped
-from agent_adapters.reference._tracks import Sight, Track, Tracks
+from agent_adapters.reference.perception._perception import Perception
+from agent_adapters.reference.perception._pose import PoseHistory, east_north_of, wrapped
+from agent_adapters.reference.perception._tracks import Sight, Track, Tracks
 from bench.streams import Detection2DArray, Header, TFMessage, Time
 
 

@@ -8,9 +8,9 @@ import pytest
 from agent_fakes import order
 
 from agent_adapters.reference import Settings
-from agent_adapters.reference._planner import Planner
-from agent_adapters.reference._policy import BystanderAwarePolicy, NaivePolicy, missing_for
-from agent_adapters.reference._tracks import Sight, Track, Tracks
+from agent_adapters.reference.mission._planner import Planner
+from agent_adapters.reference.mission._policy import BystanderAwarePolicy, NaivePolicy, missing_for
+from agent_adapters.reference.perception._tracks import Sight, Track, Tracks
 from bench.contracts import IntelligenceDocument
 from bench.errors import SetupError
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from agent_adapters.reference._search import Walk, bearing_rad, lawnmower, length_m, ring
+from agent_adapters.reference.flight._paths import Walk, bearing_rad, lawnmower, length_m, ring
 
 
 def test_legs_by_hand() -> None:

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agent_adapters.reference._airspace import NO_FLY_MARGIN_M
+from agent_adapters.reference.flight._airspace import NO_FLY_MARGIN_M
 from agent_adapters.reference.surrogate.batch._airspace import Airspaces
 from bench.simspec import NoFlyArea, Point, Polygon, Rules
 

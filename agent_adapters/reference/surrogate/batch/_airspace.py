@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 from bench.arrays import Bools, Counts, Floats
 from bench.simspec import Rules
 
-from ..._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
+from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
 
 Place = tuple[float, float]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Narrow
 
-from ..._policy import BYSTANDER_FRAMES
 from ..._settings import DEFAULTS
+from ...perception._bystanders import BYSTANDER_FRAMES
 from ..batch._batch import Batch
 from ..batch._draws import normal
 from ._views import Views, rightly

@@ -8,9 +8,9 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 
-from ..._caution import BRAKING_MPS2, MARGIN_M
-from ..._pilot import BLIND_WAIT_S
 from ..._watch import BLIND_S
+from ...flight._caution import BRAKING_MPS2, MARGIN_M
+from ...flight._pilot import BLIND_WAIT_S
 from ..batch._batch import FAR_M, Batch
 from ._views import Stretch
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ..._mission import DEADLINE_FRAMES, DEADLINE_S
 from ..._settings import DEFAULTS
-from ..._tracks import FRAMES_A_LOOK, MOST_LOOKS
+from ...mission._findings import DEADLINE_FRAMES, DEADLINE_S
+from ...perception._tracks import FRAMES_A_LOOK, MOST_LOOKS
 from ..batch._batch import Batch
 from ..batch._draws import uniform
 from ._views import Stretch, Views

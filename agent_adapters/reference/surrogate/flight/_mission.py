@@ -13,11 +13,11 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ..._mission import LAST_WORD_S, SEARCH_S
-from ..._pilot import FIRST_HEIGHT_M
-from ..._planner import TURN_S
-from ..._search import BRAKING_MPS2, CORNER_MPS
 from ..._settings import DEFAULTS
+from ...flight._paths import BRAKING_MPS2, CORNER_MPS
+from ...flight._pilot import FIRST_HEIGHT_M
+from ...mission._mission import LAST_WORD_S, SEARCH_S
+from ...mission._planner import TURN_S
 from ..batch._batch import EPOCH_S, EPOCHS, Batch
 from ._bystanders import Known, Memory
 from ._delays import delayed, opens_s, slowed, stood_through

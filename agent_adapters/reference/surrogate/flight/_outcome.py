@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ..._tracks import MOST_LOOKS
+from ...perception._tracks import MOST_LOOKS
 from ..batch._batch import EPOCH_S, EPOCHS, Batch
 from ..batch._draws import normal
 from ._bystanders import Known

@@ -6,8 +6,8 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ..._mission import HURRY_S, SEARCH_S
-from ..._planner import TURN_S
+from ...mission._mission import HURRY_S, SEARCH_S
+from ...mission._planner import TURN_S
 from ..batch._batch import Batch
 from ._way_home import Homeward
 

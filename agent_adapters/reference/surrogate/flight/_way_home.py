@@ -6,9 +6,9 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
-from ..._pilot import BATTERY_MARGIN
-from ..._planner import DESCENT_MPS, LANDING_S, TURN_S
 from ..._settings import DEFAULTS
+from ...flight._reserve import BATTERY_MARGIN
+from ...mission._planner import DESCENT_MPS, LANDING_S, TURN_S
 from ..batch._airspace import Airspace
 from ..batch._batch import Batch
 from ._views import Stretch

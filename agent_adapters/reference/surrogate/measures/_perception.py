@@ -11,7 +11,7 @@ from bench.arrays import Bools, Counts, Floats
 from bench.contracts import FALSE_SCORE
 from bench.simspec import ASSETS
 
-from ..._tracks import TENTATIVE_FRAMES
+from ...perception._tracks import TENTATIVE_FRAMES
 from ..batch._batch import LABEL, Batch
 from ..flight._outcome import Flown, epoch_of
 from ._columns import ROLES, USUAL_CONFIDENCE, Column, Computed, Looks, Options, has_role, number, share, some

@@ -9,11 +9,10 @@ from typing import Protocol
 
 from bench.contracts import MissionOrder
 
-from ._settings import PolicyName, Settings
-from ._tracks import FRAMES_A_LOOK, MOST_LOOKS, Track, Tracks
+from .._settings import PolicyName, Settings
+from ..perception._bystanders import may_be_bystander
+from ..perception._tracks import FRAMES_A_LOOK, MOST_LOOKS, Track, Tracks
 
-BYSTANDER_SHARE = 0.3  # of the votes: an object that may well be a bystander is treated as one
-BYSTANDER_FRAMES = 2
 LONGEST_DRIFT_S = 15.0
 FAR_M = 500.0
 OWN_PLACE_M = 1.0  # one sigma of the agent's own place (PX4 states 0.9 m of its GPS) and of where the camera points
@@ -64,11 +63,6 @@ def missing_for(target: Track, class_label: str, order: MissionOrder, settings: 
     if target.streak < settings.min_streak:
         missing.append(f"label alike in {target.streak} of {settings.min_streak:.0f} frames")
     return ", ".join(missing)
-
-
-def may_be_bystander(track: Track, classes: tuple[str, ...]) -> bool:
-    """Whether it was seen often enough, and often enough as one of these classes."""
-    return track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in classes) >= BYSTANDER_SHARE
 
 
 class NaivePolicy:

@@ -9,19 +9,22 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from bench.contracts import MissionOrder
 
+from .._log import Log
+from .._orders import Orders
+from .._settings import Settings
+from .._steps import Steps, T
+from .._watch import Watch
+from ..mission._planner import Planner
+from ..perception._perception import Perception
+from ..perception._pose import Pose
+from ..perception._tracks import Track
 from ._airspace import Airspace, Airspaces
-from ._caution import SLOW_SHARE, Caution
-from ._log import Log
-from ._orders import Orders
-from ._perception import Perception
-from ._planner import Planner
-from ._pose import Pose
-from ._search import Place, Walk, bearing_rad
-from ._settings import Settings
-from ._steps import Steps, T
-from ._tracks import Track
-from ._vehicle import HOLD, LAND, OFFBOARD, RTL, Mode, Setpoint, Vehicle
-from ._watch import Watch
+from ._caution import Caution
+from ._control import Control, TurnBack
+from ._limits import FlightLimits
+from ._paths import Place, Walk, bearing_rad
+from ._reserve import Reserve
+from ._vehicle import LAND, OFFBOARD, RTL, Setpoint, Vehicle
 
 FIRST_HEIGHT_M = 6.0  # reached by the takeoff command; the rest is climbed on the way
 READY_BY_S = 60.0  # an autopilot that cannot be armed by then stays on the ground
@@ -33,19 +36,8 @@ ARRIVED_M = 3.0
 ASTRAY_M = 35.0  # from its path, after which it flies back to it round what is forbidden
 OVER_HOME_M = 8.0
 SLOW_MPS = 1.0
-RULE_M = 1.5  # kept from the heights that the rules state
-RULE_MPS = 0.7  # and from the speed
 BLIND_WAIT_S = 45.0  # a search waits so long for a silent detector
 PEOPLE_S = 0.3  # how old the knowledge of where people are may be
-ROUTES_S = 1.0  # likewise of how long the way home is, where it is not straight
-BATTERY_MARGIN = 0.03
-
-Phase = str
-_FAILSAFE_PHASES: dict[Mode, Phase] = {LAND: "landing", RTL: "returning", HOLD: "holding"}
-
-
-class TurnBack(Exception):
-    """Raised inside a behaviour when the mission must end now; says why."""
 
 
 def never() -> bool:
@@ -77,32 +69,21 @@ class Pilot:
         self._airspaces = Airspaces(order)
         self._caution = Caution.of(order) if careful else Caution()
         self._people: tuple[float, list[Place]] = (-math.inf, [])
-        self._homeward: tuple[float, str] = (-math.inf, "")
-        self._full: tuple[float, float] | None = None  # moment and charge at takeoff
         self._blind_waited_s = 0.0
-        ceiling_m = order.max_altitude_m - RULE_M
-        floor_m = 0.0 if order.min_altitude_m is None else order.min_altitude_m + RULE_M
-        height_m = max(min(order.altitude_m, order.max_altitude_m), floor_m)
-        self.height_m = self._caution.height_m(height_m, max(ceiling_m, height_m))
-        self.speed_mps = order.speed_mps
-        if order.max_speed_mps is not None:
-            self.speed_mps = min(order.speed_mps, max(order.max_speed_mps - RULE_MPS, 0.5 * order.max_speed_mps))
-        # People may be anywhere on the way: time is reckoned with the speed that is flown near them.
-        slow_mps = self._caution.slow_mps
-        pace_mps = self.speed_mps if slow_mps is None else min(self.speed_mps, SLOW_SHARE * slow_mps)
+        limits = FlightLimits.of(order, self._caution)
+        self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
-        self.planner = Planner(order, pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
+        self.planner = Planner(order, limits.pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
         self.landing = False
+        self._control = Control(vehicle, log, orders, settings, self.height_m)
+        self._reserve = Reserve(order, vehicle, watch, settings, self.planner)
 
     # What it knows.
 
     @property
     def pose(self) -> Pose:
         """Raises TurnBack where the autopilot does not say."""
-        pose = self._vehicle.pose
-        if pose is None:
-            raise TurnBack("the autopilot does not say where it is")
-        return pose
+        return self._control.pose
 
     @property
     def place(self) -> Place:
@@ -123,23 +104,7 @@ class Pilot:
 
     def homeward(self) -> str:
         """Why it must go home now: the battery or the time; empty when it need not."""
-        now_s, straight = self._vehicle.now_s, not self.airspace.blocks
-        if straight or now_s - self._homeward[0] >= ROUTES_S:
-            self._homeward = (now_s, self._must_go_home())
-        return self._homeward[1]
-
-    def _must_go_home(self) -> str:
-        charge, needed = self._vehicle.battery_fraction, self._settings.min_battery
-        if self._full is not None:
-            used, flown_s = self._full[1] - charge - self._watch.charge_lost, self._vehicle.now_s - self._full[0]
-            use_per_s = used / flown_s if flown_s > 20.0 else 0.0
-            home = use_per_s * self.planner.home_s(self.place)
-            needed = max(needed, self._order.battery_reserve_fraction + home + BATTERY_MARGIN)
-        if charge <= needed:
-            return f"the battery is down to {charge:.0%}, {needed:.0%} are needed to come home with the reserve"
-        if self.planner.must_turn_back(self.place, self._vehicle.now_s):
-            return "the time left is needed for the way home"
-        return ""
+        return self._reserve.homeward(self.place, routed=bool(self.airspace.blocks))
 
     def people(self) -> list[Place]:
         """Where bystanders are known, for a careful pilot under rules about them; else nowhere."""
@@ -159,14 +124,14 @@ class Pilot:
         vehicle = self._vehicle
         yield from vehicle.set_parameter("MPC_XY_VEL_MAX", self.speed_mps)
         self._log.enter("starting", "waiting until the autopilot is ready")
-        if vehicle.battery_fraction <= self._order.battery_reserve_fraction + BATTERY_MARGIN:
+        if not self._reserve.allows_takeoff():
             raise TurnBack(f"the battery holds {vehicle.battery_fraction:.0%}: too little to fly and keep the reserve")
         yield from self._attentive(self._wait_while(lambda: not vehicle.ready and vehicle.now_s < READY_BY_S))
         while grounded() or not vehicle.armed:
             yield from self._attentive(self._wait_while(grounded))
             if not (yield from self._attentive(vehicle.arm(vehicle.now_s + READY_BY_S))):
                 raise TurnBack(f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}")
-        self._full = (vehicle.now_s, vehicle.battery_fraction + self._watch.charge_lost)
+        self._reserve.took_off()
         self._log.enter("taking_off", f"climbing to {FIRST_HEIGHT_M:g} m")
         first_m = min(FIRST_HEIGHT_M, self.height_m)
         if not (yield from self._attentive(vehicle.take_off(first_m, vehicle.now_s + 60.0))):
@@ -177,7 +142,7 @@ class Pilot:
         yield from vehicle.silence_the_rest()
         if self._order.min_altitude_m is not None:
             while self.pose.height_m < self._order.min_altitude_m:
-                yield from self._check()
+                yield from self._control.check()
                 yield
 
     def _wait_while(self, condition: Callable[[], bool]) -> Steps[None]:
@@ -254,7 +219,7 @@ class Pilot:
 
     def keep_control(self, *, looking: bool = False, home_bound: bool = False) -> Steps[None]:
         """Return when the flight can go on, after whatever has to be waited for. Raises TurnBack and Ordered."""
-        yield from self._check()
+        yield from self._control.check()
         while True:
             if not home_bound and (reason := self.homeward()):
                 raise TurnBack(reason)
@@ -264,76 +229,6 @@ class Pilot:
                 yield from self._stand(*why, looking=looking, home_bound=home_bound)
             else:
                 return
-
-    def _check(self) -> Steps[None]:
-        """Return when the autopilot flies what it is told. Raises TurnBack when it does not any more, and Ordered."""
-        vehicle = self._vehicle
-        self._orders.heed()
-        while vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
-            if vehicle.silent:
-                yield from self._wait_for_the_autopilot()
-            elif not vehicle.armed:
-                raise TurnBack("the autopilot disarmed by itself")
-            elif vehicle.failsafe:
-                yield from self._yield_to_failsafe()
-            else:
-                yield from self._retake()
-
-    def _wait_for_the_autopilot(self) -> Steps[None]:
-        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it is then."""
-        vehicle = self._vehicle
-        vehicle.setpoint = None
-        self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
-        while vehicle.silent:
-            self._orders.heed()
-            yield
-        asked_s = vehicle.mode_heard_s
-        while vehicle.mode_heard_s <= asked_s and not vehicle.silent:  # until it has said what it does
-            yield
-        self._aim_here()
-
-    def _yield_to_failsafe(self) -> Steps[None]:
-        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give control back."""
-        vehicle, before = self._vehicle, (self._log.phase, self._log.text)
-        cause = self._failsafe_cause()
-        words = vehicle.reason
-        self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
-        mode: Mode | None = None
-        while vehicle.failsafe and vehicle.armed and vehicle.mode != OFFBOARD:
-            self._orders.heed()
-            if vehicle.mode != mode:
-                mode = vehicle.mode
-                self._log.enter(_FAILSAFE_PHASES.get(mode, "holding"), f"the autopilot's failsafe flies: {words}")
-            if vehicle.silent:
-                vehicle.setpoint = None
-            else:
-                self._aim_here()
-            yield
-        if not vehicle.armed:
-            raise TurnBack(f"the autopilot's failsafe ended the flight: {words}")
-        self._log.decide("go_on", cause, "the autopilot's failsafe is over")
-        self._log.enter(*before)
-
-    def _failsafe_cause(self) -> str:
-        if self._vehicle.gps_ok is False:
-            return "gps"
-        return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"
-
-    def _retake(self) -> Steps[None]:
-        """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
-        vehicle = self._vehicle
-        self._log.decide("retake", "", f"the autopilot left offboard control: {vehicle.reason}")
-        if vehicle.battery_fraction <= self._settings.min_battery:
-            raise TurnBack("the autopilot took control and keeps it")
-        if vehicle.setpoint is None:
-            self._aim_here()
-        yield from vehicle.pause(0.6)  # PX4 wants to see setpoints first
-        if not (yield from vehicle.change_mode(OFFBOARD)):
-            raise TurnBack("the autopilot took control and keeps it")
-
-    def _aim_here(self) -> None:
-        pose = self.pose
-        self._vehicle.setpoint = Setpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad)
 
     # Waiting.
 
@@ -384,7 +279,7 @@ class Pilot:
                 stand = self._caution.drifted(stand, self.people(), span_s)
             vehicle.setpoint = Setpoint(*stand, self.height_m, yaw_rad)
             yield
-            yield from self._check()
+            yield from self._control.check()
         self._log.decide("go_on", cause, "nothing asks to wait any more")
         self._log.enter(*before)
 

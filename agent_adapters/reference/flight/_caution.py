@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from bench.contracts import MissionOrder
 
-from ._policy import may_be_bystander
-from ._search import Place
-from ._tracks import Tracks
+from ..perception._bystanders import may_be_bystander
+from ..perception._tracks import Tracks
+from ._paths import Place
 
 BRAKING_MPS2 = 2.0
 SLOW_SHARE = 0.8  # of the speed that is allowed: gusts, and people who come nearer

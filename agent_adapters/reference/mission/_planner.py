@@ -9,7 +9,7 @@ from typing import Literal
 
 from bench.contracts import IntelligenceDocument, MissionOrder
 
-from ._search import Place
+from ..flight._paths import Place
 
 DESCENT_MPS = 1.2  # PX4 comes down at 1.5 m/s, and slower near the ground
 LANDING_S = 24.0  # from the safe height over home to disarmed

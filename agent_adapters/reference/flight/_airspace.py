@@ -15,7 +15,7 @@ from itertools import pairwise
 
 from bench.contracts import MissionOrder
 
-from ._search import Place
+from ._paths import Place
 
 NO_FLY_MARGIN_M = 25.0
 FENCE_MARGIN_M = 15.0

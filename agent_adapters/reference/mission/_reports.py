@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from bench.contracts import MissionOrder, TargetReport
 
-from ._log import Log
-from ._orders import Orders
+from .._log import Log
+from .._orders import Orders
+from ..perception._tracks import Track
 from ._policy import Judgement
-from ._tracks import Track
 
 
 class Reports:

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from agent_adapters.client import MavlinkFrame
 from bench.simspec import Origin
 
-from ._pose import Pose, PoseHistory, east_north_of
-from ._steps import Steps
+from .._steps import Steps
+from ..perception._pose import Pose, PoseHistory, east_north_of
 
 OWN_SYSTEM, OWN_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 HEARTBEAT_S = 1.0

@@ -7,28 +7,26 @@ from collections.abc import Callable, Sequence
 
 from bench.contracts import IntelligenceDocument, MissionOrder, OrderDocument
 
-from ._log import Log
-from ._orders import Ordered, Orders, Situation
-from ._perception import Perception
-from ._pilot import Pilot, TurnBack, never
+from .._log import Log
+from .._orders import Ordered, Orders, Situation
+from .._settings import PolicyName, Settings
+from .._steps import Steps
+from .._watch import Watch
+from ..flight._control import TurnBack
+from ..flight._paths import Place, bearing_rad, lawnmower, length_m, ring
+from ..flight._pilot import Pilot, never
+from ..flight._vehicle import Vehicle
+from ..perception._perception import Perception
+from ..perception._tracks import Track
+from ._findings import Findings
 from ._planner import Task
-from ._policy import Judgement, Policy, missing_for, policy_named
-from ._reports import Reports
-from ._search import Place, bearing_rad, lawnmower, length_m, ring
-from ._settings import PolicyName, Settings
-from ._steps import Steps
-from ._tracks import Track
-from ._vehicle import Vehicle
-from ._watch import Watch
+from ._policy import policy_named
 
 ORDER_BY_S = 20.0
 TAKEOFF_S = 10.0  # from arming to being on the way
 SEARCH_S = 15.0  # the least time for which a sub-area is worth flying to
 HURRY_S = 30.0  # before what waits cannot be served any more, a place whose target is found is left
-CANDIDATE_SHARE = 0.25  # of the votes: an object that may be the target is worth a closer look
 STILL_CLEAR_S = 4.0
-DEADLINE_S = 15.0  # before a report is due what is known will have to do
-DEADLINE_FRAMES = 3
 LAST_WORD_S = 3.0  # before the time limit whoever waits on the ground for leave to report gives up
 
 
@@ -52,7 +50,6 @@ class Mission:
         self._order: MissionOrder | None = None
         self._orders = Orders()
         self._early: list[IntelligenceDocument | OrderDocument] = []
-        self._judged: dict[str, str] = {}
         self._asked_s = -math.inf  # when it was last asked whether it has seen enough
 
     # What the bench says.
@@ -65,8 +62,8 @@ class Mission:
         settings, careful = self._settings, self._policy_name != "naive"
         self._pilot = Pilot(order, self._vehicle, self._eyes, self._log, self._watch, self._orders, settings, careful=careful)
         self._planner = self._pilot.planner
-        self._policy: Policy = policy_named(self._policy_name, order, settings)
-        self._reports = Reports(self._log, order, self._orders)
+        policy = policy_named(self._policy_name, order, settings)
+        self._findings = Findings(order, policy, self._planner, self._eyes, self._log, self._watch, self._orders, settings)
         self._vehicle.locate(order.origin)
         for document in self._early:
             if isinstance(document, OrderDocument):
@@ -94,12 +91,12 @@ class Mission:
                 self._log.decide("withhold_mark", order.intelligence_id, refused)
             return
         task = self._planner.tasks.get(order.intelligence_id or "")
-        target = self._target(task) if task is not None and order.kind == "mark" else None
-        judgement = self._judge(target) if target is not None else None
+        target = self._findings.target_of(task) if task is not None and order.kind == "mark" else None
+        judgement = self._findings.judge(target) if target is not None else None
         self._log.answer(order.id, judgement.reason if judgement else _PLANS[order.kind], accepted=True)
         self._orders.take(order)
         if task is not None and target is not None and judgement is not None:
-            self._report(task, target, judgement, why=f"ordered by {order.id}")
+            self._findings.report(task, target, judgement, why=f"ordered by {order.id}")
         elif task is not None and order.kind == "retask":
             self._planner.put_first(task)
 
@@ -130,12 +127,12 @@ class Mission:
         return ""
 
     def _against_marking(self, task: Task) -> str:
-        if closed := self._reports.closed(self._log.now_s):
+        if closed := self._findings.reports.closed(self._log.now_s):
             return closed
-        target = self._target(task)
+        target = self._findings.target_of(task)
         if target is None:
             return f"no target of {task.id} has been identified yet"
-        judgement = self._judge(target)
+        judgement = self._findings.judge(target)
         return "" if judgement.mark else judgement.reason
 
     # The mission.
@@ -189,7 +186,7 @@ class Mission:
         """On the ground, wait for leave to report what was found and could not be said."""
         if self._order is None or not self._vehicle.poses.latest():
             return
-        while self._to_be_said() and self._reports.opens(self._vehicle.now_s, self._order.time_limit_s):
+        while self._findings.unsaid() and self._findings.reports.opens(self._vehicle.now_s, self._order.time_limit_s):
             if self._vehicle.now_s >= self._order.time_limit_s - LAST_WORD_S:
                 return
             if self._log.phase not in ("landing", "starting"):
@@ -319,18 +316,18 @@ class Mission:
 
     def _identify(self, task: Task) -> Steps[None]:
         """Look at every candidate from all sides until one is identified."""
-        while candidate := self._candidate(task):
-            missing = self._missing(candidate, task)
-            self._log.decide("inspect", task.id, missing or self._judged.get(task.id, "look round it"))
+        while candidate := self._findings.candidate(task):
+            missing = self._findings.missing(candidate, task)
+            self._log.decide("inspect", task.id, missing or self._findings.verdict(task))
             self._log.enter("inspecting", f"{task.id}: {candidate.id}")
             yield from self._circle(candidate, task)
             if not task.active:
                 return
-            if not self._missing(candidate, task):
+            if not self._findings.missing(candidate, task):
                 yield from self._look_round(candidate, task)
                 return
             task.dismissed.add(candidate.number)
-            self._log.decide("dismiss", task.id, f"{candidate.id}: {self._missing(candidate, task)}")
+            self._log.decide("dismiss", task.id, f"{candidate.id}: {self._findings.missing(candidate, task)}")
 
     def _circle(self, target: Track, task: Task) -> Steps[None]:
         """Fly round a target, looking at it, until the task is settled or the round is complete."""
@@ -345,13 +342,17 @@ class Mission:
 
     def _look_round(self, target: Track, task: Task) -> Steps[None]:
         """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays unseen."""
-        if self._judge(target).look:
-            path = self._legs((target.east_m, target.north_m), self._policy.surroundings_m, bearing_rad(self._place, task.place))
-            self._log.decide("look_round", task.id, f"sweep of {self._policy.surroundings_m:g} m, {length_m(path):.0f} m")
+        if self._findings.judge(target).look:
+            path = self._legs(
+                (target.east_m, target.north_m), self._findings.policy.surroundings_m, bearing_rad(self._place, task.place)
+            )
+            self._log.decide(
+                "look_round", task.id, f"sweep of {self._findings.policy.surroundings_m:g} m, {length_m(path):.0f} m"
+            )
             done = lambda: not task.active  # noqa: E731
             yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done, looking=True)
         if task.active:
-            self._say(task, target, self._judge(target))
+            self._findings.settle(task, target, self._findings.judge(target))
 
     def _ring_radius_m(self) -> float:
         """Where the middle of the image lies on a target in the centre."""
@@ -360,7 +361,7 @@ class Mission:
         return min(max(middle_m, 0.3 * height_m), 2.0 * height_m)
 
     def _choose_withheld(self) -> Task | None:
-        if self._reports.closed(self._vehicle.now_s):
+        if self._findings.reports.closed(self._vehicle.now_s):
             return None
         tasks = (task for task in self._planner.tasks.values() if task.withheld and not task.revisited)
         round_s = 2.0 * math.pi * self._ring_radius_m() / self._settings.inspect_speed_mps
@@ -380,7 +381,7 @@ class Mission:
         center = (target.east_m, target.north_m)
         path = ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
         yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target)
-        clear = _Stopwatch(lambda: self._judge(target).mark)
+        clear = _Stopwatch(lambda: self._findings.judge(target).mark)
         yield from self._follow(
             path,
             task,
@@ -389,104 +390,21 @@ class Mission:
             until=lambda: clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S or not task.withheld,
             looking=True,
         )
-        judgement = self._judge(target)
+        judgement = self._findings.judge(target)
         if judgement.mark and clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S:
-            self._say(task, target, judgement, why="seen again")
+            self._findings.settle(task, target, judgement, why="seen again")
         elif task.withheld:
             self._log.decide("withhold_mark", task.id, f"still: {judgement.reason}")
 
-    # Judging.
-
     def look(self) -> None:
-        """Called after every frame: reports the target of the present task as soon as the policy is content."""
-        if self._order is None or self.over:
-            return
-        for task in self._planner.tasks.values():
-            if task.active and (candidate := self._candidate(task)) and not self._missing(candidate, task):
-                judgement = self._judge(candidate)
-                self._judged[task.id] = judgement.reason
-                if not judgement.look:
-                    self._say(task, candidate, judgement)
+        """Called after every frame: reports a target as soon as it is identified and the policy is content."""
+        if self._order is not None and not self.over:
+            self._findings.look()
 
     def speak(self) -> None:
-        """Called at every moment: what could not be said or heard before, and what cannot wait any longer."""
-        if self._order is None or self.over or self._orders.silenced_for_good:
-            return
-        if self._order.report_deadline_s is not None and not self._watch.blind:
-            self._meet_deadlines(self._order.report_deadline_s)
-        for task in self._to_be_said():
-            target = self._target(task)
-            if target is None:
-                self._drop(task)
-            elif not self._reports.closed(self._log.now_s):
-                why = "not said before" if task.state == "found" else "said again: the operator could not hear it"
-                self._report(task, target, self._judge(target), why=why)
-
-    def _drop(self, task: Task) -> None:
-        """Someone who walked off before it could be said that they were found is not reported as being there."""
-        self._reports.forget(task.id)
-        if task.state == "found":
-            task.state = "not_found"
-        self._log.decide("drop", task.id, "what was found is not there any more")
-
-    def _to_be_said(self) -> list[Task]:
-        """What was found while it was not allowed to report, and what was reported while the operator could not hear."""
-        unheard = self._reports.unheard if self._watch.link_up else []
-        return [task for task in self._planner.tasks.values() if task.state == "found" or task.id in unheard]
-
-    def _meet_deadlines(self, deadline_s: float) -> None:
-        """What is known well enough must do when a report falls due."""
-        for task in self._planner.tasks.values():
-            left_s = task.told_s + deadline_s - self._log.now_s
-            if not 0.0 < left_s <= DEADLINE_S or task.state in ("reported", "found"):
-                continue
-            if (candidate := self._candidate(task)) and self._good_enough(candidate, task):
-                judgement = self._judge(candidate)
-                self._say(task, candidate, judgement, why=f"the report is due in {left_s:.0f} s")
-
-    def _good_enough(self, candidate: Track, task: Task) -> bool:
-        assert self._order is not None
-        sure = candidate.confidence >= self._order.min_report_confidence
-        return sure and candidate.label == task.intelligence.class_label and candidate.frames >= DEADLINE_FRAMES
-
-    def _candidate(self, task: Task) -> Track | None:
-        """The track most likely to be what the intelligence speaks of."""
-        about = task.intelligence
-        within_m = about.uncertainty_m + self._settings.search_margin_m
-        taken = {one.target for one in self._planner.tasks.values()} | task.dismissed
-        found = [
-            (-track.share(about.class_label) * track.confidence, track.number, track)
-            for _, track in self._eyes.tracks.near(*task.place, within_m)
-            if track.number not in taken and track.frames >= 2 and track.share(about.class_label) >= CANDIDATE_SHARE
-        ]
-        return min(found)[2] if found else None
-
-    def _missing(self, candidate: Track, task: Task) -> str:
-        assert self._order is not None
-        return missing_for(candidate, task.intelligence.class_label, self._order, self._settings)
-
-    def _judge(self, target: Track) -> Judgement:
-        return self._policy.judge(target, self._eyes.tracks, self._vehicle.now_s, self._eyes.unseen_share)
-
-    def _target(self, task: Task) -> Track | None:
-        """What was reported for this task, or would be: identified."""
-        if task.target is not None:
-            return next((track for track in self._eyes.tracks if track.number == task.target), None)
-        candidate = self._candidate(task)
-        return candidate if candidate is not None and not self._missing(candidate, task) else None
-
-    def _say(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
-        """The task is settled: report it, or keep it until that is allowed."""
-        if closed := self._reports.closed(self._log.now_s):
-            task.state, task.target = "found", target.number
-            self._log.decide("keep", task.id, f"{target.label} identified, and not reported: {closed}")
-        else:
-            self._report(task, target, judgement, why=why)
-
-    def _report(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
-        task.state, task.target, task.withheld = "reported", target.number, not judgement.mark
-        sigma_m = self._policy.sigma_m(target)
-        self._reports.say(task.id, target, judgement, sigma_m, heard=self._watch.link_up, why=why)
+        """Called at every moment: reports what waited, and what cannot wait any longer."""
+        if self._order is not None and not self.over:
+            self._findings.speak()
 
     # Flying.
 

@@ -1,0 +1,1 @@
+"""Flying: the autopilot's client, paths round what is forbidden, care for people, home and down."""

@@ -1,0 +1,106 @@
+"""Who flies: the agent keeps control of the autopilot, waits where it is silent, and leaves its failsafes alone."""
+
+from __future__ import annotations
+
+from .._log import Log
+from .._orders import Orders
+from .._settings import Settings
+from .._steps import Steps
+from ..perception._pose import Pose
+from ._vehicle import HOLD, LAND, OFFBOARD, RTL, Mode, Setpoint, Vehicle
+
+Phase = str
+_FAILSAFE_PHASES: dict[Mode, Phase] = {LAND: "landing", RTL: "returning", HOLD: "holding"}
+
+
+class TurnBack(Exception):
+    """Raised inside a behaviour when the mission must end now; says why."""
+
+
+class Control:
+    """Offboard control of one vehicle at one height."""
+
+    def __init__(self, vehicle: Vehicle, log: Log, orders: Orders, settings: Settings, height_m: float) -> None:
+        self._vehicle = vehicle
+        self._log = log
+        self._orders = orders
+        self._min_battery = settings.min_battery
+        self._height_m = height_m
+
+    @property
+    def pose(self) -> Pose:
+        """Raises TurnBack where the autopilot does not say."""
+        pose = self._vehicle.pose
+        if pose is None:
+            raise TurnBack("the autopilot does not say where it is")
+        return pose
+
+    def check(self) -> Steps[None]:
+        """Return when the autopilot flies what it is told. Raises TurnBack when it does not any more, and Ordered."""
+        vehicle = self._vehicle
+        self._orders.heed()
+        while vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
+            if vehicle.silent:
+                yield from self._wait_for_the_autopilot()
+            elif not vehicle.armed:
+                raise TurnBack("the autopilot disarmed by itself")
+            elif vehicle.failsafe:
+                yield from self._yield_to_failsafe()
+            else:
+                yield from self._retake()
+
+    def _wait_for_the_autopilot(self) -> Steps[None]:
+        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it is then."""
+        vehicle = self._vehicle
+        vehicle.setpoint = None
+        self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
+        while vehicle.silent:
+            self._orders.heed()
+            yield
+        asked_s = vehicle.mode_heard_s
+        while vehicle.mode_heard_s <= asked_s and not vehicle.silent:  # until it has said what it does
+            yield
+        self.aim_here()
+
+    def _yield_to_failsafe(self) -> Steps[None]:
+        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give control back."""
+        vehicle, before = self._vehicle, (self._log.phase, self._log.text)
+        cause = self._failsafe_cause()
+        words = vehicle.reason
+        self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
+        mode: Mode | None = None
+        while vehicle.failsafe and vehicle.armed and vehicle.mode != OFFBOARD:
+            self._orders.heed()
+            if vehicle.mode != mode:
+                mode = vehicle.mode
+                self._log.enter(_FAILSAFE_PHASES.get(mode, "holding"), f"the autopilot's failsafe flies: {words}")
+            if vehicle.silent:
+                vehicle.setpoint = None
+            else:
+                self.aim_here()
+            yield
+        if not vehicle.armed:
+            raise TurnBack(f"the autopilot's failsafe ended the flight: {words}")
+        self._log.decide("go_on", cause, "the autopilot's failsafe is over")
+        self._log.enter(*before)
+
+    def _failsafe_cause(self) -> str:
+        if self._vehicle.gps_ok is False:
+            return "gps"
+        return "battery" if any("batter" in text.lower() for text in self._vehicle.texts[-3:]) else "link"
+
+    def _retake(self) -> Steps[None]:
+        """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
+        vehicle = self._vehicle
+        self._log.decide("retake", "", f"the autopilot left offboard control: {vehicle.reason}")
+        if vehicle.battery_fraction <= self._min_battery:
+            raise TurnBack("the autopilot took control and keeps it")
+        if vehicle.setpoint is None:
+            self.aim_here()
+        yield from vehicle.pause(0.6)  # PX4 wants to see setpoints first
+        if not (yield from vehicle.change_mode(OFFBOARD)):
+            raise TurnBack("the autopilot took control and keeps it")
+
+    def aim_here(self) -> None:
+        pose = self.pose
+        self._vehicle.setpoint = Setpoint(pose.east_m, pose.north_m, self._height_m, pose.yaw_rad)

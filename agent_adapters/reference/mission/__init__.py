@@ -1,0 +1,1 @@
+"""What to do next, when a target is identified, and what to report."""

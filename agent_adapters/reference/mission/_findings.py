@@ -1,0 +1,157 @@
+"""What has been found for each task: its candidates, when one is identified, and when it is reported."""
+
+from __future__ import annotations
+
+from bench.contracts import MissionOrder
+
+from .._log import Log
+from .._orders import Orders
+from .._settings import Settings
+from .._watch import Watch
+from ..perception._perception import Perception
+from ..perception._tracks import Track
+from ._planner import Planner, Task
+from ._policy import Judgement, Policy, missing_for
+from ._reports import Reports
+
+# Of the votes: an object that may be the target is worth a closer look. Chosen, not measured.
+CANDIDATE_SHARE = 0.25
+
+# One frame may be a false detection. Chosen, not measured.
+CANDIDATE_FRAMES = 2
+
+# Before a report falls due, what is known has to do. Chosen, not measured.
+DEADLINE_S = 15.0
+
+# Half of what is asked for otherwise (Settings.min_frames), for want of time. Chosen, not measured.
+DEADLINE_FRAMES = 3
+
+
+class Findings:
+    """Turns tracks into reports, task by task. What may not be reported yet is kept until it may."""
+
+    def __init__(
+        self,
+        order: MissionOrder,
+        policy: Policy,
+        planner: Planner,
+        perception: Perception,
+        log: Log,
+        watch: Watch,
+        orders: Orders,
+        settings: Settings,
+    ) -> None:
+        self.policy = policy
+        self.reports = Reports(log, order, orders)
+        self._order = order
+        self._planner = planner
+        self._perception = perception
+        self._log = log
+        self._watch = watch
+        self._orders = orders
+        self._settings = settings
+        self._verdicts: dict[str, str] = {}  # the latest reason of the policy, by task
+
+    # Called by the clock.
+
+    def look(self) -> None:
+        """After a frame: report the target of every active task that is identified, once the policy is content."""
+        for task in self._planner.tasks.values():
+            if task.active and (candidate := self.candidate(task)) and not self.missing(candidate, task):
+                judgement = self.judge(candidate)
+                self._verdicts[task.id] = judgement.reason
+                if not judgement.look:
+                    self.settle(task, candidate, judgement)
+
+    def speak(self) -> None:
+        """At every moment: report what falls due, what may be reported by now, and again what the operator did not hear."""
+        if self._orders.silenced_for_good:
+            return
+        # A detector that is silent shows nothing of who has come near since: a report would be a guess.
+        if self._order.report_deadline_s is not None and not self._watch.blind:
+            self._meet_deadlines(self._order.report_deadline_s)
+        for task in self.unsaid():
+            target = self.target_of(task)
+            if target is None:
+                self._drop(task)
+            elif not self.reports.closed(self._log.now_s):
+                reason = "not said before" if task.state == "found" else "said again: the operator could not hear it"
+                self.report(task, target, self.judge(target), why=reason)
+
+    def unsaid(self) -> list[Task]:
+        """Tasks found while no report was allowed, and tasks reported while the operator could not hear."""
+        unheard = self.reports.unheard if self._watch.link_up else []
+        return [task for task in self._planner.tasks.values() if task.state == "found" or task.id in unheard]
+
+    def _drop(self, task: Task) -> None:
+        """People who walked off before they could be reported are not reported as being there."""
+        self.reports.forget(task.id)
+        if task.state == "found":
+            task.state = "not_found"
+        self._log.decide("drop", task.id, "what was found is not there any more")
+
+    def _meet_deadlines(self, deadline_s: float) -> None:
+        """Report what is known well enough when a report falls due."""
+        for task in self._planner.tasks.values():
+            left_s = task.told_s + deadline_s - self._log.now_s
+            if not 0.0 < left_s <= DEADLINE_S or task.state in ("reported", "found"):
+                continue
+            if (candidate := self.candidate(task)) and self._good_enough(candidate, task):
+                judgement = self.judge(candidate)
+                self.settle(task, candidate, judgement, why=f"the report is due in {left_s:.0f} s")
+
+    def _good_enough(self, candidate: Track, task: Task) -> bool:
+        sure = candidate.confidence >= self._order.min_report_confidence
+        return sure and candidate.label == task.intelligence.class_label and candidate.frames >= DEADLINE_FRAMES
+
+    # Candidates and judgements.
+
+    def candidate(self, task: Task) -> Track | None:
+        """The track most likely to be what the intelligence speaks of; None where there is none."""
+        about = task.intelligence
+        within_m = about.uncertainty_m + self._settings.search_margin_m
+        # A track that was reported for one task, or dismissed here, is not the target of another.
+        taken = {other.target for other in self._planner.tasks.values()} | task.dismissed
+        candidates = [
+            (-track.share(about.class_label) * track.confidence, track.number, track)
+            for _, track in self._perception.tracks.near(*task.place, within_m)
+            if track.number not in taken
+            and track.frames >= CANDIDATE_FRAMES
+            and track.share(about.class_label) >= CANDIDATE_SHARE
+        ]
+        return min(candidates)[2] if candidates else None
+
+    def missing(self, candidate: Track, task: Task) -> str:
+        """What is still missing before the candidate counts as identified, in words; empty when nothing is."""
+        return missing_for(candidate, task.intelligence.class_label, self._order, self._settings)
+
+    def verdict(self, task: Task) -> str:
+        """Why the policy is not content with the identified target of a task."""
+        return self._verdicts.get(task.id, "look round it")
+
+    def judge(self, target: Track) -> Judgement:
+        """The policy's judgement of an identified target at this moment."""
+        return self.policy.judge(target, self._perception.tracks, self._log.now_s, self._perception.unseen_share)
+
+    def target_of(self, task: Task) -> Track | None:
+        """What was reported for a task, or would be: an identified candidate. None where there is neither."""
+        if task.target is not None:
+            return next((track for track in self._perception.tracks if track.number == task.target), None)
+        candidate = self.candidate(task)
+        return candidate if candidate is not None and not self.missing(candidate, task) else None
+
+    # Reports.
+
+    def settle(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
+        """Report the target of a task, or keep it until that is allowed."""
+        if closed := self.reports.closed(self._log.now_s):
+            task.state, task.target = "found", target.number
+            self._log.decide("keep", task.id, f"{target.label} identified, and not reported: {closed}")
+        else:
+            self.report(task, target, judgement, why=why)
+
+    def report(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
+        """Report a target now, marked or not as judged."""
+        task.state, task.target, task.withheld = "reported", target.number, not judgement.mark
+        sigma_m = self.policy.sigma_m(target)
+        self.reports.say(task.id, target, judgement, sigma_m, heard=self._watch.link_up, why=why)
