@@ -13,9 +13,9 @@ from bench.contracts import Evidence, Observation, Option
 from .batch._batch import Batch
 from .flight._mission import fly
 from .measures import _flight_path, _orders, _perception, _reports
-from .measures._columns import Computed, Looks
+from .measures._columns import ComputedMeasure, SharedSums
 
-Asked = Mapping[str, tuple[str, Mapping[str, Option]]]
+Measures = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
 
 CHUNK = 384
@@ -36,9 +36,9 @@ class Observed:
 
     def of(self, row: int) -> tuple[Observation, ...]:
         """The observations of one mission, as the scorer takes them."""
-        return tuple(self._one(row, index, name) for index, name in enumerate(self.observables))
+        return tuple(self._observation(row, index, name) for index, name in enumerate(self.observables))
 
-    def _one(self, row: int, index: int, name: str) -> Observation:
+    def _observation(self, row: int, index: int, name: str) -> Observation:
         if self.considered[row, index]:
             return Observation(observable=name, considered=True, x=float(self.x[row, index]))
         lacks = name in self.missing
@@ -46,29 +46,29 @@ class Observed:
         return Observation(observable=name, considered=False, x=None, evidence=(Evidence(time_s=0.0, text=text),))
 
 
-def computed(asked: Asked) -> tuple[str, ...]:
+def computed(measures: Measures) -> tuple[str, ...]:
     """The observables that the overhead simulation computes."""
-    return tuple(name for name, (measure, options) in asked.items() if _fits(measure, options))
+    return tuple(name for name, (measure, options) in measures.items() if _fits(measure, options))
 
 
-def observe(batch: Batch, asked: Asked) -> Observed:
+def observe(batch: Batch, measures: Measures) -> Observed:
     """Fly a batch and measure it. A mission's row is the same whichever others are flown with it."""
-    names = tuple(asked)
-    able = set(computed(asked))
+    names = tuple(measures)
+    computable = set(computed(measures))
     x, considered = np.zeros((len(batch), len(names))), np.zeros((len(batch), len(names)), dtype=np.bool_)
     end_s = np.zeros(len(batch))
     for begin in range(0, len(batch), CHUNK):
-        part = batch.part(begin, begin + CHUNK)
+        part = batch.select(begin, begin + CHUNK)
         flown = fly(part)
-        looks = Looks(part, flown.views)
+        looks = SharedSums(part, flown.views)
         end_s[begin : begin + CHUNK] = flown.end_s
         for index, name in enumerate(names):
-            if name in able:
-                measure, options = asked[name]
-                found, offered = _MEASURES[measure].measure(part, flown, looks, options)
-                x[begin : begin + CHUNK, index] = np.where(offered, np.clip(found, 0.0, 1.0), 0.0)
-                considered[begin : begin + CHUNK, index] = offered
-    missing = tuple(name for name in names if name not in able)
+            if name in computable:
+                measure, options = measures[name]
+                values, exercised = _MEASURES[measure].measure(part, flown, looks, options)
+                x[begin : begin + CHUNK, index] = np.where(exercised, np.clip(values, 0.0, 1.0), 0.0)
+                considered[begin : begin + CHUNK, index] = exercised
+    missing = tuple(name for name in names if name not in computable)
     return Observed(names, missing, x.round(_DIGITS), considered, end_s.round(_DIGITS))
 
 
@@ -76,7 +76,7 @@ def _fits(measure: str, options: Mapping[str, Option]) -> bool:
     return measure in _MEASURES and set(options) <= set(_MEASURES[measure].options)
 
 
-_MEASURES: Mapping[str, Computed] = {
+_MEASURES: Mapping[str, ComputedMeasure] = {
     **_perception.MEASURES,
     **_reports.MEASURES,
     **_flight_path.MEASURES,

@@ -34,18 +34,18 @@ class Airspace:
     def length_m(self, begin_m: Floats, end_m: Floats) -> Floats:
         """(r,) lengths of the ways between places (r, 2)."""
         length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
-        rows = np.flatnonzero(self._hampered(begin_m, end_m))
+        rows = np.flatnonzero(self._needs_route(begin_m, end_m))
         if not len(rows):
             return length_m
-        begin, end = self._moved(begin_m[rows]), self._moved(end_m[rows])
+        begin, end = self._nearest_allowed(begin_m[rows]), self._nearest_allowed(end_m[rows])
         extra_m = np.hypot(*(begin - begin_m[rows]).T) + np.hypot(*(end - end_m[rows]).T)
         direct_m = np.where(self._cut(begin, end), np.inf, np.hypot(*(end - begin).T))
         round_m = np.full(len(rows), np.inf)
         if self._nodes:
-            over_m = (self._reaches_m(begin)[:, :, None] + self._ways_m[None]).min(axis=1)
-            round_m = (over_m + self._reaches_m(end)).min(axis=1)
-        way_m = extra_m + np.minimum(direct_m, round_m)
-        length_m[rows] = np.where(np.isfinite(way_m), way_m, length_m[rows])
+            to_node_m = (self._straight_m(begin)[:, :, None] + self._route_lengths_m[None]).min(axis=1)
+            round_m = (to_node_m + self._straight_m(end)).min(axis=1)
+        route_m = extra_m + np.minimum(direct_m, round_m)
+        length_m[rows] = np.where(np.isfinite(route_m), route_m, length_m[rows])
         return length_m
 
     def paths(self, corners_m: Floats) -> Floats:
@@ -55,19 +55,19 @@ class Airspace:
         """
         rows, count, _ = corners_m.shape
         moved = corners_m.copy()
-        moved[:, 1:] = self._moved(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
+        moved[:, 1:] = self._nearest_allowed(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
         cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
         cut[:, 0] |= ~self._allowed(moved[:, 0])
-        routed = {int(row): self._path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))}
+        routed = {int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))}
         longest = max([count, *(len(path) for path in routed.values())])
-        found = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
+        padded = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
         for row, path in routed.items():
-            found[row] = [*path, *[path[-1]] * (longest - len(path))]
-        return found
+            padded[row] = [*path, *[path[-1]] * (longest - len(path))]
+        return padded
 
-    def _path(self, corners_m: Floats, cut: Bools) -> list[Place]:
+    def _routed_path(self, corners_m: Floats, cut: Bools) -> list[Place]:
         """One path with those of its ways routed that are cut."""
-        corners = [_place(one) for one in corners_m]
+        corners = [_place(corner) for corner in corners_m]
         path = [corners[0]]
         for (a, b), around in zip(pairwise(corners), cut, strict=True):
             if around and math.dist(a, b) > TOUCH_M:
@@ -76,7 +76,7 @@ class Airspace:
                 path.append(b)
         return path
 
-    def _hampered(self, begin_m: Floats, end_m: Floats) -> Bools:
+    def _needs_route(self, begin_m: Floats, end_m: Floats) -> Bools:
         """(r,) ways that lead through a block, or end in one or outside the fence."""
         return self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
 
@@ -107,38 +107,38 @@ class Airspace:
             return place
         feet = [foot for block in self._blocks for foot in _feet(block, place)]
         ends = np.array([*feet, *self._nodes])
-        allowed = [_place(one) for one in ends[self._allowed(ends)]]
-        return min(allowed, key=lambda one: (math.dist(one, place), one), default=place)
+        allowed = [_place(candidate) for candidate in ends[self._allowed(ends)]]
+        return min(allowed, key=lambda candidate: (math.dist(candidate, place), candidate), default=place)
 
     def _route(self, a: Place, b: Place) -> list[Place]:
         """The shortest way by straight legs, both ends included; straight on where there is none."""
         begin, end = self._nearest(a), self._nearest(b)
-        way = [*([a] if begin != a else []), *self._shortest(begin, end), *([b] if end != b else [])]
-        return way if len(way) > 1 else [a, b]
+        route = [*([a] if begin != a else []), *self._shortest(begin, end), *([b] if end != b else [])]
+        return route if len(route) > 1 else [a, b]
 
     @cached_property
     def _nodes(self) -> tuple[Place, ...]:
         return tuple(_place(corner) for block in self._blocks for corner in block[self._allowed(block)])
 
     @cached_property
-    def _between_m(self) -> Floats:
+    def _node_distances_m(self) -> Floats:
         """Lengths of the straight ways between nodes; inf where one is cut."""
-        return self._reaches_m(np.array(self._nodes).reshape(-1, 2))
+        return self._straight_m(np.array(self._nodes).reshape(-1, 2))
 
     @cached_property
-    def _ways_m(self) -> Floats:
+    def _route_lengths_m(self) -> Floats:
         """Lengths of the shortest ways between nodes."""
-        found: Floats = floyd_warshall(self._between_m)
-        return found
+        lengths_m: Floats = floyd_warshall(self._node_distances_m)
+        return lengths_m
 
-    def _moved(self, places_m: Floats) -> Floats:
+    def _nearest_allowed(self, places_m: Floats) -> Floats:
         """The nearest allowed places."""
         moved = places_m.copy()
         for row in np.flatnonzero(~self._allowed(places_m)):
             moved[row] = self._nearest(_place(places_m[row]))
         return moved
 
-    def _reaches_m(self, places_m: Floats) -> Floats:
+    def _straight_m(self, places_m: Floats) -> Floats:
         """(r, nodes) lengths of the straight ways to nodes; inf where one is cut."""
         nodes = np.array(self._nodes)
         begin, end = np.repeat(places_m, len(nodes), axis=0), np.tile(nodes, (len(places_m), 1))
@@ -152,36 +152,38 @@ class Airspace:
         if not self._nodes:
             return [begin, end]
         nodes = np.array(self._nodes)
-        ends = self._reaches_m(np.array([begin, end]))
-        best, came = ends[0].copy(), np.full(len(nodes), -1)
+        ends = self._straight_m(np.array([begin, end]))
+        best, previous = ends[0].copy(), np.full(len(nodes), -1)
         queue = [(float(length_m), index) for index, length_m in enumerate(best) if math.isfinite(length_m)]
         heapq.heapify(queue)
         while queue:
-            so_far_m, at = heapq.heappop(queue)
-            if so_far_m > best[at]:
+            so_far_m, node = heapq.heappop(queue)
+            if so_far_m > best[node]:
                 continue
-            through_m = so_far_m + self._between_m[at]
-            for to in np.flatnonzero(through_m < best - 1e-9):
-                best[to], came[to] = through_m[to], at
-                heapq.heappush(queue, (float(through_m[to]), int(to)))
+            through_m = so_far_m + self._node_distances_m[node]
+            for neighbour in np.flatnonzero(through_m < best - 1e-9):
+                best[neighbour], previous[neighbour] = through_m[neighbour], node
+                heapq.heappush(queue, (float(through_m[neighbour]), int(neighbour)))
         whole_m = best + ends[1]
         if not np.isfinite(whole_m).any():
             return [begin, end]
-        way, at = [], int(whole_m.argmin())
-        while at >= 0:
-            way.append(_place(nodes[at]))
-            at = int(came[at])
-        return [begin, *reversed(way), end]
+        nodes_back, node = [], int(whole_m.argmin())
+        while node >= 0:
+            nodes_back.append(_place(nodes[node]))
+            node = int(previous[node])
+        return [begin, *reversed(nodes_back), end]
 
 
 class Airspaces:
     """The airspace as it changes with time. One object serves all missions of the same rules."""
 
     def __init__(self, rules: Rules) -> None:
-        areas = [(one.from_s - LEAD_S, one.until_s, one.area.corners) for one in rules.no_fly]
+        areas = [(area.from_s - LEAD_S, area.until_s, area.area.corners) for area in rules.no_fly]
         self._spans = [(from_s, math.inf if until_s is None else until_s) for from_s, until_s, _ in areas]
-        self._areas = [_block([(one.east_m, one.north_m) for one in corners], NO_FLY_MARGIN_M) for _, _, corners in areas]
-        corners = [] if rules.geofence is None else [(one.east_m, one.north_m) for one in rules.geofence.corners]
+        self._areas = [
+            _block([(corner.east_m, corner.north_m) for corner in corners], NO_FLY_MARGIN_M) for _, _, corners in areas
+        ]
+        corners = [] if rules.geofence is None else [(corner.east_m, corner.north_m) for corner in rules.geofence.corners]
         self._fence = np.array(corners) if corners else None
         edges = zip(corners, [*corners[1:], *corners[:1]], strict=True)
         self._edges = [_block(edge, FENCE_MARGIN_M) for edge in edges]
@@ -236,8 +238,8 @@ def _feet(block: Floats, place: Place) -> list[Place]:
     """The nearest point of each edge."""
     along = np.roll(block, -1, axis=0) - block
     share = ((np.array(place) - block) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
-    return [_place(one) for one in block + np.clip(share, 0.0, 1.0)[:, None] * along]
+    return [_place(foot) for foot in block + np.clip(share, 0.0, 1.0)[:, None] * along]
 
 
-def _place(one: Floats) -> Place:
-    return float(one[0]), float(one[1])
+def _place(point: Floats) -> Place:
+    return float(point[0]), float(point[1])

@@ -16,28 +16,28 @@ from bench.simspec import ASSETS, Motion, Role, SimSpec, seed_of, sun_of
 
 from ._airspace import Airspaces
 from ._draws import uniform
-from ._interruptions import Interruptions, deaf_spans, interruptions, later, uninterruptible
+from ._interruptions import Interruptions, delivered_at, interruptions, link_down_spans, unsupported_failures
 from ._limits import limits
 
-SURROGATES = {"reference-naive": False, "reference-bystander-aware": True}
+BYSTANDER_AWARE = {"reference-naive": False, "reference-bystander-aware": True}
 """Agents that have a surrogate, and whether it looks out for bystanders."""
 
-MODELS = ("x500",)
+VEHICLE_MODELS = ("x500",)
 """Vehicles whose climb, descent and braking the surrogates have."""
 
 HOVER_W = 178.0
 """What the x500 draws; docs/vehicle.md."""
 
-EPOCHS = 6
-EPOCH_S = 50.0
+STANDING_SPANS = 6
+STANDING_S = 50.0
 """Wanderers stand still for an epoch, then somewhere else; after the last the first comes again."""
 
-MEAN_LEG = 0.9054
+MEAN_LEG_RADII = 0.9054
 """Mean distance between two random points of a disc, in radii."""
 
 FAR_M = 1e9
 _MEAN_WIDTH = 2.0 / math.pi
-_WALK = 1
+_STREAM_WALK = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Batch:
     """
 
     seeds: Seeds
-    aware: Bools
+    bystander_aware: Bools
     home_m: Floats  # (n, 2)
     height_m: Floats
     speed_mps: Floats
@@ -60,8 +60,8 @@ class Batch:
     focal_px: Floats
     tan_half: Floats  # of the camera's width
     tilt_rad: Floats
-    near: Floats  # where the picture begins and ends ahead, in heights
-    far: Floats
+    near_edge: Floats  # where the picture begins and ends ahead, in heights
+    far_edge: Floats
     extinction_per_m: Floats
     light: Floats
     half_height_px: Floats
@@ -81,7 +81,7 @@ class Batch:
     role: Counts  # (n, a)
     start_m: Floats  # (n, a, 2)
     roam_m: Floats  # (n, a) how far from its start an actor may be
-    rests: Floats  # (n, a) share of its time that a wanderer rests
+    rest_share: Floats  # (n, a) share of its time that a wanderer rests
     tall_m: Floats  # (n, a)
     wide_m: Floats  # (n, a) mean extent along a line of sight
     concealment: Floats  # (n, a)
@@ -101,7 +101,7 @@ class Batch:
     charge_s: Floats  # when the charge falls, and to what
     charge_left: Floats
     ends_s: Floats  # when it is ordered home
-    down_s: Floats  # and down where it is
+    landed_from_s: Floats  # and down where it is
     stands_s: Floats  # (n, s, 2) and so on: spans of Interruptions, inf where there is none
     strays_s: Floats  # (n, s, 3)
     blind_s: Floats
@@ -118,40 +118,43 @@ class Batch:
     def __len__(self) -> int:
         return len(self.seeds)
 
-    def part(self, begin: int, end: int) -> Batch:
+    def select(self, begin: int, end: int) -> Batch:
         """Some of the missions."""
         return replace(self, **{field.name: getattr(self, field.name)[begin:end] for field in fields(self)})
 
     def places(self) -> Floats:
         """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the next one."""
         actors = self.role.shape[1]
-        points = np.empty((EPOCHS, *self.start_m.shape))
-        for epoch in range(EPOCHS):
-            away = self.roam_m * np.sqrt(uniform(self.seeds, _WALK + 3 * epoch, actors))
-            turn = (2.0 * np.pi * uniform(self.seeds, _WALK + 3 * epoch + 1, actors)).astype(np.float32)
-            points[epoch, :, :, 0] = self.start_m[:, :, 0] + away * np.sin(turn)
-            points[epoch, :, :, 1] = self.start_m[:, :, 1] + away * np.cos(turn)
+        points = np.empty((STANDING_SPANS, *self.start_m.shape))
+        for span in range(STANDING_SPANS):
+            away = self.roam_m * np.sqrt(uniform(self.seeds, _STREAM_WALK + 3 * span, actors))
+            turn = (2.0 * np.pi * uniform(self.seeds, _STREAM_WALK + 3 * span + 1, actors)).astype(np.float32)
+            points[span, :, :, 0] = self.start_m[:, :, 0] + away * np.sin(turn)
+            points[span, :, :, 1] = self.start_m[:, :, 1] + away * np.cos(turn)
         places = points.copy()
-        for epoch in range(EPOCHS):
-            luck = uniform(self.seeds, _WALK + 3 * epoch + 2, actors)
-            walked = np.maximum(luck - self.rests, 0.0) / (1.0 - self.rests)
-            places[epoch] += walked[:, :, None] * (points[(epoch + 1) % EPOCHS] - points[epoch])
+        for span in range(STANDING_SPANS):
+            draw = uniform(self.seeds, _STREAM_WALK + 3 * span + 2, actors)
+            walked = np.maximum(draw - self.rest_share, 0.0) / (1.0 - self.rest_share)
+            places[span] += walked[:, :, None] * (points[(span + 1) % STANDING_SPANS] - points[span])
         return places
 
 
 def unfit(simspec: SimSpec) -> list[Fault]:
     """Why no surrogate can fly this SimSpec; empty when one can."""
     faults = []
-    if simspec.agent.label not in SURROGATES:
-        known = " or ".join(SURROGATES)
+    if simspec.agent.label not in BYSTANDER_AWARE:
+        known = " or ".join(BYSTANDER_AWARE)
         faults.append(Fault("agents", f"{simspec.agent.label!r} has no surrogate", f"fly {known}, or fidelity: full"))
-    beyond: dict[str, object] = {"vehicle.model": simspec.vehicle.model not in MODELS, "agent.options": simspec.agent.options}
+    unsupported: dict[str, object] = {
+        "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
+        "agent.options": simspec.agent.options,
+    }
     faults += [
         Fault(name, "is beyond the overhead simulation", "leave it out, or fidelity: full")
-        for name, asked in beyond.items()
-        if asked
+        for name, present in unsupported.items()
+        if present
     ]
-    return faults + uninterruptible(simspec)
+    return faults + unsupported_failures(simspec)
 
 
 def pack(simspecs: Sequence[SimSpec]) -> Batch:
@@ -175,7 +178,7 @@ _PADDED: dict[str, float | int | bool] = {
     "role": -1,
     "start_m": FAR_M,
     "roam_m": 0.0,
-    "rests": 0.0,
+    "rest_share": 0.0,
     "tall_m": 0.0,
     "wide_m": 0.0,
     "concealment": 0.0,
@@ -217,7 +220,7 @@ _ROLES = {Role.BYSTANDER: 0, Role.ADVERSARY: 1, Role.CLUTTER: 2}
 
 
 _ASSET = {name: index for index, name in enumerate(ASSETS)}
-LABEL = {label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))}
+LABEL_INDEX = {label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))}
 
 
 def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
@@ -226,23 +229,23 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
     tilt_rad, tan_half = math.radians(camera.tilt_deg), math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
     half_rad = math.atan(tan_half * camera.height_px / camera.width_px)
     groups = {group.id: group for group in simspec.actors}
-    first: dict[str, int] = {}
+    first_member: dict[str, int] = {}
     for index, actor in enumerate(simspec.realized.actors):
-        first.setdefault(actor.group, index)
-    number = {group.id: index for index, group in enumerate(simspec.actors)}
-    member = np.array([number[actor.group] for actor in simspec.realized.actors], dtype=np.int64)
-    told = {report.id: report for report in simspec.realized.reports}
-    tasks = [one for one in simspec.intelligence if one.id in told]
-    meant = [groups[one.about].role is Role.ADVERSARY for one in tasks]
-    allowed = limits(simspec, careful=SURROGATES[simspec.agent.label])
-    deaf = deaf_spans(simspec.outages)
+        first_member.setdefault(actor.group, index)
+    group_number = {group.id: index for index, group in enumerate(simspec.actors)}
+    member = np.array([group_number[actor.group] for actor in simspec.realized.actors], dtype=np.int64)
+    realized_reports = {report.id: report for report in simspec.realized.reports}
+    tasks = [report for report in simspec.intelligence if report.id in realized_reports]
+    about_adversary = [groups[task.about].role is Role.ADVERSARY for task in tasks]
+    flight_limits = limits(simspec, careful=BYSTANDER_AWARE[simspec.agent.label])
+    link_down = link_down_spans(simspec.outages)
     extinction = model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
     return {
         "seeds": np.uint64(seed_of(simspec.seeds, "perception")),
-        "aware": SURROGATES[simspec.agent.label],
+        "bystander_aware": BYSTANDER_AWARE[simspec.agent.label],
         "home_m": (simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
-        "height_m": allowed.height_m,
-        "speed_mps": allowed.speed_mps,
+        "height_m": flight_limits.height_m,
+        "speed_mps": flight_limits.speed_mps,
         "limit_s": simspec.mission.time_limit_s,
         "returns": simspec.mission.return_home,
         "no_mark_m": rules.no_mark_within_m,
@@ -251,8 +254,8 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
         "focal_px": camera.width_px / 2.0 / tan_half,
         "tan_half": tan_half,
         "tilt_rad": tilt_rad,
-        "near": _ahead(tilt_rad + half_rad),
-        "far": _ahead(tilt_rad - half_rad),
+        "near_edge": _ahead(tilt_rad + half_rad),
+        "far_edge": _ahead(tilt_rad - half_rad),
         "extinction_per_m": extinction,
         "light": light_of(sun_of(simspec).elevation_rad, model.night_contrast),
         "half_height_px": model.half_height_px,
@@ -264,28 +267,31 @@ def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
         "jitter_px": model.jitter_px,
         "gps_m": simspec.vehicle.gps.wander_m,
         "perfect": simspec.perception.mode == "perfect",
-        "task_m": np.array([(told[one.id].east_m, told[one.id].north_m) for one in tasks]).reshape(-1, 2),
-        "task_radius_m": np.array([one.uncertainty_m for one in tasks], dtype=np.float64),
-        "task_priority": np.array([one.priority for one in tasks], dtype=np.int64),
-        "task_delivered_s": np.array([later(one.delivered_s, deaf) for one in tasks], dtype=np.float64),
+        "task_m": np.array([(realized_reports[task.id].east_m, realized_reports[task.id].north_m) for task in tasks]).reshape(
+            -1, 2
+        ),
+        "task_radius_m": np.array([task.uncertainty_m for task in tasks], dtype=np.float64),
+        "task_priority": np.array([task.priority for task in tasks], dtype=np.int64),
+        "task_delivered_s": np.array([delivered_at(task.delivered_s, link_down) for task in tasks], dtype=np.float64),
         "task_actor": np.array(
-            [first.get(one.about, -1) if enemy else -1 for one, enemy in zip(tasks, meant, strict=True)], dtype=np.int64
+            [first_member.get(task.about, -1) if enemy else -1 for task, enemy in zip(tasks, about_adversary, strict=True)],
+            dtype=np.int64,
         ),
         "start_m": np.array([(actor.east_m, actor.north_m) for actor in simspec.realized.actors]).reshape(-1, 2),
         "group": member,
         **{name: values[member] for name, values in _of_groups(simspec).items()},
-        "keeps_up": allowed.keeps_up,
-        "floor_m": allowed.floor_m,
-        "pace_mps": allowed.pace_mps,
-        "slow_mps": allowed.slow_mps,
-        "slow_within_m": allowed.slow_within_m,
+        "keeps_up": flight_limits.keeps_up,
+        "floor_m": flight_limits.floor_m,
+        "pace_mps": flight_limits.pace_mps,
+        "slow_mps": flight_limits.slow_mps,
+        "slow_within_m": flight_limits.slow_within_m,
         "deadline_s": math.inf if rules.report_deadline_s is None else rules.report_deadline_s,
         "charge_fraction": simspec.vehicle.battery.initial_fraction,
         "use_per_s": HOVER_W / 3600.0 / simspec.vehicle.battery.capacity_wh,
         "reserve": rules.battery_reserve_fraction,
         "airspaces": _airspaces(simspec, known),
         "scenes": simspec,
-        **_interrupted(simspec, [one.id for one in tasks]),
+        **_interrupted(simspec, [task.id for task in tasks]),
     }
 
 
@@ -296,13 +302,13 @@ def _of_groups(simspec: SimSpec) -> dict[str, np.ndarray]:
     return {
         "role": np.array([_ROLES[group.role] for group in groups], dtype=np.int64),
         "roam_m": np.array([group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups]),
-        "rests": np.array([_rests(group.motion) for group in groups]),
+        "rest_share": np.array([_rest_share(group.motion) for group in groups]),
         "tall_m": np.array([asset.height_m for asset in assets]),
         "wide_m": np.array([_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets]),
         "concealment": np.array([group.concealment for group in groups], dtype=np.float64),
         "mistakable": np.array([bool(asset.confused_with) for asset in assets], dtype=np.bool_),
         "asset": np.array([_ASSET[group.asset] for group in groups], dtype=np.int64),
-        "label": np.array([LABEL[asset.class_label] for asset in assets], dtype=np.int64),
+        "label": np.array([LABEL_INDEX[asset.class_label] for asset in assets], dtype=np.int64),
     }
 
 
@@ -318,10 +324,10 @@ def _airspaces(simspec: SimSpec, known: dict[str, Airspaces]) -> Airspaces | Non
 
 
 def _interrupted(simspec: SimSpec, tasks: Sequence[str]) -> dict[str, Any]:
-    one = interruptions(simspec)
+    events = interruptions(simspec)
     first_s = np.full(len(tasks), np.inf)
     marks = []
-    for order, at_s in one.delivered:
+    for order, at_s in events.delivered:
         if order.intelligence in tasks:
             task = tasks.index(order.intelligence)
             if order.kind == "retask":
@@ -329,26 +335,26 @@ def _interrupted(simspec: SimSpec, tasks: Sequence[str]) -> dict[str, Any]:
             else:
                 marks.append((at_s, task))
     return {
-        "charge_s": one.charge_s,
-        "charge_left": one.charge,
-        "ends_s": one.ends_s,
-        "down_s": one.down_s,
-        "stands_s": np.array(one.stands, dtype=np.float64).reshape(-1, 2),
-        "strays_s": np.array(one.strays, dtype=np.float64).reshape(-1, 3),
-        "blind_s": np.array(one.blind, dtype=np.float64).reshape(-1, 2),
-        "closed_s": np.array(one.closed, dtype=np.float64).reshape(-1, 2),
-        "drifts": np.array(one.drifts, dtype=np.float64).reshape(-1, 4),
+        "charge_s": events.charge_s,
+        "charge_left": events.charge,
+        "ends_s": events.ends_s,
+        "landed_from_s": events.landed_from_s,
+        "stands_s": np.array(events.stand_spans, dtype=np.float64).reshape(-1, 2),
+        "strays_s": np.array(events.detour_spans, dtype=np.float64).reshape(-1, 3),
+        "blind_s": np.array(events.blind_spans, dtype=np.float64).reshape(-1, 2),
+        "closed_s": np.array(events.closed_spans, dtype=np.float64).reshape(-1, 2),
+        "drifts": np.array(events.drifts, dtype=np.float64).reshape(-1, 4),
         "first_s": first_s,
         "mark_s": np.array([at_s for at_s, _ in marks], dtype=np.float64),
         "mark_task": np.array([task for _, task in marks], dtype=np.int64),
-        "interrupted": one.any,
-        "interruptions": one,
+        "interrupted": events.any,
+        "interruptions": events,
     }
 
 
-def _rests(motion: Motion) -> float:
+def _rest_share(motion: Motion) -> float:
     """Share of the time that is pause, of one who walks from point to point."""
-    return min(motion.pause_s / (motion.pause_s + MEAN_LEG * motion.radius_m / motion.speed_mps), 0.999)
+    return min(motion.pause_s / (motion.pause_s + MEAN_LEG_RADII * motion.radius_m / motion.speed_mps), 0.999)
 
 
 def _ahead(below_rad: float) -> float:

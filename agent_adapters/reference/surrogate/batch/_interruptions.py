@@ -34,13 +34,15 @@ _ENDS = ("return", "abort", "deactivate")
 class Interruptions:
     """One mission's. Spans are sorted and apart; moments are inf where nothing comes."""
 
-    stands: tuple[Span, ...] = ()  # it stays where it is: ordered, the operator out of reach, no position
-    strays: tuple[tuple[float, float, float], ...] = ()  # it flies home and comes back afterwards, unless it was there so long
-    blind: tuple[Span, ...] = ()  # nothing is detected
-    closed: tuple[Span, ...] = ()  # nothing may be reported
+    stand_spans: tuple[Span, ...] = ()  # it stays where it is: ordered, the operator out of reach, no position
+    detour_spans: tuple[
+        tuple[float, float, float], ...
+    ] = ()  # it flies home and comes back afterwards, unless it was there so long
+    blind_spans: tuple[Span, ...] = ()  # nothing is detected
+    closed_spans: tuple[Span, ...] = ()  # nothing may be reported
     delivered: tuple[tuple[Order, float], ...] = ()  # every order, with the moment of its delivery
     ends_s: float = math.inf  # flown home from then on
-    down_s: float = math.inf  # landed where it is
+    landed_from_s: float = math.inf  # landed where it is
     charge_s: float = math.inf
     charge: float = 1.0  # that is left from then on, at most
     drifts: tuple[tuple[float, float, float, float], ...] = ()  # from, until, metres a second to the east and to the north
@@ -48,74 +50,78 @@ class Interruptions:
     @property
     def any(self) -> bool:
         """Whether anything of this moves the vehicle or blinds it."""
-        moments = (self.ends_s, self.down_s, self.charge_s)
-        return bool(self.stands or self.strays or self.blind or self.delivered) or min(moments) < math.inf
+        moments = (self.ends_s, self.landed_from_s, self.charge_s)
+        return bool(self.stand_spans or self.detour_spans or self.blind_spans or self.delivered) or min(moments) < math.inf
 
 
 def interruptions(simspec: SimSpec) -> Interruptions:
     """What interrupts the mission of a SimSpec that no fault of `uninterruptible` speaks against."""
     rules, failures = simspec.rules, simspec.vehicle.failures
-    deaf = merged((one.at_s, one.until_s) for one in simspec.outages if one.kind == "operator_link")
-    away = [(since_s + rules.link_lost_after_s, until_s) for since_s, until_s in deaf]
-    orders = sorted(((one, later(one.at_s, deaf)) for one in simspec.orders), key=lambda pair: (pair[1], pair[0].at_s))
-    lost = [(one.at_s, until_of(one)) for one in failures if one.kind == "gps_off"]
-    silent = [(one.at_s + OFFBOARD_LOST_S, until_of(one)) for one in failures if one.kind == "link_loss"]
-    drops = [one for one in failures if one.kind == "battery_drop"]
+    link_down = merged((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "operator_link")
+    away = [(since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down]
+    orders = sorted(
+        ((order, delivered_at(order.at_s, link_down)) for order in simspec.orders), key=lambda pair: (pair[1], pair[0].at_s)
+    )
+    lost = [(failure.at_s, until_of(failure)) for failure in failures if failure.kind == "gps_off"]
+    silent = [(failure.at_s + OFFBOARD_LOST_S, until_of(failure)) for failure in failures if failure.kind == "link_loss"]
+    drops = [failure for failure in failures if failure.kind == "battery_drop"]
     height_m = simspec.mission.altitude_m
     fallen = [
         since_s + POSITION_LOST_S for since_s, until_s in lost if until_s - since_s - POSITION_LOST_S > height_m / LANDING_MPS
     ]
-    ended = [(one.kind, at_s) for one, at_s in orders if one.kind in _ENDS]
+    ended = [(order.kind, at_s) for order, at_s in orders if order.kind in _ENDS]
     mute_s = min((at_s for kind, at_s in ended if kind != "return"), default=math.inf)
     return Interruptions(
-        stands=merged([*_held(orders), *_rule("hold", away, rules.link_lost), *map(_fallen_and_risen, lost)]),
-        strays=(
-            *((*one, height_m / LANDING_MPS) for one in silent),
-            *((*one, 0.0) for one in _rule("return", away, rules.link_lost)),
+        stand_spans=merged(
+            [*_hold_spans(orders), *_link_lost_spans("hold", away, rules.link_lost), *map(_standing_without_gps, lost)]
         ),
-        blind=merged((one.at_s, one.until_s) for one in simspec.outages if one.kind == "detections"),
-        closed=merged([*_shut(simspec), *_quiet(orders), (mute_s, math.inf)]),
+        detour_spans=(
+            *((*span, height_m / LANDING_MPS) for span in silent),
+            *((*span, 0.0) for span in _link_lost_spans("return", away, rules.link_lost)),
+        ),
+        blind_spans=merged((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "detections"),
+        closed_spans=merged([*_closed_windows(simspec), *_silence_spans(orders), (mute_s, math.inf)]),
         delivered=tuple(orders),
         ends_s=min([at_s for _, at_s in ended] + fallen, default=math.inf),
-        down_s=min([at_s for kind, at_s in ended if kind == "deactivate"] + fallen, default=math.inf),
-        charge_s=min((one.at_s for one in drops), default=math.inf),
-        charge=min((one.to_fraction or 0.0 for one in drops), default=1.0),
-        drifts=tuple(map(_drift, (one for one in failures if one.kind == "gps_drift"))),
+        landed_from_s=min([at_s for kind, at_s in ended if kind == "deactivate"] + fallen, default=math.inf),
+        charge_s=min((drop.at_s for drop in drops), default=math.inf),
+        charge=min((drop.to_fraction or 0.0 for drop in drops), default=1.0),
+        drifts=tuple(map(_drift, (failure for failure in failures if failure.kind == "gps_drift"))),
     )
 
 
-def uninterruptible(simspec: SimSpec) -> list[Fault]:
+def unsupported_failures(simspec: SimSpec) -> list[Fault]:
     """Failures that a surrogate cannot say anything of."""
     faults = []
-    for index, one in enumerate(simspec.vehicle.failures):
+    for index, failure in enumerate(simspec.vehicle.failures):
         where = f"vehicle.failures[{index}]"
-        if one.kind == "motor_off":
+        if failure.kind == "motor_off":
             faults.append(Fault(where, "a rotor that stops is beyond the overhead simulation", "leave it out, or fidelity: full"))
-        if one.kind == "battery_drop" and (one.to_fraction or 0.0) < LEAST_DROP:
+        if failure.kind == "battery_drop" and (failure.to_fraction or 0.0) < LEAST_DROP:
             remedy = f"{LEAST_DROP:g} or more, or fidelity: full"
-            faults.append(Fault(where, f"to_fraction {one.to_fraction:g} is left to the autopilot's own failsafe", remedy))
+            faults.append(Fault(where, f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe", remedy))
     return faults
 
 
-def later(at_s: float, deaf: Sequence[Span]) -> float:
+def delivered_at(at_s: float, link_down: Sequence[Span]) -> float:
     """When something that is due at `at_s` is delivered, with the operator's link down in these spans."""
-    return next((until_s for since_s, until_s in deaf if since_s <= at_s < until_s), at_s)
+    return next((until_s for since_s, until_s in link_down if since_s <= at_s < until_s), at_s)
 
 
-def deaf_spans(outages: Iterable[Outage]) -> tuple[Span, ...]:
+def link_down_spans(outages: Iterable[Outage]) -> tuple[Span, ...]:
     """When the operator's link is down."""
-    return merged((one.at_s, one.until_s) for one in outages if one.kind == "operator_link")
+    return merged((outage.at_s, outage.until_s) for outage in outages if outage.kind == "operator_link")
 
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
     """The same moments as sorted spans that neither touch nor overlap; empty ones are gone."""
-    found: list[Span] = []
+    spans_apart: list[Span] = []
     for since_s, until_s in sorted(span for span in spans if span[0] < span[1]):
-        if found and since_s <= found[-1][1]:
-            found[-1] = (found[-1][0], max(found[-1][1], until_s))
+        if spans_apart and since_s <= spans_apart[-1][1]:
+            spans_apart[-1] = (spans_apart[-1][0], max(spans_apart[-1][1], until_s))
         else:
-            found.append((since_s, until_s))
-    return tuple(found)
+            spans_apart.append((since_s, until_s))
+    return tuple(spans_apart)
 
 
 def until_of(failure: Failure) -> float:
@@ -123,32 +129,32 @@ def until_of(failure: Failure) -> float:
     return math.inf if failure.duration_s is None else failure.at_s + failure.duration_s
 
 
-def _held(orders: Sequence[tuple[Order, float]]) -> list[Span]:
+def _hold_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
     """From each order to hold to the next about where to go."""
-    moving = [(one.kind, at_s) for one, at_s in orders if one.kind in ("hold", "resume", "retask", *_ENDS)]
+    moving = [(order.kind, at_s) for order, at_s in orders if order.kind in ("hold", "resume", "retask", *_ENDS)]
     return [(at_s, following_s) for (kind, at_s), (_, following_s) in pairwise([*moving, ("", math.inf)]) if kind == "hold"]
 
 
-def _rule(name: str, away: Sequence[Span], link_lost: str) -> list[Span]:
+def _link_lost_spans(name: str, away: Sequence[Span], link_lost: str) -> list[Span]:
     """The spans in which the rule about the operator's link asks for this."""
     return [span for span in away if span[0] < span[1]] if link_lost == name else []
 
 
-def _quiet(orders: Sequence[tuple[Order, float]]) -> list[Span]:
-    said = [(one.kind, at_s) for one, at_s in orders if one.kind in ("stop_reporting", "resume_reporting")]
-    return [(at_s, next_s) for (kind, at_s), (_, next_s) in pairwise([*said, ("", math.inf)]) if kind == "stop_reporting"]
+def _silence_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
+    changes = [(order.kind, at_s) for order, at_s in orders if order.kind in ("stop_reporting", "resume_reporting")]
+    return [(at_s, next_s) for (kind, at_s), (_, next_s) in pairwise([*changes, ("", math.inf)]) if kind == "stop_reporting"]
 
 
-def _shut(simspec: SimSpec) -> list[Span]:
+def _closed_windows(simspec: SimSpec) -> list[Span]:
     """Outside the windows in which the rules allow reports."""
-    windows = merged((one.from_s, one.until_s) for one in simspec.rules.report_windows)
+    windows = merged((window.from_s, window.until_s) for window in simspec.rules.report_windows)
     if not windows:
         return []
-    edges = [-math.inf, *(edge for window in windows for edge in window), math.inf]
+    edges = [-math.inf, *(edge for span in windows for edge in span), math.inf]
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def _fallen_and_risen(lost: Span) -> Span:
+def _standing_without_gps(lost: Span) -> Span:
     """Without a position PX4 sinks after a while, and has to climb again."""
     since_s, until_s = lost
     return since_s, until_s + max(0.0, until_s - since_s - POSITION_LOST_S) / 2.0

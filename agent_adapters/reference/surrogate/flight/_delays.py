@@ -15,7 +15,7 @@ from ..batch._batch import FAR_M, Batch
 from ._views import Stretch
 
 
-def stood_through(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
+def after_standing(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
     """(r,) the first moment from `now_s` on in none of its spans (r, s, 2); its time limit where that never comes."""
     for span in range(spans_s.shape[1]):
         since_s, until_s = spans_s[:, span].T
@@ -23,7 +23,7 @@ def stood_through(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
     return np.minimum(now_s, limit_s)
 
 
-def opens_s(spans_s: Floats, at_s: Floats) -> Floats:
+def first_open_s(spans_s: Floats, at_s: Floats) -> Floats:
     """(r,) the first moment from `at_s` on in none of its spans; inf where that never comes."""
     for span in range(spans_s.shape[1]):
         since_s, until_s = spans_s[:, span].T
@@ -42,24 +42,24 @@ def delayed(batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | N
     time_s, gone_s = stretch.time_s, np.full(len(rows), np.inf)
     for since_s, until_s in _spans(batch.stands_s[rows]):
         until_s = until_s if home_by_s is None else np.minimum(until_s, home_by_s)
-        time_s, end_s = _stood(time_s, end_s, np.maximum(since_s, began_s), until_s)
+        time_s, end_s = _shifted(time_s, end_s, np.maximum(since_s, began_s), until_s)
     if home_by_s is None:
         for span in range(batch.strays_s.shape[1]):
             since_s, until_s, stays_s = batch.strays_s[rows, span].T
             since_s = np.maximum(since_s, began_s)
             span_s = until_s - np.where(np.isinf(since_s), 0.0, since_s)
             home_s = _home_s(batch, stretch, time_s, since_s)
-            gone = (since_s < until_s) & (since_s < end_s) & (home_s + stays_s <= span_s)
-            gone_s = np.where(gone, np.minimum(gone_s, since_s), gone_s)
+            gone_for_good = (since_s < until_s) & (since_s < end_s) & (home_s + stays_s <= span_s)
+            gone_s = np.where(gone_for_good, np.minimum(gone_s, since_s), gone_s)
             back_s = np.where(np.isinf(until_s), since_s, until_s + np.minimum(home_s, np.maximum(span_s, 0.0)))
-            time_s, end_s = _stood(time_s, end_s, np.where(since_s < until_s, since_s, np.inf), back_s)
+            time_s, end_s = _shifted(time_s, end_s, np.where(since_s < until_s, since_s, np.inf), back_s)
         for since_s, until_s in _spans(batch.blind_s[rows]):
             since_s = np.maximum(since_s + BLIND_S, began_s)
-            time_s, end_s = _stood(time_s, end_s, since_s, np.minimum(until_s, since_s + BLIND_WAIT_S))
+            time_s, end_s = _shifted(time_s, end_s, since_s, np.minimum(until_s, since_s + BLIND_WAIT_S))
     return replace(stretch, time_s=time_s), end_s, gone_s
 
 
-def slowed(batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats) -> tuple[Stretch, Floats]:
+def slowed_near_people(batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats) -> tuple[Stretch, Floats]:
     """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then ends."""
     rows = stretch.rows
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
@@ -77,7 +77,7 @@ def _spans(spans_s: Floats) -> list[tuple[Floats, Floats]]:
     return [(spans_s[:, span, 0], spans_s[:, span, 1]) for span in range(spans_s.shape[1])]
 
 
-def _stood(time_s: Floats, end_s: Floats, since_s: Floats, until_s: Floats) -> tuple[Floats, Floats]:
+def _shifted(time_s: Floats, end_s: Floats, since_s: Floats, until_s: Floats) -> tuple[Floats, Floats]:
     """All from a moment on comes later by the span from then to another."""
     wait_s = np.where(since_s < until_s, until_s - np.where(np.isinf(since_s), 0.0, since_s), 0.0)
     waits: Bools = time_s >= since_s[:, None]

@@ -14,15 +14,15 @@ from ..batch._draws import uniform
 from ._views import Stretch, Views
 
 MIN_VIEWPOINT_RAD = np.radians(DEFAULTS.min_viewpoint_deg)
-MEAN_SCORE = 0.9
+MEAN_LABEL_SCORE = 0.9
 """Mean score of a right label, for the confidence that a track reaches."""
 
-_LUCK_SEEN, _LUCK_LABEL = 1000, 2000
-_ANOTHER = np.uint64(1_000_003)
+_STREAM_SEEN, _STREAM_LABEL = 1000, 2000
+_NEXT_LOOK = np.uint64(1_000_003)
 NEVER_S = np.inf
 
 
-class Hunts:
+class Identification:
     """For every mission and task (n, k) what has been seen of the target so far; a task taken up again goes on from there."""
 
     def __init__(self, batch: Batch) -> None:
@@ -37,53 +37,53 @@ class Hunts:
         self._looks = np.zeros(shape, dtype=np.uint64)
         self._due = bool(np.isfinite(batch.deadline_s).any())
 
-    def looked(self, rows: Counts, task: Counts, stretch: Stretch, views: Views, places_m: Floats) -> Look:
+    def observe(self, rows: Counts, task: Counts, stretch: Stretch, views: Views, places_m: Floats) -> TargetLook:
         """What a stretch showed of the targets of these tasks. Nothing counts before `take`."""
         batch, size, moments = self._batch, len(rows), stretch.time_s.shape[1]
         actor = batch.task_actor[rows, task]
         index = np.full(len(batch), -1)
         index[rows] = np.arange(size)
-        own = views.where((index[views.row] >= 0) & (views.actor == actor[np.maximum(index[views.row], 0)]))
-        at = (index[own.row], own.moment)
+        target_views = views.where((index[views.row] >= 0) & (views.actor == actor[np.maximum(index[views.row], 0)]))
+        at = (index[target_views.row], target_views.moment)
         frames, detection, wrong = (np.zeros((size, moments)) for _ in range(3))
-        frames[at], detection[at], wrong[at] = own.frames, own.detection, own.mislabel
-        seeds = batch.seeds[rows] + (actor + 1).astype(np.uint64) + _ANOTHER * self._looks[rows, task]
-        seen = (uniform(seeds, _LUCK_SEEN, moments) < detection) & (frames > 0.0)
-        label = np.repeat(uniform(seeds, _LUCK_LABEL, -(-moments // 4)), 4, axis=1)[:, :moments]
+        frames[at], detection[at], wrong[at] = target_views.frames, target_views.detection, target_views.mislabel
+        seeds = batch.seeds[rows] + (actor + 1).astype(np.uint64) + _NEXT_LOOK * self._looks[rows, task]
+        seen = (uniform(seeds, _STREAM_SEEN, moments) < detection) & (frames > 0.0)
+        label = np.repeat(uniform(seeds, _STREAM_LABEL, -(-moments // 4)), 4, axis=1)[:, :moments]
         away_m = stretch.place_m - places_m[np.arange(size), np.maximum(actor, 0)][:, None]
         bearing_rad = np.arctan2(away_m[:, :, 0], away_m[:, :, 1])
-        return Look(rows, task, stretch.time_s, seen, label >= wrong, frames, bearing_rad)
+        return TargetLook(rows, task, stretch.time_s, seen, label >= wrong, frames, bearing_rad)
 
-    def found_by(self, look: Look) -> Floats:
+    def identified_s(self, look: TargetLook) -> Floats:
         """(r,) when each of these targets is identified: before the stretch, during it, or never."""
         state = self._after(look, look.seen)
         rows, task = look.rows, look.task
-        looks = np.clip(state.good / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
-        share = state.good / np.maximum(state.had, 1e-9)
-        sure = share * (1.0 - (1.0 - MEAN_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
-        sure &= share > 0.5
-        wide = state.high - state.low >= MIN_VIEWPOINT_RAD
-        enough = look.seen & look.right & sure & wide & (state.had >= DEFAULTS.min_frames)
+        looks = np.clip(state.right_frames / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
+        share = state.right_frames / np.maximum(state.seen_frames, 1e-9)
+        confident = share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
+        confident &= share > 0.5
+        enough_angle = state.high - state.low >= MIN_VIEWPOINT_RAD
+        identified = look.seen & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
         if self._due:
             due_s = (self._batch.task_delivered_s[rows, task] + self._batch.deadline_s[rows])[:, None]
             late = (look.time_s >= due_s - DEADLINE_S) & (look.time_s < due_s)
-            enough |= late & sure & (state.had >= DEADLINE_FRAMES)
-        at = enough.argmax(axis=1)
-        when_s = np.where(enough.any(axis=1), look.time_s[np.arange(len(rows)), at], NEVER_S)
+            identified |= late & confident & (state.seen_frames >= DEADLINE_FRAMES)
+        at = identified.argmax(axis=1)
+        when_s = np.where(identified.any(axis=1), look.time_s[np.arange(len(rows)), at], NEVER_S)
         found_s: Floats = np.minimum(self.found_s[rows, task], when_s)
         return found_s
 
-    def take(self, look: Look, found_s: Floats, until_s: Floats) -> None:
+    def commit(self, look: TargetLook, found_s: Floats, until_s: Floats) -> None:
         """What was seen up to a moment (r,) counts; what would have been found after it was not."""
         rows, task = look.rows, look.task
         state = self._after(look, look.seen & (look.time_s <= until_s[:, None]))
         self.found_s[rows, task] = np.where(found_s <= until_s, found_s, self.found_s[rows, task])
-        self.frames[rows, task], self._right[rows, task] = state.had[:, -1], state.good[:, -1]
+        self.frames[rows, task], self._right[rows, task] = state.seen_frames[:, -1], state.right_frames[:, -1]
         self._low[rows, task], self._high[rows, task] = state.low[:, -1], state.high[:, -1]
         self._from[rows, task] = state.first_rad
         self._looks[rows, task] += np.uint64(1)
 
-    def _after(self, look: Look, seen: Bools) -> _Seen:
+    def _after(self, look: TargetLook, seen: Bools) -> _SeenSoFar:
         """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been seen by then."""
         row, here = np.arange(len(seen)), (look.rows, look.task)
         first_rad = self._from[here]
@@ -98,10 +98,10 @@ class Hunts:
         high = np.maximum(np.maximum.accumulate(high, axis=1), self._high[here][:, None])
         had = np.cumsum(np.where(seen, look.frames, 0.0), axis=1) + self.frames[here][:, None]
         good = np.cumsum(np.where(seen & look.right, look.frames, 0.0), axis=1) + self._right[here][:, None]
-        return _Seen(had, good, low, high, first_rad)
+        return _SeenSoFar(had, good, low, high, first_rad)
 
 
-class Look:
+class TargetLook:
     """One stretch's looks at the targets of some tasks, (r, j) each: whether seen, under the right label, in how many frames."""
 
     __slots__ = ("bearing_rad", "frames", "right", "rows", "seen", "task", "time_s")
@@ -113,11 +113,11 @@ class Look:
         self.seen, self.right, self.frames, self.bearing_rad = seen, right, frames, bearing_rad
 
 
-class _Seen:
-    __slots__ = ("first_rad", "good", "had", "high", "low")
+class _SeenSoFar:
+    __slots__ = ("first_rad", "high", "low", "right_frames", "seen_frames")
 
     def __init__(self, had: Floats, good: Floats, low: Floats, high: Floats, first_rad: Floats) -> None:
-        self.had, self.good, self.low, self.high, self.first_rad = had, good, low, high, first_rad
+        self.seen_frames, self.right_frames, self.low, self.high, self.first_rad = had, good, low, high, first_rad
 
 
 def _wrapped(angle_rad: Floats) -> Floats:

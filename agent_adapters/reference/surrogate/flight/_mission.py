@@ -18,16 +18,16 @@ from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
 from ...mission._mission import LAST_WORD_S, SEARCH_S
 from ...mission._planner import TURN_S
-from ..batch._batch import EPOCH_S, EPOCHS, Batch
-from ._bystanders import Known, Memory
-from ._delays import delayed, opens_s, slowed, stood_through
-from ._identification import NEVER_S, Hunts
-from ._outcome import Flown, outcome
-from ._paths import along, around, cut_off, legs
-from ._preemption import called_s, ordered_by
+from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
+from ._bystanders import KnownBystanders, SightingMemory
+from ._delays import after_standing, delayed, first_open_s, slowed_near_people
+from ._identification import NEVER_S, Identification
+from ._outcome import FlownMissions, outcome
+from ._paths import cut_off, lawnmower, path_stretch, ring_stretch
+from ._preemption import is_ordered_first, preempted_s
 from ._surroundings import unseen_share
-from ._views import Stretch, Views, look
-from ._way_home import Homeward
+from ._views import Stretch, Views, views_of
+from ._way_home import WayHome
 
 READY_S = 5.7
 """From the start to arming, of the simulated PX4."""
@@ -44,7 +44,7 @@ DESCENT_MPS = 1.5
 SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
 
 
-def fly(batch: Batch) -> Flown:
+def fly(batch: Batch) -> FlownMissions:
     """Fly every mission of a batch."""
     return _Flight(batch).whole()
 
@@ -55,9 +55,9 @@ class _Flight:
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
         count, tasks = batch.task_radius_m.shape
-        self._everybody = batch.places()
-        self._hunts = Hunts(batch)
-        self._homeward = Homeward(batch)
+        self._places = batch.places()
+        self._identification = Identification(batch)
+        self._way_home = WayHome(batch)
         self._eventful = bool(batch.interrupted.any())
         self._slows = bool(np.isfinite(batch.slow_mps).any())
         self._now_s = np.full(count, READY_S)
@@ -65,30 +65,30 @@ class _Flight:
         self._place_m = batch.home_m.copy()
         self._course: list[Stretch] = []
         self._views: list[Views] = []
-        self._memory = Memory(batch)
+        self._memory = SightingMemory(batch)
         self._task_is = batch.task_radius_m > 0.0
-        self._done = ~self._task_is
+        self._dealt_with = ~self._task_is
         self._passes = np.zeros((count, tasks), dtype=np.int64)
-        self._heeded = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
+        self._obeyed_first = np.zeros((count, tasks), dtype=np.bool_)  # orders to be next
         self._settled = np.zeros((count, tasks), dtype=np.bool_)  # reported, or to be when that is allowed
-        self._over = np.zeros(count, dtype=np.bool_)  # nothing is left but to come down
+        self._ended = np.zeros(count, dtype=np.bool_)  # nothing is left but to come down
         self._reached = np.zeros(count, dtype=np.bool_)
         self._reported_s = np.full((count, tasks), NEVER_S)
         self._marked_s = np.full((count, tasks), NEVER_S)
-        self._known = Known.nobody((count, tasks))
+        self._known = KnownBystanders.nobody((count, tasks))
         depth = batch.height_m / np.sin(batch.tilt_rad)
         self._middle_m = np.minimum(batch.height_m / np.maximum(np.tan(batch.tilt_rad), 1e-3), 400.0)
         self._swath_m = 2.0 * depth * batch.tan_half
         self._ring_m = np.clip(self._middle_m, 0.3 * batch.height_m, 2.0 * batch.height_m)
 
-    def whole(self) -> Flown:
+    def whole(self) -> FlownMissions:
         """From the start to the ground."""
         batch, tasks = self._batch, self._task_is.shape[1]
         first_s = np.where(self._task_is, batch.task_delivered_s, np.inf).min(axis=1, initial=np.inf)
         begin_s = np.maximum(self._now_s, np.where(np.isfinite(first_s), first_s, 0.0))
         if self._eventful:
-            begin_s = stood_through(batch.stands_s, begin_s, batch.limit_s)
-            self._over = (batch.ends_s <= begin_s) | (batch.interrupted & (begin_s >= batch.limit_s))
+            begin_s = after_standing(batch.stands_s, begin_s, batch.limit_s)
+            self._ended = (batch.ends_s <= begin_s) | (batch.interrupted & (begin_s >= batch.limit_s))
         self._now_s = begin_s + CLIMB_S + np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
         self._away_s = self._now_s - np.maximum(batch.floor_m - FIRST_HEIGHT_M, 0.0) / CLIMB_MPS
         again = 4 if self._eventful or (batch.task_delivered_s > 0.0).any() else 1
@@ -114,18 +114,20 @@ class _Flight:
         key = batch.task_priority * 1e6 + away_m + np.where(late_s > 0.0, 1e9 + 1e6 * late_s, 0.0)
         if self._eventful:
             key = np.where(
-                ordered_by(self._batch, self._now_s), -1e10 * (1.0 + np.where(np.isinf(batch.first_s), 0.0, batch.first_s)), key
+                is_ordered_first(self._batch, self._now_s),
+                -1e10 * (1.0 + np.where(np.isinf(batch.first_s), 0.0, batch.first_s)),
+                key,
             )
-        key = np.where(self._done | self._over[:, None], np.inf, key)
+        key = np.where(self._dealt_with | self._ended[:, None], np.inf, key)
         task = key.argmin(axis=1)
         row = np.arange(len(task))
-        open_ = ~self._done[row, task] & ~self._over
-        self._done[row, task] |= open_
+        open_ = ~self._dealt_with[row, task] & ~self._ended
+        self._dealt_with[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
         if self._eventful:
-            begin_s = np.where(begin_s > self._now_s, stood_through(batch.stands_s, begin_s, batch.limit_s), begin_s)
+            begin_s = np.where(begin_s > self._now_s, after_standing(batch.stands_s, begin_s, batch.limit_s), begin_s)
             ended = open_ & (begin_s >= batch.ends_s)
-            self._over |= ended
+            self._ended |= ended
             self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)
             open_ &= ~ended
         fits = open_ & self._fits(row, task, begin_s, SEARCH_S)
@@ -135,17 +137,17 @@ class _Flight:
 
     def _take_up_again(self) -> None:
         """What was given up, and is ordered to be next, waits again."""
-        heeds = ordered_by(self._batch, self._now_s) & ~self._heeded
-        self._heeded |= heeds
-        again = heeds & self._done & self._task_is & np.isinf(self._hunts.found_s)
-        self._done &= ~again
+        heeds = is_ordered_first(self._batch, self._now_s) & ~self._obeyed_first
+        self._obeyed_first |= heeds
+        again = heeds & self._dealt_with & self._task_is & np.isinf(self._identification.found_s)
+        self._dealt_with &= ~again
         self._passes[again] = 0
 
     def _fits(self, rows: Counts, task: Counts, begin_s: Floats, work_s: float | Floats) -> Bools:
         """Whether there is time to go to a task, work there for a while, and come home."""
         goal_m = self._batch.task_m[rows, task]
-        there_s = self._homeward.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows] + TURN_S
-        fits: Bools = begin_s + there_s + work_s < self._homeward.latest_s(rows, goal_m, begin_s)
+        there_s = self._way_home.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows] + TURN_S
+        fits: Bools = begin_s + there_s + work_s < self._way_home.latest_s(rows, goal_m, begin_s)
         return fits
 
     # One task.
@@ -171,47 +173,47 @@ class _Flight:
         stays = self._fly_along(rows, path_m, SEARCH_MOMENTS, task=task)
         rows, task, heading_rad = rows[stays], task[stays], heading_rad[stays]
         open_ = self._still_open(rows, task)
-        inspected = np.flatnonzero(open_ & (self._hunts.frames[rows, task] >= 2.0))
+        inspected = np.flatnonzero(open_ & (self._identification.frames[rows, task] >= 2.0))
         stays = np.ones(len(rows), dtype=np.bool_)
         if len(inspected):
-            some = rows[inspected], task[inspected]
-            stays[inspected] = self._fly_around(*some, self._targets_m(*some))
-            self._look_round(*(one[stays[inspected]] for one in some))
-        left = stays & np.isinf(self._hunts.found_s[rows, task]) & ~self._over[rows]
-        return rows[left], task[left], heading_rad[left]
+            members = rows[inspected], task[inspected]
+            stays[inspected] = self._fly_around(*members, self._targets_m(*members))
+            self._look_round(*(column[stays[inspected]] for column in members))
+        unfinished = stays & np.isinf(self._identification.found_s[rows, task]) & ~self._ended[rows]
+        return rows[unfinished], task[unfinished], heading_rad[unfinished]
 
     def _still_open(self, rows: Counts, task: Counts) -> Bools:
         """Settle what was identified on the way; whether it is not reported yet."""
-        found_s = self._hunts.found_s[rows, task]
-        found = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
-        if len(found):
-            self._judge(rows[found], task[found], found_s[found])
-            again = found[~self._settled[rows[found], task[found]] & ~self._over[rows[found]]]
-            if len(again):  # seen more of it by now
-                self._judge(rows[again], task[again], self._now_s[rows[again]])
-        open_: Bools = ~self._settled[rows, task] & ~self._over[rows]
+        found_s = self._identification.found_s[rows, task]
+        identified = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
+        if len(identified):
+            self._judge(rows[identified], task[identified], found_s[identified])
+            undecided = identified[~self._settled[rows[identified], task[identified]] & ~self._ended[rows[identified]]]
+            if len(undecided):  # seen more of it by now
+                self._judge(rows[undecided], task[undecided], self._now_s[rows[undecided]])
+        open_: Bools = ~self._settled[rows, task] & ~self._ended[rows]
         return open_
 
     def _judge(self, rows: Counts, task: Counts, at_s: Floats) -> None:
         """Report at a moment what the policy is content with by then; the careful one may want to see more first."""
-        careful = self._batch.aware[rows]
+        careful = self._batch.bystander_aware[rows]
         plain = ~careful
-        self._say(rows[plain], task[plain], at_s[plain], marks=True)
+        self._report(rows[plain], task[plain], at_s[plain], marks=True)
         rows, task, at_s = rows[careful], task[careful], at_s[careful]
         if not len(rows):
             return
         known = self._knows(rows, task, at_s)
         self._known.put(rows, task, known)
-        near = known.near > 0
-        self._say(rows[near], task[near], at_s[near], marks=False)
-        rows, task, at_s = rows[~near], task[~near], at_s[~near]
+        withholds = known.within > 0
+        self._report(rows[withholds], task[withholds], at_s[withholds], marks=False)
+        rows, task, at_s = rows[~withholds], task[~withholds], at_s[~withholds]
         clear = self._unseen(rows, task, at_s) <= DEFAULTS.unseen_share
-        self._say(rows[clear], task[clear], at_s[clear], marks=True)
+        self._report(rows[clear], task[clear], at_s[clear], marks=True)
 
-    def _say(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
+    def _report(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
         """Reported as soon as that is allowed."""
         batch = self._batch
-        said_s = opens_s(batch.closed_s[rows], at_s)
+        said_s = first_open_s(batch.closed_s[rows], at_s)
         said_s = np.where(said_s < batch.limit_s[rows] - LAST_WORD_S, said_s, NEVER_S)
         self._reported_s[rows, task] = said_s
         self._settled[rows, task] = True
@@ -221,22 +223,22 @@ class _Flight:
     def _look_round(self, rows: Counts, task: Counts) -> None:
         """After a round: what is identified is reported, by the careful one once it has swept what it has not seen."""
         batch = self._batch
-        left = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._hunts.found_s[rows, task]))
-        if not len(left):
+        unsettled = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._identification.found_s[rows, task]))
+        if not len(unsettled):
             return
-        rows, task = rows[left], task[left]
+        rows, task = rows[unsettled], task[unsettled]
         toward = batch.task_m[rows, task] - self._place_m[rows]
         around_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
         path_m = self._lawnmower(rows, self._targets_m(rows, task), around_m, np.arctan2(toward[:, 0], toward[:, 1]))
         self._fly_along(rows, path_m, RING_MOMENTS)
         at_s = self._now_s[rows]
         self._judge(rows, task, at_s)
-        left = np.flatnonzero(~self._settled[rows, task])  # what one sweep does not show stays unseen
-        self._say(rows[left], task[left], at_s[left], marks=False)
+        unsettled = np.flatnonzero(~self._settled[rows, task])  # what one sweep does not show stays unseen
+        self._report(rows[unsettled], task[unsettled], at_s[unsettled], marks=False)
 
     def _worth_another(self, rows: Counts, task: Counts, path_m: Floats) -> Counts:
         """A second pass, across, where nothing else waits and there is time."""
-        waits = ~self._done[rows] & (self._batch.task_delivered_s[rows] <= self._now_s[rows][:, None])
+        waits = ~self._dealt_with[rows] & (self._batch.task_delivered_s[rows] <= self._now_s[rows][:, None])
         open_ = ~waits.any(axis=1) & (self._passes[rows, task] < 2)
         steps = np.diff(path_m, axis=1)
         work_s = np.hypot(steps[:, :, 0], steps[:, :, 1]).sum(axis=1) / self._batch.speed_mps[rows]
@@ -247,8 +249,8 @@ class _Flight:
         batch = self._batch
         order = np.argsort(np.where(self._task_is, batch.task_priority, 99), axis=1, kind="stable")[:, place]
         row = np.arange(len(batch))
-        withheld = (self._reported_s[row, order] <= self._now_s) & np.isinf(self._marked_s[row, order]) & ~self._over
-        withheld &= opens_s(batch.closed_s, self._now_s) <= self._now_s
+        withheld = (self._reported_s[row, order] <= self._now_s) & np.isinf(self._marked_s[row, order]) & ~self._ended
+        withheld &= first_open_s(batch.closed_s, self._now_s) <= self._now_s
         round_s = 2.0 * np.pi * self._ring_m / DEFAULTS.inspect_speed_mps
         rows = np.flatnonzero(withheld & self._fits(row, order, self._now_s, round_s))
         if not len(rows):
@@ -257,9 +259,9 @@ class _Flight:
         stays = self._fly_around(rows, chosen, self._targets_m(rows, chosen))
         rows, chosen = rows[stays], chosen[stays]
         at_s = self._now_s[rows]
-        clear = self._memory.near(rows, chosen, at_s, self._everybody_at(rows, at_s), lately=True).near == 0
+        clear = self._memory.known_near(rows, chosen, at_s, self._everybody_at(rows, at_s), last_stretch_only=True).within == 0
         clear[clear] = self._unseen(rows[clear], chosen[clear], at_s[clear]) <= DEFAULTS.unseen_share
-        said_s = opens_s(batch.closed_s[rows], at_s)
+        said_s = first_open_s(batch.closed_s[rows], at_s)
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
 
     def _mark_as_ordered(self) -> None:
@@ -268,14 +270,14 @@ class _Flight:
         for index in range(batch.mark_s.shape[1]):
             at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
             row = np.arange(len(batch))
-            able = (batch.mark_task[:, index] >= 0) & (self._hunts.found_s[row, task] <= at_s) & (at_s <= self._now_s)
-            able &= opens_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
+            able = (batch.mark_task[:, index] >= 0) & (self._identification.found_s[row, task] <= at_s) & (at_s <= self._now_s)
+            able &= first_open_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
             rows = np.flatnonzero(able)
             if not len(rows):
                 continue
             chosen, when_s = task[rows], at_s[rows]
-            careful = batch.aware[rows]
-            refuses = careful & (self._knows(rows, chosen, when_s).near > 0)
+            careful = batch.bystander_aware[rows]
+            refuses = careful & (self._knows(rows, chosen, when_s).within > 0)
             refuses[careful] |= self._unseen(rows[careful], chosen[careful], when_s[careful]) > DEFAULTS.unseen_share
             rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
             self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
@@ -288,8 +290,8 @@ class _Flight:
         lower_s = np.maximum(batch.height_m - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
         goal_m = np.where(batch.returns[:, None], batch.home_m, self._place_m)
         begin_s = self._now_s.copy()
-        path_m = self._homeward.paths(rows, np.stack((self._place_m, goal_m), axis=1), begin_s)
-        stretch, there_s = along(rows, path_m, begin_s, batch.speed_mps, batch.height_m, HOME_MOMENTS)
+        path_m = self._way_home.paths(rows, np.stack((self._place_m, goal_m), axis=1), begin_s)
+        stretch, there_s = path_stretch(rows, path_m, begin_s, batch.speed_mps, batch.height_m, HOME_MOMENTS)
         since_s = np.where(batch.keeps_up, there_s, begin_s)
         high_m = np.maximum(
             batch.height_m[:, None] - DESCENT_MPS * np.maximum(stretch.time_s - since_s[:, None], 0.0), DEFAULTS.safe_height_m
@@ -301,11 +303,13 @@ class _Flight:
         if self._slows:
             stretch, end_s = self._slowed(stretch, end_s)
         if self._eventful:
-            stretch, end_s, _ = delayed(batch, stretch, end_s, self._homeward.latest_s(rows, self._place_m, begin_s))
-            down = batch.down_s < end_s
-            stretch, place_m = cut_off(stretch, goal_m, np.where(down, np.maximum(batch.down_s, begin_s), np.inf), self._place_m)
-            end_s = np.where(down, np.maximum(batch.down_s, begin_s) + lower_s, end_s)
-        self._views.append(self._seen(stretch, begin_s))
+            stretch, end_s, _ = delayed(batch, stretch, end_s, self._way_home.latest_s(rows, self._place_m, begin_s))
+            down = batch.landed_from_s < end_s
+            stretch, place_m = cut_off(
+                stretch, goal_m, np.where(down, np.maximum(batch.landed_from_s, begin_s), np.inf), self._place_m
+            )
+            end_s = np.where(down, np.maximum(batch.landed_from_s, begin_s) + lower_s, end_s)
+        self._views.append(self._views_of(stretch, begin_s))
         self._course.append(stretch)
         self._place_m = place_m
         self._now_s = end_s + DOWN_S
@@ -314,32 +318,32 @@ class _Flight:
 
     def _lawnmower(self, rows: Counts, center_m: Floats, radius_m: Floats, heading_rad: Floats) -> Floats:
         batch = self._batch
-        near_m = batch.near[rows] * batch.height_m[rows]
-        path_m = legs(center_m, radius_m, heading_rad, self._swath_m[rows], near_m, self._middle_m[rows])
+        near_m = batch.near_edge[rows] * batch.height_m[rows]
+        path_m = lawnmower(center_m, radius_m, heading_rad, self._swath_m[rows], near_m, self._middle_m[rows])
         return np.concatenate((self._place_m[rows][:, None, :], path_m), axis=1)
 
     def _fly_along(self, rows: Counts, path_m: Floats, moments: int, task: Counts | None = None) -> Bools:
         if not len(rows):
             return np.zeros(0, dtype=np.bool_)
         batch, begin_s = self._batch, self._now_s[rows]
-        path_m = self._homeward.paths(rows, path_m, begin_s)
-        stretch, end_s = along(rows, path_m, begin_s, batch.speed_mps[rows], batch.height_m[rows], moments)
-        return self._taken(stretch, end_s, path_m[:, -1], task)
+        path_m = self._way_home.paths(rows, path_m, begin_s)
+        stretch, end_s = path_stretch(rows, path_m, begin_s, batch.speed_mps[rows], batch.height_m[rows], moments)
+        return self._fly_stretch(stretch, end_s, path_m[:, -1], task)
 
     def _fly_around(self, rows: Counts, task: Counts, center_m: Floats) -> Bools:
         """Once round a target, until that is settled."""
         batch = self._batch
         radius_m = self._ring_m[rows]
-        apart_m = self._homeward.way_m(rows, self._place_m[rows], center_m, self._now_s[rows])
+        apart_m = self._way_home.way_m(rows, self._place_m[rows], center_m, self._now_s[rows])
         speed_mps = batch.speed_mps[rows]
         braking_s = np.maximum(speed_mps - CORNER_MPS, 0.0) ** 2 / (2.0 * BRAKING_MPS2 * speed_mps)
         there_s = self._now_s[rows] + np.abs(apart_m - radius_m) / speed_mps + braking_s
-        stretch, end_s = around(
+        stretch, end_s = ring_stretch(
             rows, center_m, self._place_m[rows], radius_m, there_s, DEFAULTS.inspect_speed_mps, batch.height_m[rows], RING_MOMENTS
         )
-        return self._taken(stretch, end_s, stretch.place_m[:, -1], task, round_it=True)
+        return self._fly_stretch(stretch, end_s, stretch.place_m[:, -1], task, round_it=True)
 
-    def _taken(
+    def _fly_stretch(
         self, stretch: Stretch, end_s: Floats, place_m: Floats, task: Counts | None = None, *, round_it: bool = False
     ) -> Bools:
         """Fly a stretch as far as nothing calls away from it; (r,) whether it stays with its task."""
@@ -351,20 +355,20 @@ class _Flight:
         astray_s = self._batch.ends_s[rows]
         if self._eventful:
             stretch, end_s, astray_s = delayed(self._batch, stretch, end_s)
-        over_s = self._homeward.turns_back_s(stretch, begin_s, end_s, self._away_s[rows])
+        over_s = self._way_home.turns_back_s(stretch, begin_s, end_s, self._away_s[rows])
         over_s = np.minimum(over_s, np.maximum(np.minimum(astray_s, self._batch.ends_s[rows]), begin_s))
-        views = self._seen(stretch, begin_s)
+        views = self._views_of(stretch, begin_s)
         leaves_s = np.full(len(rows), np.inf)
         self._views.append(views)
         self._memory.add(views)
         if task is not None:
-            seen = self._hunts.looked(rows, task, stretch, views, self._everybody_at(rows, begin_s))
-            found_s = self._hunts.found_by(seen)
+            observed = self._identification.observe(rows, task, stretch, views, self._everybody_at(rows, begin_s))
+            found_s = self._identification.identified_s(observed)
             leaves_s = self._leaves_s(rows, task, found_s, begin_s, end_s, round_it=round_it)
             until_s = np.minimum(over_s, leaves_s)
-            self._hunts.take(seen, found_s, until_s)
-        called_s = np.minimum(over_s, leaves_s)
-        cut_s = np.where(called_s < end_s, np.maximum(called_s, begin_s), np.inf)
+            self._identification.commit(observed, found_s, until_s)
+        left_s = np.minimum(over_s, leaves_s)
+        cut_s = np.where(left_s < end_s, np.maximum(left_s, begin_s), np.inf)
         if np.isfinite(cut_s).any():
             limit_s = np.full(len(self._batch), np.inf)
             limit_s[rows] = cut_s
@@ -375,17 +379,17 @@ class _Flight:
         self._course.append(stretch)
         self._now_s[rows] = np.minimum(end_s, cut_s)
         self._place_m[rows] = place_m
-        self._over[rows] |= over_s < np.minimum(end_s, np.maximum(leaves_s, begin_s))
+        self._ended[rows] |= over_s < np.minimum(end_s, np.maximum(leaves_s, begin_s))
         if task is None:
-            return ~self._over[rows]
-        diverted = (leaves_s < end_s) & ~self._over[rows] & np.isinf(self._hunts.found_s[rows, task])
-        self._done[rows[diverted], task[diverted]] = False
-        gone: Bools = diverted | self._over[rows]
-        ready = np.flatnonzero(gone & np.isfinite(self._hunts.found_s[rows, task]))
+            return ~self._ended[rows]
+        diverted = (leaves_s < end_s) & ~self._ended[rows] & np.isinf(self._identification.found_s[rows, task])
+        self._dealt_with[rows[diverted], task[diverted]] = False
+        leaves: Bools = diverted | self._ended[rows]
+        ready = np.flatnonzero(leaves & np.isfinite(self._identification.found_s[rows, task]))
         if len(ready):
-            some = rows[ready], task[ready]
-            self._judge(*some, self._hunts.found_s[some])
-        stays: Bools = ~gone
+            members = rows[ready], task[ready]
+            self._judge(*members, self._identification.found_s[members])
+        stays: Bools = ~leaves
         return stays
 
     def _leaves_s(self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool) -> Floats:
@@ -396,33 +400,35 @@ class _Flight:
         settles &= ~self._settled[rows, task]
         at = np.flatnonzero(settles)
         if len(at):
-            content = ~batch.aware[rows[at]]
+            content = ~batch.bystander_aware[rows[at]]
             careful = at[~content]
             if len(careful):
-                content[~content] = self._knows(rows[careful], task[careful], found_s[careful]).near > 0
+                content[~content] = self._knows(rows[careful], task[careful], found_s[careful]).within > 0
             leaves_s[at[content]] = np.maximum(found_s[at[content]], begin_s[at[content]])
-        others = ~self._done[rows]
+        others = ~self._dealt_with[rows]
         if others.any():
-            found = np.flatnonzero(others.any(axis=1))
-            leaves_s[found] = np.minimum(
-                leaves_s[found],
-                called_s(batch, self._homeward, rows[found], task[found], others[found], found_s[found], begin_s[found]),
+            waiting = np.flatnonzero(others.any(axis=1))
+            leaves_s[waiting] = np.minimum(
+                leaves_s[waiting],
+                preempted_s(
+                    batch, self._way_home, rows[waiting], task[waiting], others[waiting], found_s[waiting], begin_s[waiting]
+                ),
             )
         return leaves_s
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
-        return slowed(self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows]))
+        return slowed_near_people(self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows]))
 
-    def _seen(self, stretch: Stretch, begin_s: Floats) -> Views:
+    def _views_of(self, stretch: Stretch, begin_s: Floats) -> Views:
         """Who is in the picture, where the detector says anything."""
-        views = look(self._batch, stretch, self._everybody_at(stretch.rows, begin_s))
+        views = views_of(self._batch, stretch, self._everybody_at(stretch.rows, begin_s))
         for span in range(self._batch.blind_s.shape[1]):
             since_s, until_s = self._batch.blind_s[views.row, span].T
             views = views.where((views.time_s < since_s) | (views.time_s >= until_s))
         return views
 
     def _everybody_at(self, rows: Counts, time_s: Floats) -> Floats:
-        return self._everybody[(time_s // EPOCH_S).astype(np.int64) % EPOCHS, rows]
+        return self._places[(time_s // STANDING_S).astype(np.int64) % STANDING_SPANS, rows]
 
     def _targets_m(self, rows: Counts, task: Counts) -> Floats:
         """Where targets were last seen: about where they stand."""
@@ -432,22 +438,22 @@ class _Flight:
 
     # What it knows, and what came of it.
 
-    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> Known:
+    def _knows(self, rows: Counts, task: Counts, until_s: Floats) -> KnownBystanders:
         """Who near a target was seen often enough by then."""
-        return self._memory.near(rows, task, until_s, self._everybody_at(rows, until_s))
+        return self._memory.known_near(rows, task, until_s, self._everybody_at(rows, until_s))
 
     def _unseen(self, rows: Counts, task: Counts, until_s: Floats) -> Floats:
         return unseen_share(self._batch, self._course, rows, self._targets_m(rows, task), until_s)
 
-    def _outcome(self) -> Flown:
+    def _outcome(self) -> FlownMissions:
         return outcome(
             self._batch,
-            self._everybody,
+            self._places,
             self._course,
             Views.joined(self._views),
             reported_s=self._reported_s,
             marked_s=self._marked_s,
-            found_s=self._hunts.found_s,
+            found_s=self._identification.found_s,
             known=self._known,
             reached=self._reached,
             took_off_s=self._away_s - CLIMB_S,

@@ -10,22 +10,22 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ...perception._tracks import MOST_LOOKS
-from ..batch._batch import EPOCH_S, EPOCHS, Batch
+from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
 from ..batch._draws import normal
-from ._bystanders import Known
+from ._bystanders import KnownBystanders
 from ._views import Stretch, Views
 
-_LUCK_PLACE = 4000
+_STREAM_PLACE = 4000
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class FlownMissions:
     """What came of a batch. Times are inf where something never happened; tasks are in the order of the SimSpec."""
 
     reported_s: Floats  # (n, k)
     marked_s: Floats  # (n, k)
     found_s: Floats  # (n, k)
-    known: Known  # (n, k) bystanders near the target, as known when it was reported
+    known: KnownBystanders  # (n, k) bystanders near the target, as known when it was reported
     clear_mark: Bools  # (n, k) marked while no bystander was within the no-mark distance
     near_at_report_m: Floats  # (n, k) true distance of the nearest bystander to the target
     near_at_report: Counts  # (n, k) how many were within the no-mark distance
@@ -51,34 +51,34 @@ def outcome(
     reported_s: Floats,
     marked_s: Floats,
     found_s: Floats,
-    known: Known,
+    known: KnownBystanders,
     reached: Bools,
     took_off_s: Floats,
     end_s: Floats,
     place_m: Floats,
-) -> Flown:
+) -> FlownMissions:
     """Put what was done beside where everybody was."""
     is_task = (batch.task_radius_m > 0.0) & (batch.task_actor >= 0)
     rows, task = np.nonzero(is_task)
     shape = reported_s.shape
     near_m, exposure_s = np.full(shape, np.inf), np.zeros(shape)
-    near, clear = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.bool_)
+    within, clear = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.bool_)
     limit_m = batch.no_mark_m[rows]
     apart_m2 = [_apart_m2(batch, rows, batch.task_actor[rows, task], places_m) for places_m in everybody_m]
-    nearest_m = np.sqrt(np.stack([one.min(axis=1, initial=np.inf) for one in apart_m2]))
-    count = np.stack([(one < (limit_m**2)[:, None]).sum(axis=1) for one in apart_m2])
+    nearest_m = np.sqrt(np.stack([each.min(axis=1, initial=np.inf) for each in apart_m2]))
+    counts = np.stack([(each < (limit_m**2)[:, None]).sum(axis=1) for each in apart_m2])
     exposure_s[rows, task] = (nearest_m < limit_m).mean(axis=0) * batch.limit_s[rows]
-    told, here = epoch_of(reported_s[rows, task]), np.arange(len(rows))
-    near_m[rows, task], near[rows, task] = nearest_m[told, here], count[told, here]
-    clear[rows, task] = nearest_m[epoch_of(marked_s[rows, task]), here] >= limit_m
-    return Flown(
+    span_at_report, here = standing_span_of(reported_s[rows, task]), np.arange(len(rows))
+    near_m[rows, task], within[rows, task] = nearest_m[span_at_report, here], counts[span_at_report, here]
+    clear[rows, task] = nearest_m[standing_span_of(marked_s[rows, task]), here] >= limit_m
+    return FlownMissions(
         reported_s=reported_s,
         marked_s=marked_s,
         found_s=found_s,
         known=known,
         clear_mark=clear & np.isfinite(marked_s),
         near_at_report_m=near_m,
-        near_at_report=near,
+        near_at_report=within,
         error_m=_errors_m(batch, reported_s),
         exposure_s=exposure_s,
         entered=_entered(batch, everybody_m),
@@ -93,9 +93,9 @@ def outcome(
     )
 
 
-def epoch_of(time_s: Floats) -> Counts:
+def standing_span_of(time_s: Floats) -> Counts:
     """The epoch of each moment; the first for what never was."""
-    epoch: Counts = (np.where(np.isfinite(time_s), time_s, 0.0) // EPOCH_S).astype(np.int64) % EPOCHS
+    epoch: Counts = (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(np.int64) % STANDING_SPANS
     return epoch
 
 
@@ -104,7 +104,7 @@ def _errors_m(batch: Batch, reported_s: Floats) -> Floats:
     tasks = reported_s.shape[1]
     pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)
     sigma_m = np.sqrt(batch.gps_m**2 + pixel_m**2 / MOST_LOOKS)
-    off_m = sigma_m[:, None, None] * normal(batch.seeds, _LUCK_PLACE, 2 * tasks).reshape(len(batch), tasks, 2)
+    off_m = sigma_m[:, None, None] * normal(batch.seeds, _STREAM_PLACE, 2 * tasks).reshape(len(batch), tasks, 2)
     for drift in range(batch.drifts.shape[1]):
         since_s, until_s, *rates_mps = batch.drifts[:, drift].T
         during = (reported_s >= since_s[:, None]) & (reported_s < until_s[:, None])

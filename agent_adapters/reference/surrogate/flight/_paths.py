@@ -11,23 +11,25 @@ from bench.arrays import Counts, Floats
 from ..._settings import DEFAULTS
 from ._views import Stretch
 
-TURN_S = 2.2
+CORNER_S = 2.2
 """Slowing down to a corner and speeding up again, by the reference agent's speeds and braking."""
 
 
-def legs(center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats) -> Floats:
+def lawnmower(
+    center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats
+) -> Floats:
     """(r, w, 2) the reference agent's lawnmower over discs; where a row has fewer legs its last corner is repeated."""
     count = np.maximum(1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))).astype(np.int64)
     between_m = 2.0 * radius_m / count
     corners = []
     for leg in range(int(count.max())):
-        own = np.minimum(leg, count - 1)
-        across_m = -radius_m + (own + 0.5) * between_m
+        row_leg = np.minimum(leg, count - 1)
+        across_m = -radius_m + (row_leg + 0.5) * between_m
         half_m = np.sqrt(np.maximum(radius_m**2 - np.maximum(np.abs(across_m) - between_m / 2.0, 0.0) ** 2, 0.0))
         begin_m = -half_m - near_m
         end_m = np.maximum(half_m - middle_m, begin_m + 10.0)
-        sign = np.where(own % 2 == 0, 1.0, -1.0)
-        first = np.where(leg == own, begin_m, end_m)
+        sign = np.where(row_leg % 2 == 0, 1.0, -1.0)
+        first = np.where(leg == row_leg, begin_m, end_m)
         for along_m in (sign * first, sign * end_m):
             sine, cosine = np.sin(heading_rad), np.cos(heading_rad)
             east_m = center_m[:, 0] + along_m * sine + across_m * cosine
@@ -36,34 +38,34 @@ def legs(center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Float
     return np.stack(corners, axis=1)
 
 
-def along(
+def path_stretch(
     rows: Counts, corners_m: Floats, begin_s: Floats, speed_mps: Floats, height_m: Floats, moments: int
 ) -> tuple[Stretch, Floats]:
     """The corners flown one after the other, seen at so many moments; and when the last is reached."""
     steps = np.diff(corners_m, axis=1)
     length_m = np.hypot(steps[:, :, 0], steps[:, :, 1])
     moving_s = length_m / speed_mps[:, None]
-    reached_s = np.cumsum(moving_s + np.where(length_m > 1e-6, TURN_S, 0.0), axis=1)
+    reached_s = np.cumsum(moving_s + np.where(length_m > 1e-6, CORNER_S, 0.0), axis=1)
     took_s = reached_s[:, -1]
     since_s = (np.arange(moments) + 0.5) / moments * took_s[:, None]
     on = np.minimum((since_s[:, :, None] >= reached_s[:, None, :]).sum(axis=2), length_m.shape[1] - 1)
     row = np.arange(len(rows))[:, None]
     left_s = reached_s[row, on] - since_s
-    spare_s = np.maximum(left_s - TURN_S, 0.0)
+    spare_s = np.maximum(left_s - CORNER_S, 0.0)
     share = 1.0 - spare_s / np.maximum(moving_s[row, on], 1e-9)
     place_m = corners_m[row, on] + np.clip(share, 0.0, 1.0)[:, :, None] * steps[row, on]
     course_rad = np.arctan2(steps[:, :, 0], steps[:, :, 1])
     # The legs of length 0 that fill up a row turn nowhere.
     turn_rad = np.remainder(np.diff(course_rad, axis=1, append=course_rad[:, -1:]) + np.pi, 2.0 * np.pi) - np.pi
     turn_rad[:, :-1] *= length_m[:, 1:] > 1e-6
-    heading_rad = course_rad[row, on] + turn_rad[row, on] * np.clip(1.0 - left_s / TURN_S, 0.0, 1.0)
+    heading_rad = course_rad[row, on] + turn_rad[row, on] * np.clip(1.0 - left_s / CORNER_S, 0.0, 1.0)
     high_m = np.repeat(height_m[:, None], moments, axis=1)
     span_s = np.repeat(took_s[:, None] / moments, moments, axis=1)
     stretch = Stretch(rows, begin_s[:, None] + since_s, place_m, heading_rad, high_m, span_s)
     return stretch, begin_s + took_s
 
 
-def around(
+def ring_stretch(
     rows: Counts,
     center_m: Floats,
     from_m: Floats,

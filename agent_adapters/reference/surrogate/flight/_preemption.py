@@ -9,17 +9,17 @@ from bench.arrays import Bools, Counts, Floats
 from ...mission._mission import HURRY_S, SEARCH_S
 from ...mission._planner import TURN_S
 from ..batch._batch import Batch
-from ._way_home import Homeward
+from ._way_home import WayHome
 
 
-def ordered_by(batch: Batch, now_s: Floats) -> Bools:
+def is_ordered_first(batch: Batch, now_s: Floats) -> Bools:
     """(n, k) ordered to be next, by a moment (n,), and known when it was."""
     ordered: Bools = (batch.first_s <= now_s[:, None]) & (batch.task_delivered_s <= batch.first_s)
     return ordered
 
 
-def called_s(
-    batch: Batch, homeward: Homeward, rows: Counts, task: Counts, others: Bools, found_s: Floats, begin_s: Floats
+def preempted_s(
+    batch: Batch, homeward: WayHome, rows: Counts, task: Counts, others: Bools, found_s: Floats, begin_s: Floats
 ) -> Floats:
     """(r,) when one of the others that wait (r, k) is turned to, on a stretch that begins at `begin_s`; inf for never.
 
@@ -37,11 +37,11 @@ def called_s(
     for other in range(others.shape[1]):
         waits = np.flatnonzero(others[:, other] & (told_s[:, other] <= found_s) & np.isfinite(found_s))
         if len(waits):
-            some, goal_m = rows[waits], batch.task_m[rows[waits], other]
-            way_m = homeward.way_m(some, here_m[waits], goal_m, begin_s[waits])
-            way_s = way_m / batch.pace_mps[some] + TURN_S + SEARCH_S
-            fits_s = homeward.latest_s(some, goal_m, begin_s[waits]) - way_s
-            due_s = told_s[waits, other] + batch.deadline_s[some] - way_s
+            waiting_rows, goal_m = rows[waits], batch.task_m[rows[waits], other]
+            way_m = homeward.way_m(waiting_rows, here_m[waits], goal_m, begin_s[waits])
+            way_s = way_m / batch.pace_mps[waiting_rows] + TURN_S + SEARCH_S
+            fits_s = homeward.latest_s(waiting_rows, goal_m, begin_s[waits]) - way_s
+            due_s = told_s[waits, other] + batch.deadline_s[waiting_rows] - way_s
             hurry_s = np.maximum(np.minimum(fits_s, due_s) - HURRY_S, found_s[waits])
             calls_s[waits] = np.where(hurry_s < fits_s, np.minimum(calls_s[waits], hurry_s), calls_s[waits])
     return calls_s

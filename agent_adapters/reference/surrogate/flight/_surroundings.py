@@ -21,15 +21,19 @@ def unseen_share(batch: Batch, course: Sequence[Stretch], rows: Counts, target_m
     places_m = target_m[:, None] + radius_m[:, None, None] * _DISC[None]
     index = np.full(len(batch), -1)
     index[rows] = np.arange(len(rows))
-    seen = np.zeros(places_m.shape[:2], dtype=np.bool_)
+    shown_lately = np.zeros(places_m.shape[:2], dtype=np.bool_)
     for stretch in course:
-        own = index[stretch.rows]
-        late = (own >= 0) & (stretch.time_s[:, -1] >= until_s[own] - DEFAULTS.memory_s) & (stretch.time_s[:, 0] <= until_s[own])
+        place_of = index[stretch.rows]
+        late = (
+            (place_of >= 0)
+            & (stretch.time_s[:, -1] >= until_s[place_of] - DEFAULTS.memory_s)
+            & (stretch.time_s[:, 0] <= until_s[place_of])
+        )
         part = np.flatnonzero(late)
         if len(part):
-            at = own[part]
-            seen[at] |= shown(batch, stretch.part(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at])
-    unseen: Floats = 1.0 - seen.mean(axis=1)
+            at = place_of[part]
+            shown_lately[at] |= shown(batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at])
+    unseen: Floats = 1.0 - shown_lately.mean(axis=1)
     return unseen
 
 

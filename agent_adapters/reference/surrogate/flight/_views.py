@@ -29,9 +29,9 @@ class Stretch:
     height_m: Floats  # (r, j)
     span_s: Floats  # (r, j)
 
-    def part(self, some: Counts) -> Stretch:
+    def select(self, rows: Counts) -> Stretch:
         """Some of the missions."""
-        return Stretch(*(getattr(self, name)[some] for name in Stretch.__slots__))
+        return Stretch(*(getattr(self, name)[rows] for name in Stretch.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,21 +49,21 @@ class Views:
     mislabel: Narrow
 
     @staticmethod
-    def joined(many: list[Views]) -> Views:
+    def joined(parts: list[Views]) -> Views:
         """All of them as one."""
         names = Views.__slots__
-        return Views(*(np.concatenate([getattr(one, name) for one in many]) for name in names))
+        return Views(*(np.concatenate([getattr(views, name) for views in parts]) for name in names))
 
     def where(self, chosen: Bools) -> Views:
         """Some of them."""
         return Views(*(getattr(self, name)[chosen] for name in Views.__slots__))
 
 
-def look(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
+def views_of(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
     """Who is in the picture on a stretch, while everybody stands at `places_m` (r, a, 2)."""
     at, moment, actor = _shown(batch, stretch, places_m)
     away = places_m[at, actor] - stretch.place_m[at, moment]
-    return _clear(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
+    return _clarity(batch, stretch, at, moment, actor, away[:, 0], away[:, 1])
 
 
 def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats) -> Bools:
@@ -72,30 +72,30 @@ def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, unt
     time_s = stretch.time_s[at, moment]
     long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0
     counts = long & (time_s >= since_s[at]) & (time_s <= until_s[at])
-    found = np.zeros(places_m.shape[:2], dtype=np.bool_)
-    found[at[counts], place[counts]] = True
-    return found
+    in_picture = np.zeros(places_m.shape[:2], dtype=np.bool_)
+    in_picture[at[counts], place[counts]] = True
+    return in_picture
 
 
 def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Counts, Counts]:
     rows, place_m = stretch.rows, stretch.place_m
     sine, cosine = np.sin(stretch.heading_rad), np.cos(stretch.heading_rad)
-    own = place_m[:, :, 0] * sine + place_m[:, :, 1] * cosine
-    aside = place_m[:, :, 0] * cosine - place_m[:, :, 1] * sine
+    ahead_m = place_m[:, :, 0] * sine + place_m[:, :, 1] * cosine
+    across_m = place_m[:, :, 0] * cosine - place_m[:, :, 1] * sine
     widens = batch.tan_half[rows] * np.cos(batch.tilt_rad[rows])
     half_m = (batch.tan_half[rows] * np.sin(batch.tilt_rad[rows]))[:, None] * stretch.height_m
     frame = _Frame(
-        sine=_narrow(sine),
-        cosine=_narrow(cosine),
-        near=_narrow(own + batch.near[rows][:, None] * stretch.height_m),
-        far=_narrow(own + batch.far[rows][:, None] * stretch.height_m),
-        widens=_narrow(widens)[:, :, None],
-        right=_narrow(aside + half_m - widens[:, None] * own),
-        left=_narrow(aside - half_m + widens[:, None] * own),
+        sine=_single_precision(sine),
+        cosine=_single_precision(cosine),
+        near_edge=_single_precision(ahead_m + batch.near_edge[rows][:, None] * stretch.height_m),
+        far_edge=_single_precision(ahead_m + batch.far_edge[rows][:, None] * stretch.height_m),
+        widens=_single_precision(widens)[:, :, None],
+        right_edge=_single_precision(across_m + half_m - widens[:, None] * ahead_m),
+        left_edge=_single_precision(across_m - half_m + widens[:, None] * ahead_m),
     )
     east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
-    found = [_in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows))) for begin in range(0, len(rows), BLOCK)]
-    at, moment, place = (np.concatenate(one) for one in zip(*found, strict=True))
+    blocks = [_in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows))) for begin in range(0, len(rows), BLOCK)]
+    at, moment, place = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
     return at, moment, place
 
 
@@ -105,36 +105,36 @@ class _Frame:
 
     sine: Narrow
     cosine: Narrow
-    near: Narrow
-    far: Narrow
+    near_edge: Narrow
+    far_edge: Narrow
     widens: Narrow
-    right: Narrow
-    left: Narrow
+    right_edge: Narrow
+    left_edge: Narrow
 
 
-def _narrow(values: Floats) -> Narrow:
+def _single_precision(values: Floats) -> Narrow:
     return values.astype(np.float32)[..., None]
 
 
 def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int) -> tuple[Counts, Counts, Counts]:
     """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time goes."""
-    some = slice(begin, end)
-    east, north, sine, cosine = east[some], north[some], frame.sine[some], frame.cosine[some]
+    block = slice(begin, end)
+    east, north, sine, cosine = east[block], north[block], frame.sine[block], frame.cosine[block]
     ahead = east * sine
     ahead += north * cosine
     across = east * cosine
     across -= north * sine
-    seen = ahead > frame.near[some]
-    seen &= ahead < frame.far[some]
-    ahead *= frame.widens[some]
-    seen &= across - ahead < frame.right[some]
+    visible = ahead > frame.near_edge[block]
+    visible &= ahead < frame.far_edge[block]
+    ahead *= frame.widens[block]
+    visible &= across - ahead < frame.right_edge[block]
     across += ahead
-    seen &= across > frame.left[some]
-    at, moment, actor = np.nonzero(seen)
+    visible &= across > frame.left_edge[block]
+    at, moment, actor = np.nonzero(visible)
     return at + begin, moment, actor
 
 
-def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east_m: Floats, north_m: Floats) -> Views:
+def _clarity(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east_m: Floats, north_m: Floats) -> Views:
     """In single precision, as the pairs are many."""
     row, east, north = stretch.rows[at], east_m.astype(np.float32), north_m.astype(np.float32)
 
@@ -180,7 +180,7 @@ def _clear(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Co
     )
 
 
-def rightly(views: Views, min_confidence: float = 0.0) -> Narrow:
+def right_label_chance(views: Views, min_confidence: float = 0.0) -> Narrow:
     """Chance that one frame of each view holds the actor with its own class, no less sure than that."""
     right: Narrow = views.detection * (1.0 - views.mislabel)
     if min_confidence <= 0.0:
@@ -188,5 +188,5 @@ def rightly(views: Views, min_confidence: float = 0.0) -> Narrow:
     prior = np.clip(views.mislabel, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
     edge = (np.log(prior / (1.0 - prior)) - np.log(1.0 / min_confidence - 1.0)) / LABEL_EVIDENCE - 0.5 * LABEL_EVIDENCE
     # The logistic curve for the normal one: within 0.01, and sooner worked out.
-    kept = right / (1.0 + np.exp(np.clip(1.702 * edge, -50.0, 50.0)))
-    return np.where(views.detection < 1.0, kept, right)  # what misses nothing doubts nothing
+    sure_enough = right / (1.0 + np.exp(np.clip(1.702 * edge, -50.0, 50.0)))
+    return np.where(views.detection < 1.0, sure_enough, right)  # what misses nothing doubts nothing

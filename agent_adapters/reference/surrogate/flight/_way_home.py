@@ -14,32 +14,32 @@ from ..batch._batch import Batch
 from ._views import Stretch
 
 
-class Homeward:
+class WayHome:
     """Ways and times of a batch, round what is forbidden at the moment."""
 
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
-        self._closed = any(one is not None for one in batch.airspaces)
+        self._closed = any(airspace is not None for airspace in batch.airspaces)
         self._spare = bool(((batch.charge_fraction - batch.use_per_s * batch.limit_s) > batch.reserve + 0.25).all())
         self._spare &= not np.isfinite(batch.charge_s).any()
 
     def way_m(self, rows: Counts, begin_m: Floats, end_m: Floats, now_s: Floats) -> Floats:
         """(r,) lengths of the ways that may be flown between places."""
         length_m: Floats = np.hypot(end_m[:, 0] - begin_m[:, 0], end_m[:, 1] - begin_m[:, 1])
-        for some, space in self._spaces(rows, now_s):
-            length_m[some] = space.length_m(begin_m[some], end_m[some])
+        for members, space in self._spaces(rows, now_s):
+            length_m[members] = space.length_m(begin_m[members], end_m[members])
         return length_m
 
     def paths(self, rows: Counts, corners_m: Floats, now_s: Floats) -> Floats:
         """Paths (r, w, 2) round what is forbidden, with more corners where that takes some."""
         if not self._closed:
             return corners_m
-        routed = [(some, space.paths(corners_m[some])) for some, space in self._spaces(rows, now_s)]
-        longest = max([corners_m.shape[1], *(one.shape[1] for _, one in routed)])
-        found = np.concatenate((corners_m, np.repeat(corners_m[:, -1:], longest - corners_m.shape[1], axis=1)), axis=1)
-        for some, one in routed:
-            found[some] = np.concatenate((one, np.repeat(one[:, -1:], longest - one.shape[1], axis=1)), axis=1)
-        return found
+        routed = [(members, space.paths(corners_m[members])) for members, space in self._spaces(rows, now_s)]
+        longest = max([corners_m.shape[1], *(path.shape[1] for _, path in routed)])
+        padded = np.concatenate((corners_m, np.repeat(corners_m[:, -1:], longest - corners_m.shape[1], axis=1)), axis=1)
+        for members, path in routed:
+            padded[members] = np.concatenate((path, np.repeat(path[:, -1:], longest - path.shape[1], axis=1)), axis=1)
+        return padded
 
     def latest_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
         """(r,) when it has to leave a place, to be home in time."""
@@ -56,16 +56,16 @@ class Homeward:
         tight = np.flatnonzero((end_s + longest_s + DEFAULTS.reserve_s >= batch.limit_s[rows]) | (not self._spare))
         if not len(tight):
             return turns_s
-        some = rows[tight]
+        tight_rows = rows[tight]
         time_s = np.concatenate((stretch.time_s[tight], end_s[tight][:, None]), axis=1)  # it may wait at the very end
         count, moments = time_s.shape
         place_m = np.concatenate((stretch.place_m[tight], stretch.place_m[tight][:, -1:]), axis=1).reshape(-1, 2)
         now_s = np.where(np.isfinite(time_s), time_s, 0.0).ravel()
-        home_s = self._home_s(np.repeat(some, moments), place_m, now_s).reshape(count, moments)
+        home_s = self._home_s(np.repeat(tight_rows, moments), place_m, now_s).reshape(count, moments)
         before_s = np.concatenate((begin_s[tight][:, None], time_s[:, :-1]), axis=1)
-        latest_s = batch.limit_s[some][:, None] - DEFAULTS.reserve_s - home_s
+        latest_s = batch.limit_s[tight_rows][:, None] - DEFAULTS.reserve_s - home_s
         by_time_s = np.where(time_s >= latest_s, np.maximum(latest_s, before_s), np.inf)
-        short, short_s = self._short(some, time_s, before_s, home_s, away_s[tight])
+        short, short_s = self._short(tight_rows, time_s, before_s, home_s, away_s[tight])
         by_charge_s = np.where(short, short_s, np.inf)
         turns_s[tight] = np.minimum(by_time_s, by_charge_s).min(axis=1)
         return turns_s
@@ -77,8 +77,8 @@ class Homeward:
         full = batch.charge_fraction[rows][:, None] - batch.use_per_s[rows][:, None] * since_s
         fell_s = batch.charge_s[rows][:, None]
         after_s = np.where(np.isfinite(fell_s), np.maximum(time_s - np.where(np.isfinite(fell_s), fell_s, 0.0), 0.0), 0.0)
-        left = batch.charge_left[rows][:, None] - batch.use_per_s[rows][:, None] * after_s
-        charge: Floats = np.where(time_s >= fell_s, np.minimum(full, left), full)
+        after_drop = batch.charge_left[rows][:, None] - batch.use_per_s[rows][:, None] * after_s
+        charge: Floats = np.where(time_s >= fell_s, np.minimum(full, after_drop), full)
         return charge
 
     def _short(self, rows: Counts, time_s: Floats, before_s: Floats, home_s: Floats, away_s: Floats) -> tuple[Bools, Floats]:
@@ -104,11 +104,11 @@ class Homeward:
         """The rows (by their place among these) that have an airspace, with what is in force there."""
         if not self._closed:
             return []
-        found: dict[tuple[int, int], list[int]] = {}
+        members: dict[tuple[int, int], list[int]] = {}
         spaces = self._batch.airspaces[rows]
-        objects = {id(one): one for one in spaces if one is not None}
-        for index, one in enumerate(spaces):
-            if one is not None:
-                state = int(one.states(now_s[index : index + 1])[0])
-                found.setdefault((id(one), state), []).append(index)
-        return [(np.array(some), objects[which].of(state)) for (which, state), some in found.items()]
+        objects = {id(airspace): airspace for airspace in spaces if airspace is not None}
+        for index, airspace in enumerate(spaces):
+            if airspace is not None:
+                state = int(airspace.states(now_s[index : index + 1])[0])
+                members.setdefault((id(airspace), state), []).append(index)
+        return [(np.array(indices), objects[identity].of(state)) for (identity, state), indices in members.items()]

@@ -13,26 +13,26 @@ from bench.simspec import ASSETS
 
 from ..batch._batch import Batch
 from ..batch._draws import normal
-from ..flight._bystanders import counts
-from ..flight._outcome import Flown
-from ..flight._views import Views, rightly
+from ..flight._bystanders import frame_counts
+from ..flight._outcome import FlownMissions
+from ..flight._views import Views, right_label_chance
 
 Options = Mapping[str, Option]
 Column = tuple[Floats, Bools]
 """Value and consideration of one observable in every mission."""
 
 ROLES = {"bystander": 0, "adversary": 1, "clutter": 2}
-USUAL_CONFIDENCE, USUAL_HEIGHT_PX = 0.35, 12.0
-_LUCK_SHARE = 5000
+DEFAULT_CONFIDENCE, DEFAULT_HEIGHT_PX = 0.35, 12.0
+_STREAM_SHARES = 5000
 _ASSET = {name: index for index, name in enumerate(ASSETS)}
 
 
-class Looks:
+class SharedSums:
     """The views of a batch, and what several observables ask of them, each worked out once."""
 
     def __init__(self, batch: Batch, views: Views) -> None:
         self.views = views
-        self.course: object = None  # of the measures of where it went
+        self.flight_path: object = None  # of the measures of where it went
         self._batch = batch
         self._counts: Floats | None = None
         self._rightly: dict[float, Narrow] = {}
@@ -42,32 +42,35 @@ class Looks:
     def counts(self) -> Floats:
         """(n, a) in how many frames each actor was had rightly."""
         if self._counts is None:
-            self._counts = counts(self._batch, self.views, self.rightly(0.0))
+            self._counts = frame_counts(self._batch, self.views, self.rightly(0.0))
         return self._counts
 
     def rightly(self, least: float) -> Narrow:
         """Chance of each view that one frame of it holds the actor with its own class, no less sure than that."""
         if least not in self._rightly:
-            self._rightly[least] = rightly(self.views, least)
+            self._rightly[least] = right_label_chance(self.views, least)
         return self._rightly[least]
 
     def clear(self, options: Options, role: str) -> tuple[Floats, Floats, Floats]:
         """(n,) frames with an actor of a role in clear view, those expected to hold it rightly, and their variance, one by one."""
-        least_px, least = number(options, "min_height_px", USUAL_HEIGHT_PX), number(options, "min_confidence", USUAL_CONFIDENCE)
+        least_px, least = (
+            number(options, "min_height_px", DEFAULT_HEIGHT_PX),
+            number(options, "min_confidence", DEFAULT_CONFIDENCE),
+        )
         if not set(options) & {"asset", "min_range_m", "max_range_m"}:
             if (least_px, least) not in self._clear:
                 chosen = self.views.height_px >= least_px
                 self._clear[least_px, least] = self.sums(chosen, least, self._place, len(ROLES))
-            frames, right, spread = (_of_role(one, role) for one in self._clear[least_px, least])
+            frames, right, spread = (_of_role(summed, role) for summed in self._clear[least_px, least])
             return frames, right, spread
         chosen = self.chosen(options, role)
-        frames, right, spread = (one[:, 0] for one in self.sums(chosen, least, self.views.row, 1))
+        frames, right, spread = (summed[:, 0] for summed in self.sums(chosen, least, self.views.row, 1))
         return frames, right, spread
 
     def chosen(self, options: Options, role: str) -> Bools:
         """Which views are clear ones of the actors that options name."""
         views, batch = self.views, self._batch
-        least_px = number(options, "min_height_px", USUAL_HEIGHT_PX)
+        least_px = number(options, "min_height_px", DEFAULT_HEIGHT_PX)
         chosen: Bools = has_role(batch, role, options)[views.row, views.actor] & (views.height_px >= least_px)
         chosen &= views.range_m >= number(options, "min_range_m", 0.0)
         chosen &= views.range_m <= number(options, "max_range_m", 100_000.0)
@@ -79,23 +82,23 @@ class Looks:
         right = frames * self.rightly(least)
         spread = right * (1.0 - self.rightly(least))
         size = len(self._batch) * kinds
-        summed = [np.bincount(place, one, size).astype(np.float64).reshape(-1, kinds) for one in (frames, right, spread)]
+        summed = [np.bincount(place, weights, size).astype(np.float64).reshape(-1, kinds) for weights in (frames, right, spread)]
         return summed[0], summed[1], summed[2]
 
-    def luck(self, stream: int, count: int = 1) -> Floats:
+    def normal_draws(self, stream: int, count: int = 1) -> Floats:
         """(n, count) standard normal numbers of shares."""
-        return normal(self._batch.seeds, _LUCK_SHARE + stream, count)
+        return normal(self._batch.seeds, _STREAM_SHARES + stream, count)
 
-    def together(self) -> Floats:
+    def correlated_frames(self) -> Floats:
         """(n,) frames that hang together, as one look."""
         return np.maximum(2.0 * self._batch.correlation_s * self._batch.rate_hz, 1.0)
 
 
-Measure = Callable[[Batch, Flown, Looks, Options], Column]
+Measure = Callable[[Batch, FlownMissions, SharedSums, Options], Column]
 
 
 @dataclass(frozen=True, slots=True)
-class Computed:
+class ComputedMeasure:
     """How a measure is computed, and the options with which it can be: with others it is not considered."""
 
     measure: Measure
@@ -111,12 +114,12 @@ def number(options: Options, name: str, usual: float) -> float:
 
 def has_role(batch: Batch, role: str, options: Options) -> Bools:
     """(n, a) actors of a role, and of an asset where options name one."""
-    found = batch.role == ROLES[role] if role in ROLES else batch.role >= 0
+    in_role = batch.role == ROLES[role] if role in ROLES else batch.role >= 0
     asset = options.get("asset")
-    return found & (batch.asset == _ASSET[str(asset)]) if asset else found
+    return in_role & (batch.asset == _ASSET[str(asset)]) if asset else in_role
 
 
-def some(which: Bools) -> Bools:
+def any_of(which: Bools) -> Bools:
     """(n,) whether any of a row."""
     return np.asarray(which.any(axis=1))
 
@@ -126,10 +129,10 @@ def always(batch: Batch) -> Bools:
     return np.ones(len(batch), dtype=np.bool_)
 
 
-def share(good: Bools, among: Bools) -> Floats:
+def share(right: Bools, among: Bools) -> Floats:
     """(n,) of those in a row, the share that is good; 0 where there is none."""
-    found: Floats = (good & among).sum(axis=1) / np.maximum(among.sum(axis=1), 1)
-    return found
+    shares: Floats = (right & among).sum(axis=1) / np.maximum(among.sum(axis=1), 1)
+    return shares
 
 
 def targets(batch: Batch) -> Bools:
@@ -137,7 +140,7 @@ def targets(batch: Batch) -> Bools:
     return (batch.task_radius_m > 0.0) & (batch.task_actor >= 0)
 
 
-def exposed(batch: Batch, flown: Flown, options: Options) -> Bools:
+def exposed(batch: Batch, flown: FlownMissions, options: Options) -> Bools:
     """(n, k) targets with a bystander near them for long enough."""
     return targets(batch) & (flown.exposure_s >= number(options, "min_exposure_s", 10.0))
 
