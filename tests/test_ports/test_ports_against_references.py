@@ -13,7 +13,7 @@ from itertools import pairwise
 import pytest
 from random_run import TIME_LIMIT_S, random_simspec, random_tape
 
-from bench.contracts import CastMember, Option, Tape, TargetReport, load_plugin
+from bench.contracts import AgentTrack, AgentTracks, CastMember, Option, Tape, TargetReport, load_plugin
 from bench.simspec import Polygon, SimSpec
 
 SEEDS = range(40)
@@ -488,6 +488,266 @@ def track_freshness(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
     )
 
 
+def matured(message: AgentTracks, min_frames: int = 5) -> list[AgentTrack]:
+    return [track for track in message.tracks if track.frames >= min_frames]
+
+
+def track_distance_m(tape: Tape, track: AgentTrack, actor: int, time_s: float) -> float:
+    return math.dist((track.east_m, track.north_m), actors_at(tape, time_s)[actor])
+
+
+def message_credibility(tape: Tape, message: AgentTracks, time_s: float) -> float:
+    tracks = matured(message)
+    right = sum(
+        any(
+            track.class_label == member.class_label and track_distance_m(tape, track, actor, time_s) <= 15.0
+            for actor, member in enumerate(tape.cast)
+        )
+        for track in tracks
+    )
+    wrong = len(tracks) - right
+    return min(1.0, right / wrong) if wrong else 1.0
+
+
+def holder(tape: Tape, message: AgentTracks, actor: int, time_s: float, within_m: float) -> AgentTrack | None:
+    """The nearest mature track of the actor's class within reach."""
+    distances = [
+        (track_distance_m(tape, track, actor, time_s), index)
+        for index, track in enumerate(message.tracks)
+        if track.frames >= 5 and track.class_label == tape.cast[actor].class_label
+    ]
+    nearest_m, index = min(distances, default=(math.inf, 0))
+    return message.tracks[index] if nearest_m <= within_m else None
+
+
+@cache
+def entered_people(seed: int) -> tuple[int, ...]:
+    """Bystanders that were inside a sub-area at some sample."""
+    spec, tape = random_run(seed)
+    assert spec.realized is not None
+    radius = {item.id: item.uncertainty_m for item in spec.intelligence}
+    return tuple(
+        person
+        for person in role_of(tape, "bystander")
+        if any(
+            math.dist(places[person][:2], (area.east_m, area.north_m)) <= radius[area.id]
+            for places in tape.actor_position_enu_m.tolist()
+            for area in spec.realized.reports
+        )
+    )
+
+
+def classified_share(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    people = entered_people(seed_of(spec))
+    if not people:
+        return None
+    credit = [
+        max(
+            (
+                message_credibility(tape, message.value, message.time.s)
+                for message in tape.tracks
+                if holder(tape, message.value, person, message.time.s, 10.0)
+            ),
+            default=0.0,
+        )
+        for person in people
+    ]
+    return sum(credit) / len(credit)
+
+
+def track_continuity(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    people = entered_people(seed_of(spec))
+    if not people:
+        return None
+    kept = []
+    for previous, message in pairwise(tape.tracks):
+        for person in people:
+            before = holder(tape, previous.value, person, previous.time.s, 10.0)
+            after = holder(tape, message.value, person, message.time.s, 10.0)
+            if before and after:
+                belief = message_credibility(tape, message.value, message.time.s)
+                kept.append(belief if before.id == after.id else 0.0)
+    return sum(kept) / len(kept) if kept else 0.0
+
+
+def track_uniqueness(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    people = entered_people(seed_of(spec))
+    if not people:
+        return None
+    last: dict[int, float] = {}
+    for message in tape.tracks:
+        counts: dict[int, int] = {}
+        for track in matured(message.value):
+            distances = [
+                (track_distance_m(tape, track, actor, message.time.s), actor)
+                for actor, member in enumerate(tape.cast)
+                if member.class_label == track.class_label
+            ]
+            nearest_m, actor = min(distances, default=(math.inf, 0))
+            if nearest_m <= 15.0:
+                counts[actor] = counts.get(actor, 0) + 1
+        belief = message_credibility(tape, message.value, message.time.s)
+        last |= {actor: belief if count == 1 else 0.0 for actor, count in counts.items() if actor in people}
+    return sum(last.values()) / len(last) if last else 0.0
+
+
+def track_role_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    people = entered_people(seed_of(spec))
+    if not people:
+        return None
+    if not any(matured(message.value) for message in tape.tracks):
+        return 0.0
+    adversary_classes = {member.class_label for member in tape.cast if member.role == "adversary"}
+    mistaken = set()
+    for message in tape.tracks:
+        for track in matured(message.value):
+            if track.class_label not in adversary_classes:
+                continue
+            own_class_m = min(
+                track_distance_m(tape, track, actor, message.time.s)
+                for actor, member in enumerate(tape.cast)
+                if member.class_label == track.class_label
+            )
+            for person in people:
+                distance_m = track_distance_m(tape, track, person, message.time.s)
+                if distance_m <= 15.0 and distance_m < own_class_m:
+                    mistaken.add(person)
+    return 1.0 - len(mistaken) / len(people)
+
+
+def outages_met(spec: SimSpec, tape: Tape, kind: str) -> list[tuple[float, float]]:
+    completed = any(event.value.text == "completed" for event in tape.events)
+    return [
+        (outage.at_s, outage.at_s + outage.duration_s)
+        for outage in spec.outages
+        if outage.kind == kind and (outage.at_s <= tape.end_s or not completed)
+    ]
+
+
+def one_thing(report: TargetReport, other: TargetReport) -> bool:
+    apart_m = math.dist((report.east_m, report.north_m), (other.east_m, other.north_m))
+    return report.class_label == other.class_label and apart_m <= 20.0
+
+
+def reports_resent(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    outages = outages_met(spec, tape, "operator_link")
+    if not outages or not targets(spec, tape):
+        return None
+    if not tape.reports:
+        return 0.0
+    resent = []
+    for report in tape.reports:
+        for start_s, end_s in outages:
+            same = [other for other in tape.reports if one_thing(report.value, other.value)]
+            received = [
+                other
+                for other in same
+                if other.time.s < report.time.s and not any(from_s <= other.time.s < to_s for from_s, to_s in outages)
+            ]
+            if start_s <= report.time.s < end_s and not received:
+                resent.append(any(end_s <= other.time.s <= end_s + 10.0 for other in same))
+    return sum(resent) / len(resent) if resent else 1.0
+
+
+def blind_reports_withheld(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    outages = outages_met(spec, tape, "detections")
+    if not outages:
+        return None
+    blind = 0
+    for report in tape.reports:
+        place = (report.value.east_m, report.value.north_m)
+        for start_s, end_s in outages:
+            if not start_s + 3.0 < report.time.s < end_s:
+                continue
+            known = any(other.time.s <= start_s + 3.0 and one_thing(report.value, other.value) for other in tape.reports) or any(
+                track.class_label == report.value.class_label and math.dist((track.east_m, track.north_m), place) <= 20.0
+                for message in tape.tracks
+                if message.time.s <= start_s + 3.0
+                for track in message.value.tracks
+            )
+            blind += not known
+    return 1.0 - blind / len(tape.reports) if tape.reports else 0.0
+
+
+def steady_reaction(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if len(spec.orders) < 2:
+        return None
+    reactions_s = []
+    for order in tape.orders:
+        answers_s = [
+            answer.time.s - order.time.s
+            for answer in tape.answers
+            if answer.value.order == order.value.id and answer.time.ns >= order.time.ns
+        ]
+        reactions_s += answers_s[:1]
+    return max(0.0, 1.0 - (max(reactions_s) - min(reactions_s)) / 10.0) if len(reactions_s) >= 2 else 0.0
+
+
+def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named, limit_s = targets(spec, tape), spec.rules.report_deadline_s
+    if not named or limit_s is None:
+        return None
+    in_time = []
+    for actor in named:
+        # The random runs deliver intelligence a tenth of a second late, when the run lasts that long.
+        delivered_s = min(
+            item.delivered_s + (0.1 if any(sent.value.id == item.id for sent in tape.intelligence) else 0.0)
+            for item in spec.intelligence
+            if item.about == tape.cast[actor].group
+        )
+        reports_s = [report.time.s for report in tape.reports if places_target(tape, report.value, report.time.s, actor, 20.0)]
+        in_time.append(bool(reports_s) and reports_s[0] - delivered_s <= limit_s)
+    return sum(in_time) / len(in_time) * credibility(tape)
+
+
+def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    shares = []
+    for actor in targets_near_people:
+        first_s = next((report.time.s for report in tape.reports if subject(tape, report.value, report.time.s) == actor), None)
+        if first_s is None:
+            shares.append(0.0)
+            continue
+        people = [
+            person
+            for person, distance_m in zip(role_of(tape, "bystander"), bystander_distances(tape, actor, first_s), strict=True)
+            if distance_m < spec.rules.no_mark_within_m
+        ]
+        in_view = [
+            any(
+                sighting.actor == person and sighting.height_px >= 20.0 and sighting.visible >= 0.5
+                for frame in tape.frames
+                if first_s - 10.0 <= frame.exposed.s <= first_s
+                for sighting in frame.sightings
+            )
+            for person in people
+        ]
+        shares.append(sum(in_view) / len(in_view) if in_view else 1.0)
+    return sum(shares) / len(shares) * credibility(tape)
+
+
+def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    if not targets(spec, tape):
+        return None
+    right = []
+    for report in tape.reports:
+        actor = subject(tape, report.value, report.time.s)
+        for cited_s in set(report.value.evidence) if actor is not None else ():
+            in_view = any(
+                sighting.actor == actor and sighting.height_px >= 8.0 and abs(frame.exposed.s - cited_s) <= 1.5 + 1e-6
+                for frame in tape.frames
+                for sighting in frame.sightings
+            )
+            right.append(in_view and cited_s <= report.time.s + 1e-6)
+    return sum(right) / len(right) if right else 0.0
+
+
+def seed_of(spec: SimSpec) -> int:
+    return int(spec.name.removeprefix("random-"))
+
+
 REFERENCES: Mapping[str, tuple[Callable[[SimSpec, Tape, tuple[Sample, ...]], float | None], Mapping[str, Option]]] = {
     "geofence_kept": (geofence_kept, {}),
     "no_fly_kept": (no_fly_kept, {}),
@@ -514,6 +774,16 @@ REFERENCES: Mapping[str, tuple[Callable[[SimSpec, Tape, tuple[Sample, ...]], flo
     "ids_unique": (ids_unique, {}),
     "battery_reserve": (battery_reserve, {}),
     "track_freshness": (track_freshness, {"max_gap_s": 3.0}),
+    "classified_share": (classified_share, {"role": "bystander"}),
+    "track_continuity": (track_continuity, {"role": "bystander"}),
+    "track_uniqueness": (track_uniqueness, {"role": "bystander", "within_m": 15.0}),
+    "track_role_right": (track_role_right, {"role": "bystander", "as_role": "adversary", "within_m": 15.0}),
+    "reports_resent": (reports_resent, {"within_s": 10.0}),
+    "blind_reports_withheld": (blind_reports_withheld, {}),
+    "steady_reaction": (steady_reaction, {"limit_s": 10.0}),
+    "reports_in_time": (reports_in_time, {}),
+    "surroundings_seen": (surroundings_seen, {"window_s": 10.0, "min_height_px": 20.0}),
+    "evidence_true": (evidence_true, {"slack_s": 1.5}),
 }
 
 
