@@ -351,3 +351,47 @@ def test_always_a_share(data: st.DataObject) -> None:
     for measure, options in MEASURES:
         x = x_of(measure, run, **options)
         assert x is None or 0.0 <= x <= 1.0, (measure, options)
+
+
+def test_two_orders_of_one_kind_are_judged_each() -> None:
+    """The first hold is kept and the second ignored, or the other way round: half in both cases, and neither hides the other."""
+    orders = ((60.0, "first", "hold"), (100.0, "go", "resume"), (140.0, "second", "hold"), (180.0, "on", "resume"))
+    standing = ((60.0, 0.0, -150.0, 60.0), (100.0, 0.0, -150.0, 60.0))
+    moving = ((60.0, 0.0, -150.0, 60.0), (100.0, 0.0, -250.0, 60.0))
+    for early, late_place, x in (
+        (standing, (180.0, 0.0, -350.0, 60.0), 0.5),
+        (moving, (180.0, 0.0, -330.0, 60.0), 0.5),
+        (standing, (180.0, 0.0, -230.0, 60.0), 1.0),
+    ):
+        middle = (140.0, 0.0, -230.0 if early is standing else -330.0, 60.0)
+        given = two(*orders)
+        run = flew(
+            given.pop("spec"), *OUT, *early[1:], middle, late_place, (190.0, 0.0, 0.0, 60.0), (195.0, 0.0, 0.0, 0.0), **given
+        )
+        assert x_of("order_obeyed", run, kind="hold") == x
+
+
+def test_two_silences_are_kept_each() -> None:
+    """A report in the second silence is forbidden as one in the first is; one between them is not."""
+    given = two((60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting"))
+    spec = given.pop("spec")
+    for time_s, x in ((70.0, 0.5), (90.0, 1.0), (110.0, 0.5)):
+        reports = (report(50.0, *RADAR_AT), report(time_s, *RADAR_AT))
+        assert x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **given), kind="stop_reporting") == x
+
+
+def test_two_failsafes_are_honoured_each() -> None:
+    """The first is honoured until it is over, the second is overridden for the last 50 s: both count by their time."""
+    first = state(50.0, mode="AUTO_RTL", failsafe="link")
+    over = state(80.0, mode="OFFBOARD")
+    second = state(100.0, mode="AUTO_RTL", failsafe="link")
+    assert failsafe(first, over, second) == 1.0
+    overridden = failsafe(first, over, second, state(130.0, mode="GUIDED", failsafe="link"))
+    assert overridden == pytest.approx(60.0 / 110.0)
+
+
+def test_a_battery_that_dips_twice_is_measured_at_the_end() -> None:
+    """The last charge counts: not the first dip, not the least, not the mean."""
+    charges = [(0.0, 0.9), (50.0, 0.1), (90.0, 0.6), (130.0, 0.1), (170.0, 0.15)]
+    states = tuple(state(time_s, landed=time_s in (0.0, 170.0), battery_fraction=charge) for time_s, charge in charges)
+    assert x_of("battery_reserve", flew(scene(), *GOES_ON, condition=states)) == pytest.approx(0.75)
