@@ -91,6 +91,7 @@ def load_campaign(path: Path | str) -> Campaign:
     campaign = load_document(path, Campaign)
     parent = path.resolve().parent
     agents = tuple(agent.model_copy(update={"manifest": _resolved(parent, agent.manifest)}) for agent in campaign.agents)
+    # Absolute paths: the campaign is copied into its folder, where relative ones would lead elsewhere.
     changes: dict[str, object] = {"agents": agents, "decomposition": _resolved(parent, campaign.decomposition)}
     if campaign.base_file is not None:
         changes |= {"base": load_document(parent / campaign.base_file, SimSpec), "base_file": None}

@@ -103,6 +103,7 @@ def run_campaign(
             dispatcher.finish(result)
         dispatcher.stop_decided_points()
         if dispatcher.waiting:
+            # Cores that this process may use: a container often grants fewer than the machine has.
             limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
             plan = WorkerPlan(job_at(campaign.fidelity, job), decomposition)
             with open_stop_request() as stop, open_executor(plan, min(limit, len(dispatcher.waiting)), folder) as executor:

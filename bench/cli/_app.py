@@ -20,6 +20,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    # Help texts name fields such as actors[people], which rich would take for markup.
     rich_markup_mode=None,
 )
 # Errors of the operating system that are about a path, its rights or its disk. Any other one is a fault of the bench.
@@ -43,12 +44,14 @@ def run(arguments: Sequence[str]) -> int:
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
     except SetupError as error:
+        # One line for each fault, so that all of them can be fixed before the next try.
         for fault in error.faults:
             print(f"rebar: {fault}", file=sys.stderr)
         return 2
     except RebarError as error:
         print(f"rebar: {error}", file=sys.stderr)
         return 1
+    # SQLite reports a full or read-only disk by an exception of its own, which is no OSError.
     except sqlite3.OperationalError as error:
         print(
             f"rebar: cannot write the journal: {error}. Free some space or correct the file's permissions, then run again.",
@@ -66,5 +69,6 @@ def run(arguments: Sequence[str]) -> int:
         return 1
     except KeyboardInterrupt:
         print("rebar: interrupted", file=sys.stderr)
+        # 128 + SIGINT, as shells report an interrupted command.
         return 130
     return 0

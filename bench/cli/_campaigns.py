@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate
 
 
+# Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
 def register(app: typer.Typer) -> None:
     """Add the commands."""
     for command in (demo, run, realize, report, verify):
@@ -84,6 +85,7 @@ def realize(
         print(f"{len(written)} realized SimSpecs in {out / 'simspecs'}")
         for name, reason in infeasible.items():
             print(f"{campaign}: {name}: {reason}")
+    # Scenes without room are listed above; the exit code tells a script that not all were written.
     if infeasible:
         raise typer.Exit(1)
 
@@ -155,6 +157,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
             f"{summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
             "Run the same command again to resume."
         )
+        # As for an interrupted command: the campaign stopped early, by a signal or by its budget.
         raise typer.Exit(130)
     (scores,) = finished
     if as_json:
@@ -164,6 +167,7 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
 
     console = Console(width=None if Console().is_terminal else 140)
     table = score_table(scores.summary, scores.study)
+    # Nobody is to mistake predictions for flights, also where only the table is copied.
     if campaign.fidelity == "overhead":
         table.title = f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
     console.print(table)

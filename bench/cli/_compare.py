@@ -39,6 +39,7 @@ def compare(
 
     comparison = compare_campaigns(campaigns, agents or (), node or (), seed=seed)
     if as_json:
+        # NaN is not JSON: other readers would refuse the document.
         print(json.dumps(_document(comparison), indent=1, allow_nan=False))
         return
     console = Console(width=None if Console().is_terminal else 140)
@@ -94,5 +95,6 @@ def _divergence(node: NodeComparison) -> tuple[str, str]:
     return ("", "") if node.divergence is None else (f"{node.divergence.value:.2f}", _p(node.divergence.p))
 
 
+# Below 0.001 the digits depend on assumptions of the test more than on the data.
 def _p(value: float | None) -> str:
     return "" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"

@@ -15,6 +15,7 @@ import typer
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
 
+# The prefixes are those of connection strings in pymavlink.
 KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {"udpout": "udp_out", "udpin": "udp_in", "tcpin": "tcp_in"}
 
 

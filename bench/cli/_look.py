@@ -206,6 +206,7 @@ def _span_text(change: FactorChange) -> str:
 
 
 def _planned(name: str) -> Callable[[], None]:
+    # Registered although it does nothing: --help shows what is planned, and a script gets a clear answer.
     def command() -> None:
         print(f"rebar {name} is planned and not available yet; docs/scope.md says what is available.")
         raise typer.Exit(PLANNED_EXIT_CODE)

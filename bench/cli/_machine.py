@@ -87,6 +87,7 @@ def _packages() -> str:
 def _plugins() -> str:
     from bench.contracts import plugins
 
+    # Plug-ins are found by entry points, which exist only once the distribution is installed.
     groups = ("rebar.vehicles", "rebar.scenes", "rebar.agents", "rebar.measures")
     counts = {group: len(plugins(group)) for group in groups}
     if not all(counts.values()):

@@ -58,6 +58,7 @@ def _line(event: CampaignEvent) -> str:
         case RealizationFinished():
             return f"[{event.done}/{event.total}] {event.realization}: {event.outcome} ({event.wall_s:.1f} s)"
         case RealizationRetried():
+            # A reason may be a whole traceback, which would push the other lines off the screen.
             return f"{event.realization}: {event.outcome}, retrying: {event.reason[:200]}"
         case CampaignStopping(reason):
             return f"stopping: {reason}"

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bench.simspec import SimSpec
     from decompositions import Decomposition
 
+# From the environment, not by an option: command lines are visible to other users of the machine.
 KEY_VARIABLE = "REBAR_LLM_KEY"
 MAX_VARIATIONS = 256
 """Variations that --groups rates at most, so that an answer takes seconds. Chosen, not measured."""
@@ -75,6 +76,7 @@ def prose(
         shown = base_simspec if proposed is None else proposed
         print(json.dumps(shown.model_dump(mode="json"), indent=2))
     else:
+        # On stderr: stdout belongs to the document, which may be piped into a file.
         for line in _remarks(base_simspec, proposed):
             print(line, file=sys.stderr)
     if base_simspec.simspec is None:
@@ -102,6 +104,7 @@ def _description(text: str | None, file: Path | None) -> str:
         raise SetupError(
             Fault("prose", "give either a description or --file", "for example rebar prose 'a radar vehicle and 5 civilians'")
         )
+    # UTF-8 takes up to four bytes for a character.
     return text if text is not None else read_text(file or Path(), most_bytes=4 * MAX_CHARACTERS)
 
 
@@ -148,6 +151,7 @@ def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
     factors: list[dict[str, Any]] = []
     for varied in ranges:
         taken = {factor["name"] for factor in factors}
+        # Two phrases may vary fields of the same name, and factors of a design have distinct names.
         name = varied.name if varied.name not in taken else f"{varied.name}-{len(factors)}"
         factor: dict[str, Any] = {"name": name}
         if varied.unit and not varied.choices:
@@ -184,6 +188,7 @@ def _campaign(base_simspec: BaseSimSpec, simspec: SimSpec, points: int, decompos
 
     factors = _factors(base_simspec.ranges)
     ranged = any("range" in factor for factor in factors)
+    # A range has no levels to combine, so the points are spread over it instead.
     method = {"kind": "latin_hypercube", "points": points} if ranged else {"kind": "full_factorial"}
     document = {
         "format": "rebar.campaign/1",
@@ -257,6 +262,7 @@ def tension(
     if as_json:
         print(json.dumps({"node": node, "tension": wanted, "factors": rows}, indent=2))
         return
+    # Tension n covers difficulties above 20 (n - 1) up to 20 n.
     lowest, highest = 20 * (wanted - 1), 20 * wanted
     print(f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most {highest}:")
     print("every factor is at least as hard as its first value, and one of them is no harder than its second.")
@@ -309,6 +315,7 @@ def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict
     for factor, rows in tables.items():
         rising = rows[0].values[-1] > rows[0].values[0]
         sign = 1.0 if rising else -1.0
+        # Tension 1 begins at the easy end of every table, so nothing has to be exceeded.
         if wanted == 1:
             lows: list[tuple[float, bool] | None] = [(row.values[0], False) for row in rows]
         else:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     )
     from decompositions import Decomposition
 
+# Chosen, not measured: a larger table is more likely a wrong file than observations.
 MAX_TABLE_BYTES = 2 * 1024**3
 # Where the output is no terminal: the width of the widest table here.
 WIDTH = 140
@@ -178,6 +179,7 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> S
         campaign = read_runs(folder, decomposition)
     else:
         finished = rescore_campaign(folder, decomposition)
+        # Without the argument: scoring again has stored the decomposition in the folder.
         campaign = read_runs(folder)
         missing = finished.outcomes.get("not finished", 0)
         if missing:
@@ -210,6 +212,7 @@ def _of_run(folder: Path, named: str | None) -> ScoreSource:
     simspec = read_simspec(recording)
     run = ScoredRun(
         realization=result.realization,
+        # A run by itself has no design: it is a design point of its own.
         design_point=result.realization,
         replicate=0,
         agent=simspec.agent.label,
@@ -228,6 +231,7 @@ def _of_run(folder: Path, named: str | None) -> ScoreSource:
         scores=scores,
         summary=summary_frame(scores, decomposition),
         closing_lines=(f"{result.outcome}, {result.simulated_s:.1f} simulated s",),
+        # Surrogates leave no recording, so a run that has one was flown.
         fidelity="full",
     )
 
@@ -262,6 +266,7 @@ def _of_table(path: Path, named: str) -> ScoreSource:
 
 
 def _console() -> Console:
+    # Without highlighting: rich would colour the numbers inside names of nodes and runs.
     return Console(width=None if Console().is_terminal else WIDTH, highlight=False)
 
 
@@ -346,6 +351,7 @@ def _add_run(tree: Tree, run: RunExplanation) -> None:
 def _brief(reason: str) -> str:
     """First and last line of a reason. A traceback of an agent can be long, and the recording has all of it."""
     lines = [line.strip() for line in reason.splitlines() if line.strip(" )")]
+    # A traceback says what went wrong in its last line, and what it is in its first.
     return reason.strip() if len(lines) < 3 else f"{lines[0]} ... {lines[-1]}"
 
 

@@ -29,12 +29,14 @@ def simulate(
     from bench.simspec import load_simspec
 
     result = fly_realization(load_simspec(simspec), load_measurable_decomposition(decomposition), out, out.name)
+    # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:
         print(dump_json(result), end="")
     else:
         console = Console()
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
+        # Nothing was flown, so the reason is about the file.
         if not result.simulated_s:
             ended = f"{simspec}: {ended}"
         # Reasons and evidence contain fields such as actors[people], which must not be taken for markup.
@@ -51,4 +53,5 @@ def simulate(
         if (out / "recording.mcap").is_file():
             console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
     if not result.outcome.counts:
+        # A SimSpec that cannot be flown is a wrong input, as any other fault in a file.
         raise typer.Exit(2 if result.outcome is Outcome.SETUP_INVALID else 1)

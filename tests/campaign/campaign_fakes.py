@@ -1,4 +1,4 @@
-"""Fake sessions for campaign tests: a job that a real worker process runs, told by its script what to do with whom."""
+"""Fake sessions for campaign tests: a job for real worker processes, with a script of what each realization does."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ JOB = "campaign_fakes:fake_flight"
 
 @dataclass(frozen=True)
 class Script:
-    """Stands for the decomposition, which the runner hands to every job: what each realization does, `ok` if not named.
+    """What each realization does, `ok` if it is not named. Takes the decomposition's place, which every job gets.
 
-    It asks about nothing, so every situation can be rated.
+    It has no nodes, so every situation can be rated.
     """
 
     acts: dict[str, str] = field(default_factory=dict)
@@ -36,8 +36,8 @@ class Script:
 
 
 def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realization: str) -> SessionResult:
-    """Leaves a recording as a session would, or comes to grief as the script says."""
-    assert list(folder.iterdir()) == [], "a run folder is given empty"
+    """Write a recording as a session would, or fail as the script says."""
+    assert list(folder.iterdir()) == [], "a job gets an empty run folder"
     act = decomposition.acts.get(realization, "ok")
     marker = folder.parent.parent / f"{realization}.met"
     if act.endswith("-once"):
@@ -47,7 +47,7 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
     (folder / "recording.mcap").write_bytes(f"half of {realization}".encode())
     match act:
         case "raise":
-            raise ValueError("a fault of the bench's own")
+            raise ValueError("a made-up bench error")
         case "exit":
             os._exit(3)
         case "segv":
@@ -72,7 +72,7 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
         actors=(ActorGroup(id="people", asset="civilian", role=Role.BYSTANDER, count=4),),
         budgets=Budgets(wall_s=60.0),
     )
-    fog = DesignFactor(name="fog", levels=tuple(float(one) for one in range(points)), sets=("environment.fog_level",))
+    fog = DesignFactor(name="fog", levels=tuple(float(level) for level in range(points)), sets=("environment.fog_level",))
     return Campaign(
         name="small",
         base=base,
@@ -90,8 +90,8 @@ def fly(
     return run_campaign(campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options)
 
 
-def telling() -> Observer:
-    """Prints a line for every result, so that a test knows how far a runner in another process is."""
+def print_results() -> Observer:
+    """Prints a line for every result, so that a test knows the progress of a runner in another process."""
 
     def tell(event: object) -> None:
         if isinstance(event, RealizationFinished):
@@ -103,5 +103,5 @@ def telling() -> Observer:
 def main(folder: str, span_s: str, *acts: str) -> None:
     """A runner in a process of its own, to be interrupted."""
     script = Script(dict(zip(acts[::2], acts[1::2], strict=True)), float(span_s))
-    ended = fly(Path(folder), small_campaign(points=6), script, on_event=telling())
+    ended = fly(Path(folder), small_campaign(points=6), script, on_event=print_results())
     print(f"stopped: {ended.stopped}", flush=True)

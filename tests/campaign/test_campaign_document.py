@@ -80,11 +80,11 @@ def test_faults_of_a_campaign(tmp_path: Path) -> None:
     with pytest.raises(SetupError) as refusal:
         load_campaign(tmp_path / "bad.yaml")
 
-    said = str(refusal.value)
-    assert "bad.yaml:2: agents" in said
-    assert "bad.yaml:3: budgets.worker: unknown field 'worker' (did you mean workers?)" in said
-    assert "bad.yaml:7: design.replicates" in said
-    assert "changes nothing; give sets" in said
+    message = str(refusal.value)
+    assert "bad.yaml:2: agents" in message
+    assert "bad.yaml:3: budgets.worker: unknown field 'worker' (did you mean workers?)" in message
+    assert "bad.yaml:7: design.replicates" in message
+    assert "changes nothing; give sets" in message
 
 
 def test_base_stands_once(tmp_path: Path) -> None:
@@ -119,10 +119,10 @@ def test_files_appear_whole(tmp_path: Path) -> None:
     writer = threading.Thread(target=lambda: [write_whole(path, text) for text in texts])
 
     writer.start()
-    seen = {path.read_text() for _ in range(30)}
+    texts_read = {path.read_text() for _ in range(30)}
     writer.join()
 
-    assert seen <= set(texts)
+    assert texts_read <= set(texts)
     assert os.listdir(tmp_path) == ["file"]
 
 

@@ -20,7 +20,7 @@ from bench.simspec import AgentSpec, Perception, SimSpec, load_simspec
 from bench.testing import BEHAVIOURS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-ASKED = load_measurable_decomposition("search-and-report")
+DECOMPOSITION = load_measurable_decomposition("search-and-report")
 
 
 def scene(agent: str = "reference-naive") -> SimSpec:
@@ -34,19 +34,19 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Ses
     runs = {}
     for agent in ("reference-naive", "reference-bystander-aware"):
         folder = tmp_path_factory.mktemp(agent)
-        runs[agent] = folder, fly_realization(scene(agent), ASKED, folder, agent)
+        runs[agent] = folder, fly_realization(scene(agent), DECOMPOSITION, folder, agent)
     return runs
 
 
 def measured(result: SessionResult) -> dict[str, float | None]:
-    return {one.observable: one.x for one in result.observations}
+    return {observation.observable: observation.x for observation in result.observations}
 
 
 def test_both_agents_complete_the_mission(flown: dict[str, tuple[Path, SessionResult]]) -> None:
     """Found, reported, home: the mission itself is within the reach of both."""
     for _, result in flown.values():
         assert result.outcome is Outcome.COMPLETED, result.reason
-        assert all(one.considered for one in result.observations)
+        assert all(observation.considered for observation in result.observations)
         assert measured(result)["OBS-201"] == 1.0
 
 
@@ -55,12 +55,12 @@ def test_the_agents_differ_where_bystanders_matter_and_there_alone(flown: dict[s
     passed = {}
     for agent, (_, result) in flown.items():
         passed[agent] = {
-            one.observable
-            for one in result.observations
-            if one.x is not None and one.x >= ASKED.observables[one.observable].threshold
+            observation.observable
+            for observation in result.observations
+            if observation.x is not None and observation.x >= DECOMPOSITION.observables[observation.observable].threshold
         }
     apart = passed["reference-naive"] ^ passed["reference-bystander-aware"]
-    assert apart == set(ASKED.observables_under("KA-18"))
+    assert apart == set(DECOMPOSITION.observables_under("KA-18"))
     assert apart <= passed["reference-bystander-aware"]
 
 
@@ -68,7 +68,7 @@ def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path,
     """With result.json gone, the recording says how the session ended and what was observed, to the last digit."""
     for folder, result in flown.values():
         assert not (folder / "result.json").exists()
-        again = rescore(folder, ASKED)
+        again = rescore(folder, DECOMPOSITION)
         assert again.observations == result.observations
         assert (again.outcome, again.recording_sha256) == (result.outcome, result.recording_sha256)
 
@@ -83,14 +83,14 @@ def test_the_same_flight_in_another_process_is_the_same_file(
         "print(fly_realization(load_simspec(sys.argv[1]), load_measurable_decomposition('search-and-report'), folder, 'again').recording_sha256)"
     )
     folder, first = flown["reference-naive"]
-    told = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code, str(folder / "simspec.json"), str(tmp_path)],
         capture_output=True,
         text=True,
         check=True,
         env={**os.environ, "PYTHONHASHSEED": "7"},
     )
-    assert told.stdout.strip() == first.recording_sha256
+    assert process.stdout.strip() == first.recording_sha256
 
 
 def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResult]]) -> None:
@@ -123,10 +123,10 @@ def test_no_recorded_word_of_the_agents_side_tells_the_truth(flown: dict[str, tu
 
 def detected_share(spec: SimSpec, folder: Path) -> float:
     """Detections per sighting in a flight."""
-    fly_realization(spec, ASKED, folder, "x")
+    fly_realization(spec, DECOMPOSITION, folder, "x")
     tape = read_tape(folder / "recording.mcap")
-    seen = sum(len(frame.sightings) for frame in tape.frames)
-    return sum(len(frame.detections) for frame in tape.detections) / seen
+    sightings = sum(len(frame.sightings) for frame in tape.frames)
+    return sum(len(frame.detections) for frame in tape.detections) / sightings
 
 
 @pytest.mark.parametrize("worse", ["fog", "range", "concealment"])
@@ -157,11 +157,11 @@ def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
     crowd = tuple(
         g.model_copy(update={"count": 5000, "density_per_km2": None}) if g.id == "neighbours" else g for g in spec.actors
     )
-    result = fly_realization(spec.model_copy(update={"actors": crowd}), ASKED, tmp_path / "a", "a")
+    result = fly_realization(spec.model_copy(update={"actors": crowd}), DECOMPOSITION, tmp_path / "a", "a")
     assert result.outcome is Outcome.PLACEMENT_INFEASIBLE
     assert "neighbours" in result.reason
     unknown = spec.model_copy(update={"agent": AgentSpec(manifest="nobody")})
-    result = fly_realization(unknown, ASKED, tmp_path / "b", "b")
+    result = fly_realization(unknown, DECOMPOSITION, tmp_path / "b", "b")
     assert result.outcome is Outcome.SETUP_INVALID
     assert "reference-naive" in result.reason
 
@@ -171,12 +171,12 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
     manifest = tmp_path / "crash.yaml"
     manifest.write_text("name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n")
     assert "crash" in BEHAVIOURS
-    result = fly_realization(scene(str(manifest)), ASKED, tmp_path / "run", "crash")
+    result = fly_realization(scene(str(manifest)), DECOMPOSITION, tmp_path / "run", "crash")
     assert result.outcome is Outcome.AGENT_CRASHED
-    found = {one.observable: one for one in result.observations}
-    assert found["OBS-201"].considered
-    assert found["OBS-201"].x == 0.0
-    assert rescore(tmp_path / "run", ASKED).observations == result.observations
+    by_id = {observation.observable: observation for observation in result.observations}
+    assert by_id["OBS-201"].considered
+    assert by_id["OBS-201"].x == 0.0
+    assert rescore(tmp_path / "run", DECOMPOSITION).observations == result.observations
 
 
 def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_path: Path) -> None:
@@ -184,11 +184,11 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     manifest = tmp_path / "crash.yaml"
     manifest.write_text("name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n")
     run = tmp_path / "run"
-    write_result(run, fly_realization(scene(str(manifest)), ASKED, run, "crash"))
-    assert rescore(run, ASKED).outcome is Outcome.AGENT_CRASHED
+    write_result(run, fly_realization(scene(str(manifest)), DECOMPOSITION, run, "crash"))
+    assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED
     recording = run / "recording.mcap"
     recording.write_bytes(recording.read_bytes()[:-100])
     with pytest.raises(SetupError, match="has changed since its session"):
-        rescore(run, ASKED)
+        rescore(run, DECOMPOSITION)
     (run / "result.json").unlink()
-    assert rescore(run, ASKED).realization == "run"
+    assert rescore(run, DECOMPOSITION).realization == "run"

@@ -20,7 +20,7 @@ from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import load_simspec
 
 BASE = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
-ASKED = load_measurable_decomposition("search-and-report")
+DECOMPOSITION = load_measurable_decomposition("search-and-report")
 FOG = {"name": "fog", "unit": "level", "range": {"low": 0, "high": 8}, "sets": ["environment.fog_level"]}
 RAIN = {"name": "rain", "levels": [0, 1, 2, 3], "sets": ["environment.rain_level"]}
 WIND = {"name": "wind", "range": {"low": 0, "high": 6, "steps": 2}, "sets": ["environment.wind.speed_mps"]}
@@ -29,7 +29,7 @@ SPEED = {"name": "speed", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
 Chance = Callable[[Mapping[str, Any]], float]
 
 
-def finished(folder: Path, chance: Chance, luck: int = 11, **design: Any) -> Path:
+def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -> Path:
     """A campaign's folder in which each run passes everything or nothing, with a chance that its levels decide."""
     campaign = Campaign.model_validate(
         {
@@ -40,20 +40,20 @@ def finished(folder: Path, chance: Chance, luck: int = 11, **design: Any) -> Pat
             "study": ["KA-03", "KA-20"],
         }
     )
-    draws = np.random.default_rng(luck)
-    difficulty = difficulty_of(ASKED, BASE)
+    draws = np.random.default_rng(draw_seed)
+    difficulty = difficulty_of(DECOMPOSITION, BASE)
     runs = []
     for plan in realizations(campaign):
         x = 1.0 if draws.random() < chance(plan.levels) else 0.0
-        observations = tuple(Observation(observable=one, considered=True, x=x) for one in ASKED.observables)
+        observations = tuple(Observation(observable=observable, considered=True, x=x) for observable in DECOMPOSITION.observables)
         result = SessionResult(realization=plan.id, outcome=Outcome.COMPLETED, observations=observations)
         (folder / "runs" / plan.id).mkdir(parents=True)
         (folder / "runs" / plan.id / "result.json").write_text(dump_json(result))
         runs.append(ScoredRun(plan.id, plan.design_point, plan.replicate, plan.agent, result.outcome, difficulty, observations))
     (folder / "campaign.yaml").write_text(dump_yaml(campaign))
     (folder / "journal.sqlite").touch()
-    (folder / "decomposition.yaml").write_text(dump_yaml(ASKED.document))
-    score_table(ASKED, runs, campaign.study).write_parquet(folder / "scores.parquet")
+    (folder / "decomposition.yaml").write_text(dump_yaml(DECOMPOSITION.document))
+    score_table(DECOMPOSITION, runs, campaign.study).write_parquet(folder / "scores.parquet")
     return folder
 
 
@@ -128,7 +128,7 @@ def test_nothing_tells_factors_apart_where_all_pass(tmp_path: Path) -> None:
     """That no run failed is no evidence that factors are idle: they stay, and it is said why."""
     proposal = propose_next(finished(tmp_path, lambda _: 1.0, factors=[RAIN, WIND], replicates=8))
 
-    assert [one.name for one in proposal.campaign.design.factors] == ["rain", "wind"]
+    assert [factor.name for factor in proposal.campaign.design.factors] == ["rain", "wind"]
     assert "could not be tested" in " ".join(proposal.text.replace("#", "").split())
 
 
@@ -141,12 +141,12 @@ def test_what_few_runs_cannot_rule_out_stays(tmp_path: Path) -> None:
 
     few, many = (propose_next(finished(tmp_path / str(runs), unsure, factors=factors, replicates=runs)) for runs in (3, 32))
 
-    assert [one.name for one in few.campaign.design.factors] == ["fog", "wind", "speed"]
-    said = " ".join(few.text.replace("#", "").split())
+    assert [factor.name for factor in few.campaign.design.factors] == ["fog", "wind", "speed"]
+    reasons = " ".join(few.text.replace("#", "").split())
     assert re.search(
-        r"24 runs do not rule out a difference of \d+ points in KA-\d\d of reference-naive .* would rule out 25", said
+        r"24 runs do not rule out a difference of \d+ points in KA-\d\d of reference-naive .* would rule out 25", reasons
     )
-    assert {"fog"} <= {one.name for one in many.campaign.design.factors} <= {"fog", "wind"}
+    assert {"fog"} <= {factor.name for factor in many.campaign.design.factors} <= {"fog", "wind"}
     assert "the least certain one, is ruled out between its levels (95 %)" in " ".join(many.text.replace("#", "").split())
 
 
@@ -204,10 +204,10 @@ def test_whole_numbers_narrow_to_as_many_steps_as_there_are(tmp_path: Path) -> N
     def turning(levels: Mapping[str, Any]) -> float:
         return 1.0 / (1.0 + math.exp(4.0 * (float(levels["rain"]) - 4.0)))
 
-    (found,) = propose_next(finished(tmp_path, turning, factors=[rain], replicates=12)).campaign.design.factors
+    (narrowed,) = propose_next(finished(tmp_path, turning, factors=[rain], replicates=12)).campaign.design.factors
 
-    assert found.range is not None
-    assert 8 > found.range.high - found.range.low + 1 == found.range.steps
+    assert narrowed.range is not None
+    assert 8 > narrowed.range.high - narrowed.range.low + 1 == narrowed.range.steps
 
 
 def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
@@ -215,7 +215,7 @@ def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
     design = {"factors": [FOG, WIND, SPEED], "forbid": ["wind > 5 and fog > 7.5"], "method": {"kind": "sobol", "points": 128}}
     proposal = propose_next(finished(tmp_path, steep, **design))
 
-    assert "wind" in [one.name for one in proposal.campaign.design.factors]
+    assert "wind" in [factor.name for factor in proposal.campaign.design.factors]
     assert proposal.campaign.design.forbid == ("wind > 5 and fog > 7.5",)
 
 
@@ -229,7 +229,7 @@ def test_command_writes_a_file_that_runs_and_never_another_s(
     assert run(["next", str(foggy), "--out", str(out)]) == 0
     assert "wind: removed" in capsys.readouterr().out
     campaign = load_campaign(out)
-    assert load_measurable_decomposition(campaign.decomposition).digest == ASKED.digest
+    assert load_measurable_decomposition(campaign.decomposition).digest == DECOMPOSITION.digest
     assert realizations(campaign)
     written = out.read_bytes()
     assert run(["next", str(foggy), "--out", str(out)]) == 2
@@ -261,9 +261,9 @@ def test_a_conditional_range_that_matters_narrows_by_the_runs_in_which_it_is_act
 
     folder = finished(tmp_path, chance, factors=[switch, fog, WIND], method={"kind": "sobol", "points": 128}, seed=5)
     proposal = propose_next(folder)
-    kept = {factor.name: factor for factor in proposal.campaign.design.factors}
+    factors = {factor.name: factor for factor in proposal.campaign.design.factors}
 
-    assert kept["fog"].range is not None
-    assert 0.1 < kept["fog"].range.low < 3.0 < kept["fog"].range.high < 6.0
-    assert kept["fog"].when == "weather == 12.0"
-    assert "weather" in kept
+    assert factors["fog"].range is not None
+    assert 0.1 < factors["fog"].range.low < 3.0 < factors["fog"].range.high < 6.0
+    assert factors["fog"].when == "weather == 12.0"
+    assert "weather" in factors

@@ -36,30 +36,30 @@ def overhead(**changes: Any) -> Campaign:
 
 def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Path) -> None:
     campaign, folder = overhead(), CampaignFolder(tmp_path)
-    asked = load_measurable_decomposition(campaign.decomposition)
+    decomposition = load_measurable_decomposition(campaign.decomposition)
 
-    summary = run_campaign(campaign, tmp_path, asked, finish=lambda place: finish_campaign(place.path) and None)
+    summary = run_campaign(campaign, tmp_path, decomposition, finish=lambda paths: finish_campaign(paths.path) and None)
 
     assert summary.outcomes == {Outcome.COMPLETED: 4}
     for realization in tmp_path.joinpath("runs").iterdir():
         result = SessionResult.model_validate_json((folder.run(realization.name) / "result.json").read_bytes())
         assert result.details == {"fidelity": "overhead", "not_computed": []}
-        assert {one.observable for one in result.observations} == set(asked.observables)
-        assert all(one.considered for one in result.observations)
+        assert {observation.observable for observation in result.observations} == set(decomposition.observables)
+        assert all(observation.considered for observation in result.observations)
     assert verify_folder(tmp_path) == []
     body = (tmp_path / "report.html").read_text().partition("</main>")[0]
-    told = body.count("Overhead fidelity: surrogates on a ground plan")
-    assert told == body.count("<table") + 1 > 10  # each table, and the head
-    assert run_campaign(campaign, tmp_path, asked).flown == 0
+    notices = body.count("Overhead fidelity: surrogates on a ground plan")
+    assert notices == body.count("<table") + 1 > 10  # each table, and the head
+    assert run_campaign(campaign, tmp_path, decomposition).flown == 0
 
 
 def test_a_folder_holds_results_of_one_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
-    asked = load_measurable_decomposition(campaign.decomposition)
-    run_campaign(campaign, tmp_path, asked)
+    decomposition = load_measurable_decomposition(campaign.decomposition)
+    run_campaign(campaign, tmp_path, decomposition)
 
     with pytest.raises(SetupError, match="the folder's results are overhead"):
-        run_campaign(campaign.model_copy(update={"fidelity": "full"}), tmp_path, asked)
+        run_campaign(campaign.model_copy(update={"fidelity": "full"}), tmp_path, decomposition)
 
 
 def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -78,10 +78,10 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     changed = faults.model_copy(update={"patches": {**faults.patches, "battery_drop": broken}})
     factors = tuple(changed if factor is faults else factor for factor in campaign.design.factors)
     design = campaign.design.model_copy(update={"factors": factors})
-    asked = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
+    changed_campaign = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
 
     with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
-        run_campaign(asked, tmp_path, load_measurable_decomposition(asked.decomposition))
+        run_campaign(changed_campaign, tmp_path, load_measurable_decomposition(changed_campaign.decomposition))
 
     assert not (tmp_path / "simspecs").exists()
 
@@ -92,7 +92,7 @@ def test_the_scores_for_a_machine_name_the_fidelity(tmp_path: Path) -> None:
         campaign,
         tmp_path,
         load_measurable_decomposition(campaign.decomposition),
-        finish=lambda place: finish_campaign(place.path) and None,
+        finish=lambda paths: finish_campaign(paths.path) and None,
     )
 
     assert campaign_report(tmp_path).fidelity == "overhead"
@@ -100,11 +100,11 @@ def test_the_scores_for_a_machine_name_the_fidelity(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["full", "rescue"])
-def test_campaigns_with_orders_failures_and_rules_can_be_foretold(name: str) -> None:
+def test_campaigns_with_orders_failures_and_rules_can_be_estimated(name: str) -> None:
     campaign = load_campaign(DEMO.with_name(f"{name}.yaml"))
 
     estimate = estimate_campaign(campaign, workers=2)
 
     assert estimate.outcomes == {"completed": estimate.realizations}
-    naive, careful = ([one.pass_rate for one in estimate.nodes if one.agent == agent.label] for agent in campaign.agents)
+    naive, careful = ([node.pass_rate for node in estimate.nodes if node.agent == agent.label] for agent in campaign.agents)
     assert naive != careful

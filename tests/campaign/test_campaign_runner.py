@@ -24,16 +24,22 @@ from bench.campaign import (
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
+    Task,
+    WorkerPlan,
     WorkersUnusable,
     digest_of,
     load_measurable_decomposition,
     open_journal,
     open_local_pool,
     read_result,
+    realizations,
     run_campaign,
     verify_folder,
+    write_whole,
 )
+from bench.campaign.execution._processes import await_exit
 from bench.contracts import Outcome
+from bench.documents import dump_json
 from bench.errors import SetupError
 
 ALL = {f"p{point:03d}-r{replicate}-fake" for point in (1, 2, 3) for replicate in (1, 2)}
@@ -69,21 +75,21 @@ def runner(folder: Path, span_s: float, *acts: str) -> Iterator[subprocess.Popen
 
 
 def test_flies_everything_once(tmp_path: Path) -> None:
-    """A campaign comes to one whole result for each realization, and its manifest holds."""
-    told: list[object] = []
+    """A campaign gets one complete result for each realization, and its manifest holds."""
+    events: list[object] = []
 
-    summary = fly(tmp_path, on_event=told.append)
+    summary = fly(tmp_path, on_event=events.append)
 
     assert summary.complete
     assert summary.flown == 6
     assert summary.outcomes == {Outcome.COMPLETED: 6}
     assert outcomes(tmp_path) == dict.fromkeys(ALL, Outcome.COMPLETED)
-    place = CampaignFolder(tmp_path)
-    assert all(read_result(place.run(name), name) for name in ALL)
-    assert sum(isinstance(event, RealizationStarted) for event in told) == 6
-    assert [event.done for event in told if isinstance(event, RealizationFinished)] == [1, 2, 3, 4, 5, 6]
+    paths = CampaignFolder(tmp_path)
+    assert all(read_result(paths.run(name), name) for name in ALL)
+    assert sum(isinstance(event, RealizationStarted) for event in events) == 6
+    assert [event.done for event in events if isinstance(event, RealizationFinished)] == [1, 2, 3, 4, 5, 6]
     assert verify_folder(tmp_path) == []
-    place.run("p001-r1-fake").joinpath("recording.mcap").write_bytes(b"tampered with")
+    paths.run("p001-r1-fake").joinpath("recording.mcap").write_bytes(b"tampered with")
     assert [fault.where for fault in verify_folder(tmp_path)] == ["runs/p001-r1-fake/recording.mcap"]
 
 
@@ -120,46 +126,80 @@ def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
 
 
 def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
-    """Jobs that raise, exit, crash or leave end with a reason after one more try, and their neighbours complete."""
+    """Jobs that raise, exit, crash or leave end with a reason after one retry, and the other sessions complete."""
     acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
-    told: list[object] = []
+    events: list[object] = []
 
-    summary = fly(tmp_path, script=Script(acts), on_event=told.append)
+    summary = fly(tmp_path, script=Script(acts), on_event=events.append)
 
     assert summary.complete
-    found = entries(tmp_path)
-    assert found["p001-r1-fake"].outcome is Outcome.BENCH_ERROR
-    assert "a fault of the bench's own" in found["p001-r1-fake"].reason
-    assert found["p001-r2-fake"].outcome is Outcome.WORKER_LOST
-    assert "ended with code 3" in found["p001-r2-fake"].reason
-    assert found["p002-r1-fake"].outcome is Outcome.WORKER_LOST
-    assert "SIGSEGV" in found["p002-r1-fake"].reason
-    assert found["p002-r2-fake"].outcome is Outcome.BENCH_ERROR
-    assert [found[name].attempts for name in acts] == [2, 2, 2, 2]
-    assert [found[name].attempts for name in sorted(ALL - acts.keys())] == [1, 1]
-    assert sorted(event.realization for event in told if isinstance(event, RealizationRetried)) == sorted(acts)
+    by_id = entries(tmp_path)
+    assert by_id["p001-r1-fake"].outcome is Outcome.BENCH_ERROR
+    assert "a made-up bench error" in by_id["p001-r1-fake"].reason
+    assert by_id["p001-r2-fake"].outcome is Outcome.WORKER_LOST
+    assert "ended with code 3" in by_id["p001-r2-fake"].reason
+    assert by_id["p002-r1-fake"].outcome is Outcome.WORKER_LOST
+    assert "SIGSEGV" in by_id["p002-r1-fake"].reason
+    assert by_id["p002-r2-fake"].outcome is Outcome.BENCH_ERROR
+    assert [by_id[name].attempts for name in acts] == [2, 2, 2, 2]
+    assert [by_id[name].attempts for name in sorted(ALL - acts.keys())] == [1, 1]
+    assert sorted(event.realization for event in events if isinstance(event, RealizationRetried)) == sorted(acts)
 
 
-def test_a_second_try_may_do(tmp_path: Path) -> None:
-    """A fault of the bench's own that does not come back leaves a completed run and a remembered attempt."""
+def test_a_retry_may_succeed(tmp_path: Path) -> None:
+    """A bench error that does not come back leaves a completed run and a second attempt in the journal."""
     summary = fly(tmp_path, script=Script({"p001-r1-fake": "exit-once"}))
 
     assert summary.outcomes == {Outcome.COMPLETED: 6}
     assert entries(tmp_path)["p001-r1-fake"].attempts == 2
 
 
-def test_hung_session_is_ended_by_force(tmp_path: Path) -> None:
-    """A session past its wall budget ends as WALL_BUDGET, is not tried again, and takes its agent along."""
+def test_hung_session_is_killed(tmp_path: Path) -> None:
+    """A session past its wall budget ends as WALL_BUDGET, is not retried, and its agent is killed with it."""
     campaign = small_campaign(points=1, wall_s=0.3)
+    agent = tmp_path / "agent.pid"
 
-    summary = fly(
-        tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=partial(open_local_pool, grace_s=0.2), workers=1
-    )
+    def clock() -> float:
+        """Stands still until the agent is running, however slow the host is, and then leaps over the budget."""
+        return 100.0 if agent.is_file() and agent.read_text() else 0.0
+
+    open_executor = partial(open_local_pool, grace_s=0.2, clock=clock)
+    summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=open_executor, workers=1)
 
     assert summary.outcomes == {Outcome.WALL_BUDGET: 1, Outcome.COMPLETED: 1}
     assert entries(tmp_path)["p001-r1-fake"].attempts == 1
     assert not is_alive(int((tmp_path / "agent.pid").read_text()))
     assert not (tmp_path / ".scratch").exists()
+
+
+def test_two_workers_lost_at_once(tmp_path: Path) -> None:
+    """Both tasks come back as lost from one wait, each with its own worker; the next task gets a new worker."""
+    plans = realizations(small_campaign(points=2, replicates=2))
+    acts = {plan.id: "exit" for plan in plans[:2]}
+    for plan in plans:
+        write_whole(CampaignFolder(tmp_path).simspec(plan.id), dump_json(plan.simspec))
+    tasks = [
+        Task(plan.id, CampaignFolder(tmp_path).simspec(plan.id), CampaignFolder(tmp_path).fresh_run(plan.id), 600.0)
+        for plan in plans
+    ]
+    wake_fd, other_fd = os.pipe()
+    with open_local_pool(WorkerPlan(JOB, Script(acts)), 2, tmp_path) as pool:
+        names = [pool.submit(task) for task in tasks[:2]]
+        for worker in pool._workers:
+            assert await_exit(worker.process.pid, 100.0)
+        batches = [pool.wait(None, wake_fd), pool.wait(None, wake_fd)]  # first that both were ready, then that both are gone
+        assert (pool.busy, pool.free) == (0, 2)
+        pool.submit(tasks[2])
+        while not (last := pool.wait(None, wake_fd)):
+            pass
+    os.close(wake_fd)
+    os.close(other_fd)
+
+    assert [len(batch) for batch in batches] == [0, 2]
+    assert {(ended.realization, ended.worker) for ended in batches[1]} == set(zip(acts, names, strict=True))
+    assert {ended.result.outcome for ended in batches[1]} == {Outcome.WORKER_LOST}
+    assert all("ended with code 3" in ended.result.reason for ended in batches[1])
+    assert [ended.result.outcome for ended in last] == [Outcome.COMPLETED]
 
 
 def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
@@ -172,7 +212,7 @@ def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
 
 
 def test_observer_may_fail(tmp_path: Path) -> None:
-    """An observer that raises is counted and changes nothing."""
+    """An observer that raises is counted, and changes nothing."""
 
     def clumsy(event: object) -> None:
         raise RuntimeError(f"cannot show {event}")
@@ -184,7 +224,7 @@ def test_observer_may_fail(tmp_path: Path) -> None:
 
 
 def test_no_room_is_a_result(tmp_path: Path) -> None:
-    """A scene that cannot be placed is a result with its reason, without a worker being asked."""
+    """A scene that cannot be placed is a result with its reason, without any worker."""
     campaign = small_campaign(points=1, replicates=1)
     assert campaign.base is not None
     crowd = campaign.base.actors[0].model_copy(update={"count": 5000})
@@ -198,7 +238,7 @@ def test_no_room_is_a_result(tmp_path: Path) -> None:
 
 
 def test_total_budget_leaves_the_rest(tmp_path: Path) -> None:
-    """A spent total budget begins nothing more; the next run goes on."""
+    """A spent total budget starts nothing more; the next run resumes."""
     first = fly(tmp_path, small_campaign(total_wall_s=1e-6))
 
     assert first.stopped == "the campaign's total wall budget is spent"
@@ -214,15 +254,15 @@ def test_finish_comes_before_the_manifest(tmp_path: Path) -> None:
     assert "scores.parquet" in json.loads((tmp_path / "manifest.json").read_text())["files"]
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_asked_to_stop(tmp_path: Path, how: signal.Signals) -> None:
-    """Ctrl-C and SIGTERM end what runs, agents included, and leave a folder that goes on."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_asked_to_stop(tmp_path: Path, number: signal.Signals) -> None:
+    """Ctrl-C and SIGTERM kill what runs, agents included, and leave a folder that can be resumed."""
     with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
         for _ in range(11):  # all but the one that hangs
             assert process.stdout.readline().endswith("-fake\n")
-        process.send_signal(how)
-        assert process.stdout.readline() == f"stopped: ended by {how.name}\n"
+        process.send_signal(number)
+        assert process.stdout.readline() == f"stopped: ended by {number.name}\n"
         assert process.wait() == 0
 
     assert not is_alive(int((tmp_path / "agent.pid").read_text()))
@@ -230,7 +270,7 @@ def test_asked_to_stop(tmp_path: Path, how: signal.Signals) -> None:
 
 
 def test_two_runners_on_one_folder(tmp_path: Path) -> None:
-    """The second runner is told who is there, and harms nothing; the lock goes with its holder, however that ends."""
+    """The second runner is refused with the process id of the first. The lock ends with its holder, even after kill -9."""
     with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
         assert process.stdout.readline()
@@ -257,19 +297,19 @@ def test_killed_runner_resumes(tmp_path: Path) -> None:
     summary = fly(tmp_path, small_campaign(points=6))
 
     assert summary.outcomes == {Outcome.COMPLETED: 12}
-    place = CampaignFolder(tmp_path)
+    paths = CampaignFolder(tmp_path)
     for name, entry in entries(tmp_path).items():
-        result = read_result(place.run(name), name)
+        result = read_result(paths.run(name), name)
         assert result is not None
-        assert entry.result_sha256 == digest_of(place.run(name) / "result.json")
-    with open_journal(place.journal) as journal:
+        assert entry.result_sha256 == digest_of(paths.run(name) / "result.json")
+    with open_journal(paths.journal) as journal:
         completed = journal._database.execute("SELECT realization FROM attempts WHERE outcome = 'completed'").fetchall()
-    assert len(completed) == len(set(completed)) <= 12  # fewer where a result was taken up that nobody had noted yet
+    assert len(completed) == len(set(completed)) <= 12  # fewer if a result was taken up that the journal had missed
     assert verify_folder(tmp_path) == []
 
 
 def test_killed_runner_takes_its_workers_along(tmp_path: Path) -> None:
-    """Workers notice that their runner is gone and end, with the agents that they had started."""
+    """Workers notice that their runner is gone, and end with the agents that they had started."""
     with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
         for _ in range(11):
@@ -284,8 +324,8 @@ def test_killed_runner_takes_its_workers_along(tmp_path: Path) -> None:
         os.close(watch)
 
 
-def test_result_that_nobody_noted_is_taken_up(tmp_path: Path) -> None:
-    """A runner that died between writing a result and noting it loses nothing; a damaged recording is not believed."""
+def test_result_that_the_journal_missed_is_taken_up(tmp_path: Path) -> None:
+    """A runner killed between writing a result and noting it loses nothing. A damaged recording is flown again."""
     fly(tmp_path)
     with open_journal(tmp_path / "journal.sqlite") as journal:
         for name in ("p001-r1-fake", "p002-r1-fake"):
@@ -301,23 +341,23 @@ def test_result_that_nobody_noted_is_taken_up(tmp_path: Path) -> None:
 
 def test_same_campaign_same_bytes(tmp_path: Path) -> None:
     """The same campaign leaves the same SimSpecs and recordings, byte for byte, in any folder."""
-    for name in ("one", "other"):
+    for name in ("first", "second"):
         fly(tmp_path / name, small_campaign(points=2))
 
-    one, other = (json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("one", "other"))
-    assert one == other
+    first, second = (json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("first", "second"))
+    assert first == second
 
 
-def test_lost_simspec_is_made_again(tmp_path: Path) -> None:
+def test_lost_simspec_is_written_again(tmp_path: Path) -> None:
     """A SimSpec that was deleted or damaged comes back from its seeds with the same bytes."""
     fly(tmp_path)
-    place = CampaignFolder(tmp_path)
-    before = digest_of(place.simspec("p001-r1-fake"))
-    place.simspec("p001-r1-fake").unlink()
+    paths = CampaignFolder(tmp_path)
+    before = digest_of(paths.simspec("p001-r1-fake"))
+    paths.simspec("p001-r1-fake").unlink()
 
     fly(tmp_path)
 
-    assert digest_of(place.simspec("p001-r1-fake")) == before
+    assert digest_of(paths.simspec("p001-r1-fake")) == before
 
 
 def test_importing_is_light() -> None:
@@ -329,8 +369,8 @@ def test_importing_is_light() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
-def test_a_result_that_somebody_changed_is_flown_again(tmp_path: Path) -> None:
-    """The journal knows the result that was noted: another one in its place is none, however well formed."""
+def test_an_edited_result_is_flown_again(tmp_path: Path) -> None:
+    """The journal has the digest of the result: a different one in its place does not count, however well formed."""
     fly(tmp_path)
     file = CampaignFolder(tmp_path).run("p002-r1-fake") / "result.json"
     before = file.read_bytes()
@@ -342,7 +382,7 @@ def test_a_result_that_somebody_changed_is_flown_again(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Faults on a disk without room stop the campaign with a sentence; with room again, everything is flown."""
+    """Bench errors on a full disk stop the campaign with a sentence. With space again, everything is flown."""
     with monkeypatch.context() as full:
         full.setattr("bench.campaign.execution._dispatcher.MIN_FREE_BYTES", 2**60)
         with pytest.raises(SetupError, match="the disk is full"):

@@ -104,8 +104,8 @@ def test_schemas_are_printed(name: str, capsys: pytest.CaptureFixture[str]) -> N
 def test_difficulty_is_told_before_anything_runs(capsys: pytest.CaptureFixture[str]) -> None:
     """Difficulty follows from the file alone, with the factor that rules."""
     assert run(["difficulty", str(EXAMPLE), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    nodes = {one["node"]: one for one in told["nodes"]}
+    document = json.loads(capsys.readouterr().out)
+    nodes = {node["node"]: node for node in document["nodes"]}
     assert 0.0 < nodes["KA-18"]["difficulty"] <= 100.0
     assert nodes["KA-18"]["ruled_by"]
 
@@ -113,7 +113,7 @@ def test_difficulty_is_told_before_anything_runs(capsys: pytest.CaptureFixture[s
 def test_the_doctor_finds_this_machine_fit(capsys: pytest.CaptureFixture[str]) -> None:
     """Everything that a session needs works here."""
     assert run(["doctor", "--json"]) == 0
-    assert all(one["fine"] for one in json.loads(capsys.readouterr().out))
+    assert all(check["fine"] for check in json.loads(capsys.readouterr().out))
 
 
 def test_homes_and_links_are_parsed_or_refused() -> None:
@@ -147,15 +147,15 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     assert (out / "report.html").stat().st_size > 1_000_000
 
     result = next((out / "runs").glob("*/result.json"))
-    kept = json.loads(result.read_text())
+    first_result = json.loads(result.read_text())
     result.unlink()
     assert run(["verify", str(out)]) == 1
     capsys.readouterr()
     assert run(["score", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == first
     again = json.loads(result.read_text())
-    assert again["observations"] == kept["observations"]
-    assert again["recording_sha256"] == kept["recording_sha256"]
+    assert again["observations"] == first_result["observations"]
+    assert again["recording_sha256"] == first_result["recording_sha256"]
     assert run(["verify", str(out)]) == 0
 
     before = (out / "report.html").read_bytes()
@@ -230,6 +230,24 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(tmp_path: Path, cap
         assert f"rebar: {tmp_path / 'file'}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", [["run"], ["run", "--dry-run"], ["realize"]])
+def test_two_faults_in_one_campaign_file_come_at_once(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own line."""
+    campaign = small_campaign(tmp_path)
+    broken = CAMPAIGN.replace("base_file", "base_fiel").replace("seed: 3", "seed: -3").replace("factors:", "faktors:")
+    campaign.write_text(broken + "budgets: {workers: 0}\n")
+
+    assert run([*command, str(campaign), *(["--out", str(tmp_path / "out")])]) == 2
+
+    faults = capsys.readouterr().err.splitlines()
+    fields = {(4, "base_fiel"), (7, "design.seed"), (9, "design.faktors"), (11, "budgets.workers")}
+    assert {tuple(fault.split(": ")[1:3]) for fault in faults} == {(f"{campaign}:{line}", field) for line, field in fields}
+    assert len(faults) == len(fields)
+    assert not (tmp_path / "out").exists()
+
+
 YARD = """
 name: yard
 world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 20, north_m: 0}, {east_m: 20, north_m: 20}, {east_m: 0, north_m: 20}]}}
@@ -283,7 +301,7 @@ def test_bad_situations_are_answered_with_file_field_and_mend(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As a SimSpec to fly and as a campaign's base: refused within two seconds, with the file, the field, and what would do."""
-    document, said = BAD[name]
+    document, expected = BAD[name]
     simspec, campaign = tmp_path / "yard.yaml", tmp_path / "camp.yaml"
     simspec.write_text(document)
     base = "".join(f"  {line}\n" for line in document.strip().splitlines())
@@ -294,7 +312,7 @@ def test_bad_situations_are_answered_with_file_field_and_mend(
         began = time.process_time()
         assert run(line) in (1, 2)
         assert time.process_time() - began < 2.0
-        told = "".join(capsys.readouterr())
-        assert line[1] in told
-        assert said in told
-        assert "Traceback" not in told
+        output = "".join(capsys.readouterr())
+        assert line[1] in output
+        assert expected in output
+        assert "Traceback" not in output

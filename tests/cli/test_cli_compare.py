@@ -34,7 +34,7 @@ def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return tuple(make_campaign(home / agent, Made(scenes=18, agents=(agent,))) for agent in AGENTS)  # type: ignore[return-value]
 
 
-def told(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+def printed_json(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
     """What the command prints for a machine."""
     assert run(["compare", *line, "--json"]) == 0
     return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
@@ -42,9 +42,9 @@ def told(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, objec
 
 def test_two_agents_of_one_campaign(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of the table."""
-    document = told([str(made)], capsys)
+    document = printed_json([str(made)], capsys)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
-    nodes = {one["node"]: one for one in document["nodes"]}  # type: ignore[attr-defined]
+    nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
     assert set(nodes) == {"P-RESPONSIBLE", "P-RELIABLE", *STUDY}
     assert [name for name in STUDY if nodes[name]["settled"]] == ["KA-18"]
     scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("node") == "KA-18")
@@ -66,7 +66,7 @@ def test_for_people(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_one_agent_each_of_two_campaigns(made: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     """Scenes are known by what they are, so two folders say the same as one."""
-    assert told([str(made)], capsys) == told([*map(str, apart)], capsys)
+    assert printed_json([str(made)], capsys) == printed_json([*map(str, apart)], capsys)
 
 
 def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path], tmp_path: Path) -> None:
@@ -87,10 +87,10 @@ def test_the_same_agent_in_two_campaigns_is_told_apart_by_folder(made: Path, tmp
     """A campaign against its copy: no difference anywhere, and labels that say which is which."""
     other = tmp_path / "copy"
     shutil.copytree(made, other)
-    found = compare_campaigns([made, other], [NAIVE, NAIVE])
-    assert (found.first, found.second) == ("both", "copy")
-    assert all(one.difference is not None and one.difference.estimate == 0.0 for one in found.nodes)
-    assert all(one.divergence is not None and one.divergence.value == 0.0 for one in found.nodes)
+    comparison = compare_campaigns([made, other], [NAIVE, NAIVE])
+    assert (comparison.first, comparison.second) == ("both", "copy")
+    assert all(node.difference is not None and node.difference.estimate == 0.0 for node in comparison.nodes)
+    assert all(node.divergence is not None and node.divergence.value == 0.0 for node in comparison.nodes)
 
 
 def test_what_cannot_be_compared_is_refused_with_code_2(
@@ -144,8 +144,8 @@ def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
     ).with_columns((pl.when(spoilt).then(0.2).otherwise(0.9) + base).alias("confidence"))
 
     matter = factors_that_matter(replace(data, scores=scores))
-    found = [(table.agent, table.node, row.factor) for table, row in matter.found if "confidence" in row.found]
-    assert found == [(NAIVE, "KA-20", "concealment")]
+    significant = [(table.agent, table.node, row.factor) for table, row in matter.found if "confidence" in row.found]
+    assert significant == [(NAIVE, "KA-20", "concealment")]
     assert matter.frame.columns == list(FACTOR_COLUMNS)
     assert matter.independence is not None
     assert matter.independence.max_v == pytest.approx(0.0, abs=1e-9)

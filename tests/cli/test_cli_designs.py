@@ -29,17 +29,17 @@ def test_dry_run_and_realize_measure_the_design(tmp_path: Path, capsys: pytest.C
     campaign.write_text(CAMPAIGN)
 
     assert run(["run", str(campaign), "--dry-run"]) == 0
-    said = capsys.readouterr().out
-    assert "8 realizations of 4 design points" in said
-    assert "largest correlation 0\n" in said
-    assert "4 of 4 for t = 2" in said
-    assert "in configuration KA-03=" in said
+    output = capsys.readouterr().out
+    assert "8 realizations of 4 design points" in output
+    assert "largest correlation 0\n" in output
+    assert "4 of 4 for t = 2" in output
+    assert "in configuration KA-03=" in output
     assert run(["run", str(campaign), "--dry-run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["realizations"], told["design"]["points"]) == (8, 4)
+    document = json.loads(capsys.readouterr().out)
+    assert (document["realizations"], document["design"]["points"]) == (8, 4)
     assert run(["realize", str(campaign), "--out", str(tmp_path / "scenes"), "--json"]) == 0
     realized = json.loads(capsys.readouterr().out)
-    assert realized["design"] == told["design"]
+    assert realized["design"] == document["design"]
     assert len(realized["written"]) == len(list((tmp_path / "scenes" / "simspecs").iterdir())) == 8
 
 
@@ -51,6 +51,6 @@ def test_levels_that_do_not_fit_are_faults(tmp_path: Path, capsys: pytest.Captur
     assert "factor 'haze': level 40.0 for environment.rain_level" in capsys.readouterr().err
     campaign.write_text(CAMPAIGN.replace("fog / 4", "fgo * 10"))
     assert run(["run", str(campaign), "--dry-run"]) == 2
-    said = capsys.readouterr().err
-    assert "small.yaml:6" in said
-    assert "names 'fgo', which is no factor" in said
+    output = capsys.readouterr().err
+    assert "small.yaml:6" in output
+    assert "names 'fgo', which is no factor" in output

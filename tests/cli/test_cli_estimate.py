@@ -17,16 +17,16 @@ def test_dry_run_foretells_outcome_cost_and_power(tmp_path: Path, capsys: pytest
     campaign.write_text(DEMO.read_text().replace("take: 12", "take: 5"))
 
     assert run(["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30"]) == 0
-    said = capsys.readouterr().out
-    assert "OVERHEAD FIDELITY (10 realizations): 10 completed" in said
-    assert "30.0 s a session, about 2 min on 2 worker(s)" in said
-    assert "not computed at this fidelity" not in said
+    output = capsys.readouterr().out
+    assert "OVERHEAD FIDELITY (10 realizations): 10 completed" in output
+    assert "30.0 s a session, about 2 min on 2 worker(s)" in output
+    assert "not computed at this fidelity" not in output
     assert run(["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["estimate"]
-    assert (told["realizations"], told["flown"], told["wall_s"]) == (10, 10, 150.0)
-    marking = {one["agent"]: one["pass_rate"] for one in told["nodes"] if one["node"] == "KA-18"}
+    estimate = json.loads(capsys.readouterr().out)["estimate"]
+    assert (estimate["realizations"], estimate["flown"], estimate["wall_s"]) == (10, 10, 150.0)
+    marking = {node["agent"]: node["pass_rate"] for node in estimate["nodes"] if node["node"] == "KA-18"}
     assert marking["reference-naive"] < marking["reference-bystander-aware"]
-    (pair,) = (one for one in told["pairs"] if one["node"] == "KA-18")
+    (pair,) = (pair for pair in estimate["pairs"] if pair["node"] == "KA-18")
     assert pair["only_second"] > pair["only_first"] == 0.0
     assert pair["power"] < 0.8 < 1.0 == pair["only_second"]  # five pairs cannot settle it, however they end
     assert pair["pairs"] == 5 < pair["pairs_needed"]

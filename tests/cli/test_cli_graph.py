@@ -30,12 +30,12 @@ def test_coloured_by_a_campaign(tmp_path: Path) -> None:
     out = tmp_path / "new" / "graph.svg"
     line = ["graph", str(folder / "decomposition.json"), "--campaign", str(folder), "--agent", AGENTS[1], "--by", "score"]
     assert run([*line, "--out", str(out)]) == 0
-    assert [one.name for one in out.parent.iterdir()] == ["graph.svg"]
+    assert [path.name for path in out.parent.iterdir()] == ["graph.svg"]
     assert f"ARL score of {AGENTS[1]}, made-up" in out.read_text()
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "expected"),
     [
         (["--out", "graph.pdf"], "has an unknown suffix"),
         (["--agent", "mine"], "there is no campaign to take results from"),
@@ -43,10 +43,10 @@ def test_coloured_by_a_campaign(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused(
-    line: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: list[str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Nothing is written, and the message says what would be right."""
     monkeypatch.chdir(tmp_path)
     assert run(["graph", "search-and-report", *line]) == 2
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

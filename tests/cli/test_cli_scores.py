@@ -69,17 +69,17 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     capsys.readouterr()
     assert run(line) == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
+    document: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return document
 
 
 def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Run 1: 30 (2/2), 50, 30 (3/3); run 2: 80 (1/2), 50, 50 (2/3); over both: 40 and 83.3 %."""
-    told = printed([*worked, "--json", "--per-run"], capsys)
-    ScoreReport.model_validate(told)
+    report = printed([*worked, "--json", "--per-run"], capsys)
+    ScoreReport.model_validate(report)
     runs = {
-        one["run"]: {node["id"]: (node["score"], node["achieved"], node["considered"]) for node in one["nodes"]}
-        for one in told["runs"]
+        run["run"]: {node["id"]: (node["score"], node["achieved"], node["considered"]) for node in run["nodes"]}
+        for run in report["runs"]
     }
     assert runs["1"] == {
         "OBS1": (30, 1, 1),
@@ -97,14 +97,14 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
         "VAB2": (50, 1, 1),
         "KA1": (50, 2, 3),
     }
-    whole = {row["id"]: row for row in told["nodes"] if row["configuration"] == "all"}
+    whole = {row["id"]: row for row in report["nodes"] if row["configuration"] == "all"}
     assert (whole["KA1"]["score"], whole["KA1"]["confidence"]) == (40.0, pytest.approx(5 / 6, abs=1e-15))
     assert (whole["VAB1"]["score"], whole["VAB1"]["confidence"]) == (55.0, 0.75)
     assert (whole["OBS1"]["scored"], whole["OBS1"]["considered"], whole["OBS1"]["passed"]) == (1, 2, 1)
     assert (whole["KA1"]["passed"], whole["KA1"]["considered"], whole["KA1"]["runs"]) == (1, 2, 2)
     assert whole["KA1"]["raised_by_failure"] is True
     assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (None, None)  # two design points say too little
-    assert told["absent"] == 0
+    assert report["absent"] == 0
 
     assert run(worked) == 0
     shown = capsys.readouterr().out
@@ -117,9 +117,9 @@ def test_runs_are_told_one_by_one_only_when_asked(worked: list[str], capsys: pyt
     table = Path(worked[2])
     table.write_text("run,observable,difficulty,x,considered\n007,OBS1,30,1,\n7,OBS3,50,,no\n")
     assert printed([*worked, "--json"], capsys)["runs"] is None
-    told = printed([*worked, "--json", "--per-run"], capsys)
-    assert ([one["run"] for one in told["runs"]], told["absent"]) == (["007", "7"], 4)
-    nodes = {node["id"]: node for node in told["runs"][0]["nodes"]}
+    report = printed([*worked, "--json", "--per-run"], capsys)
+    assert ([run["run"] for run in report["runs"]], report["absent"]) == (["007", "7"], 4)
+    nodes = {node["id"]: node for node in report["runs"][0]["nodes"]}
     assert (nodes["VAB2"]["difficulty"], nodes["VAB2"]["score"], nodes["VAB2"]["confidence"]) == (None, None, None)
     assert run([*worked, "--per-run"]) == 0
     shown = capsys.readouterr().out
@@ -147,14 +147,14 @@ def test_the_faults_of_a_table_come_all_at_once_with_lines(worked: list[str], ca
     table = Path(worked[2])
     table.write_text("run,observable,difficulty,x\n1,OBS1,30,2\n1,OBS8,30,1\n1,OBS1,300,1\n")
     assert run(worked) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert [line.split(" ")[1] for line in said] == [f"{table}:{number}:" for number in (2, 3, 4, 4)]
+    messages = capsys.readouterr().err.splitlines()
+    assert [line.split(" ")[1] for line in messages] == [f"{table}:{number}:" for number in (2, 3, 4, 4)]
 
 
 def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Failures first; the child that ruled, x against its threshold, and the line of the table."""
-    told = Explanation.model_validate(printed([*worked, "--explain", "KA1", "--json"], capsys))
-    (agent,) = told.agents
+    explanation = Explanation.model_validate(printed([*worked, "--explain", "KA1", "--json"], capsys))
+    (agent,) = explanation.agents
     assert (agent.summary.score, agent.scored_runs) == (40.0, ("1", "2"))
     failed, passed = agent.runs
     assert (failed.run, failed.state, failed.score, failed.ruled_by) == ("2", "failed", 50.0, ("KA1", "VAB2", "OBS3"))
@@ -200,12 +200,12 @@ def test_one_document_for_a_campaign_and_its_runs(campaign: Path, capsys: pytest
     assert (whole.kind, whole.absent, len(whole.runs or ())) == ("campaign", 0, 2)
     assert {row.configuration for row in whole.nodes} > {"all"}
     assert all(row.competence_50 is None for row in whole.nodes if row.configuration != "all")
-    for one in whole.runs or ():
-        assert one.recording
-        alone = ScoreReport.model_validate(printed(["score", str(Path(one.recording).parent), "--json"], capsys))
+    for scored_run in whole.runs or ():
+        assert scored_run.recording
+        alone = ScoreReport.model_validate(printed(["score", str(Path(scored_run.recording).parent), "--json"], capsys))
         assert alone.kind == "run"
         assert alone.runs is not None
-        assert [node.model_dump() for node in alone.runs[0].nodes] == [node.model_dump() for node in one.nodes]
+        assert [node.model_dump() for node in alone.runs[0].nodes] == [node.model_dump() for node in scored_run.nodes]
 
 
 def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
@@ -213,18 +213,18 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
 ) -> None:
     """From the mean to factor, moment and recording; every file stays as it was."""
     before = {path: path.stat().st_mtime_ns for path in campaign.rglob("*") if path.is_file() and "journal" not in path.name}
-    told = Explanation.model_validate(printed(["score", str(campaign), "--explain", "KA-20", "--json"], capsys))
+    explanation = Explanation.model_validate(printed(["score", str(campaign), "--explain", "KA-20", "--json"], capsys))
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    (agent,) = told.agents
-    assert {one.state for one in agent.runs} == {"failed"}
-    for one in agent.runs:
-        assert one.recording
-        assert Path(one.recording).is_file()
-        failed = [leaf for leaf in one.observables if leaf.state == "failed"]
+    (agent,) = explanation.agents
+    assert {run.state for run in agent.runs} == {"failed"}
+    for explained in agent.runs:
+        assert explained.recording
+        assert Path(explained.recording).is_file()
+        failed = [leaf for leaf in explained.observables if leaf.state == "failed"]
         assert failed
         assert all(leaf.evidence and any(row.ruling for row in leaf.factors) for leaf in failed)
     again = printed(["score", str(campaign), "--decomposition", "search-and-report", "--explain", "KA-20", "--json"], capsys)
-    assert Explanation.model_validate(again) == told
+    assert Explanation.model_validate(again) == explanation
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert run(["score", str(campaign), "--explain", "KA-20"]) == 0
     assert "recording.mcap" in capsys.readouterr().out
@@ -239,20 +239,20 @@ def test_the_documents_have_schemas(name: str, capsys: pytest.CaptureFixture[str
 
 def test_a_printed_document_is_read_back(worked: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What was kept on disk is a document like any other."""
-    kept = tmp_path / "kept.json"
-    kept.write_text(json.dumps(printed([*worked, "--json"], capsys)))
-    assert load_document(kept, ScoreReport).decomposition == "worked"
+    file = tmp_path / "kept.json"
+    file.write_text(json.dumps(printed([*worked, "--json"], capsys)))
+    assert load_document(file, ScoreReport).decomposition == "worked"
 
 
 def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> None:
     """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension begins."""
-    told = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
-    (node,) = told["nodes"]
+    document = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
+    (node,) = document["nodes"]
     assert node["raise"]["ruled_by"] == ["bystander_density_per_km2"]
     assert node["raise"]["following"] == ["bystander_proximity_m"]
     (change,) = node["raise"]["tension"]["changes"]
     assert (change["to"], change["past"]) == (pytest.approx(380 + 80 / 3), True)
-    assert told["factors"]["bystander_density_per_km2"]["paths"] == ["actors[civilians].density_per_km2"]
+    assert document["factors"]["bystander_density_per_km2"]["paths"] == ["actors[civilians].density_per_km2"]
     assert run(["difficulty", str(EXAMPLE), "--node", "KA-18"]) == 0
     shown = capsys.readouterr().out
     assert "390.1 -> more than 406.667 1/km2 (actors[civilians].density_per_km2)" in shown
@@ -266,24 +266,24 @@ def test_a_campaign_written_as_a_table_scores_the_same(
     campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last bit."""
-    own = printed(["score", str(campaign), "--json", "--per-run"], capsys)
+    direct = printed(["score", str(campaign), "--json", "--per-run"], capsys)
     rows = [
         {
-            "run": one["run"],
+            "run": run["run"],
             "observable": node["id"],
             "difficulty": node["difficulty"],
             "x": node["x"],
             "considered": node["considered"] == 1,
-            "design_point": one["design_point"],
-            "agent": one["agent"],
+            "design_point": run["design_point"],
+            "agent": run["agent"],
         }
-        for one in own["runs"]
-        for node in one["nodes"]
+        for run in direct["runs"]
+        for node in run["nodes"]
         if node["level"] == "observable"
     ]
     table = tmp_path / "table.jsonl"
     table.write_text("\n".join(map(json.dumps, rows)))
     line = ["score", "--observations", str(table), "--decomposition", str(campaign / "decomposition.yaml")]
     again = printed([*line, "--json", "--per-run"], capsys)
-    assert again["nodes"] == own["nodes"]
-    assert [one["nodes"] for one in again["runs"]] == [one["nodes"] for one in own["runs"]]
+    assert again["nodes"] == direct["nodes"]
+    assert [run["nodes"] for run in again["runs"]] == [run["nodes"] for run in direct["runs"]]

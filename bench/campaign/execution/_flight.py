@@ -41,6 +41,7 @@ def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed))
+    # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,

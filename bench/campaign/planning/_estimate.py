@@ -115,6 +115,7 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
     runs = []
     for plan, simspec, result in zip(placed, simspecs, results, strict=True):
         scene = (plan.design_point, plan.replicate)
+        # Difficulty is a property of the scene, the same for every agent.
         if scene not in rated:
             rated[scene] = difficulty_of(decomposition, simspec)
         label = simspec.agent.label

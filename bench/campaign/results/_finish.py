@@ -164,6 +164,7 @@ def _scored_runs(
         result = _result(folder, entry)
         outcomes[outcome_name(entry, result.outcome, stops) if result else "not finished"] += 1
         if result is not None and result.outcome is not Outcome.SETTLED and not is_after_stop(entry, stops):
+            # Difficulty is a property of the scene, the same for every agent.
             scene = (entry.design_point, entry.replicate)
             if scene not in rated:
                 rated[scene] = difficulty_of(decomposition, load_json_document(folder.simspec(entry.id), SimSpec))

@@ -18,6 +18,7 @@ def check_options(measure: str, options: Mapping[str, Option]) -> None:
     are checked when the measure is called.
     """
     plugin = load_plugin("rebar.measures", measure)
+    # Any other measure sees its options only when it is called, after the flight.
     if isinstance(plugin, ChecksOptions):
         plugin.check_options(options)
 

@@ -240,6 +240,7 @@ def _row(number: int, realization: PlannedRealization) -> tuple[str | int, ...]:
 
 
 def _entry(row: tuple[object, ...]) -> JournalEntry:
+    # The columns of the query in `entries`, in its order.
     realization, point, replicate, agent, levels, intent, simspec, state, attempts, outcome, reason, wall, result = row
     return JournalEntry(
         id=str(realization),

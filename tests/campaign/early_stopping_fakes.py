@@ -1,4 +1,4 @@
-"""Fake sessions that pass or fail by lot, for campaigns that end a design point once it is settled."""
+"""Fake sessions that pass or fail at random, for campaigns that stop design points early."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from bench.contracts import Observation, Outcome, SessionResult
 from bench.simspec import AgentSpec
 from decompositions import Decomposition
 
-JOB = "settling_fakes:drawn_flight"
+JOB = "early_stopping_fakes:drawn_flight"
 PASSED = {"p001": 0.95, "p002": 0.05, "p003": 0.5}
-"""Pass rate of each design point, in hundredths of which a realization's lot is drawn from its name."""
+"""Pass rate of the agent `fake` at each design point. For any other agent passing and failing are exchanged."""
 
 
 def drawn(realization: str) -> float:
-    """A number in [0, 1) that hangs on the name alone."""
+    """A number in [0, 1) that depends on the name alone."""
     return int.from_bytes(hashlib.sha256(realization.encode()).digest()[:6], "big") / 2**48
 
 
 def passes(realization: str) -> bool:
     """Whether the realization passes."""
-    return drawn(realization) < PASSED[realization[:4]]
+    rate = PASSED[realization[:4]]
+    return drawn(realization) < (rate if realization.endswith("-fake") else 1.0 - rate)
 
 
 def drawn_flight(simspec: Any, decomposition: Decomposition, folder: Path, realization: str) -> SessionResult:
@@ -37,14 +38,14 @@ def drawn_flight(simspec: Any, decomposition: Decomposition, folder: Path, reali
     (folder / "recording.mcap").write_bytes(f"all of {realization}".encode())
     x = 1.0 if passes(realization) else 0.0
     considered = "-r2-" not in realization
-    found = [
+    observations = [
         Observation(observable=name, considered=considered, x=x if considered else None)
         for name in sorted(decomposition.observables)
     ]
-    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0, observations=tuple(found))
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0, observations=tuple(observations))
 
 
-def asked(folder: Path) -> Path:
+def made_up_decomposition(folder: Path) -> Path:
     """A decomposition of two observables under one key attribute, written into a folder."""
     leaf = {
         "measure": "targets_reported",
@@ -73,18 +74,19 @@ def asked(folder: Path) -> Path:
     return path
 
 
-def question(decomposition: Path, replicates: int = 20, points: int = 3, **stopping: Any) -> Campaign:
-    """A campaign of a few people in a yard that ends design points once KA-01 is settled at one half."""
+def stopping_campaign(decomposition: Path, replicates: int = 20, points: int = 3, **stopping: Any) -> Campaign:
+    """A campaign that stops design points once KA-01 is decided at one half. `stopping` replaces fields of the rule."""
     rule = Stopping(**({"node": "KA-01", "threshold": 0.5} | stopping))
     update = {"decomposition": str(decomposition), "stopping": rule, "agents": (AgentSpec(manifest="fake"),)}
     return small_campaign(points, replicates).model_copy(update=update)
 
 
 def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any) -> CampaignSummary:
-    """Run a campaign of lots to its scores."""
-    from bench.campaign import finish_campaign, load_measurable_decomposition  # not for the workers, who read this module too
+    """Run such a campaign, by default to its scores."""
+    # Here, because workers import this module too and would wait for the import of scoring.
+    from bench.campaign import finish_campaign, load_measurable_decomposition
 
-    finish = options.pop("finish", lambda place: finish_campaign(place.path) and None)
+    finish = options.pop("finish", lambda paths: finish_campaign(paths.path) and None)
     decomposition = load_measurable_decomposition(campaign.decomposition)
     return run_campaign(campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options)
 
@@ -96,4 +98,4 @@ def main(folder: str, decomposition: str) -> None:
         if isinstance(event, RealizationFinished):
             print(event.realization, flush=True)
 
-    fly_drawn(Path(folder), question(Path(decomposition), 14, 2), 2, on_event=tell, finish=lambda place: None)
+    fly_drawn(Path(folder), stopping_campaign(Path(decomposition), 14, 2), 2, on_event=tell, finish=lambda paths: None)

@@ -1,0 +1,167 @@
+"""The runner with jobs in the test's own process: repeated reports, random orders, two agents, handed-in clocks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaign_fakes import Script, fly, small_campaign
+from early_stopping_fakes import fly_drawn, made_up_decomposition, passes, stopping_campaign
+from in_process_executor import open_in_process
+
+from bench.campaign import (
+    CampaignFolder,
+    CampaignStopping,
+    JournalEntry,
+    RealizationFinished,
+    RealizationStarted,
+    digest_of,
+    open_journal,
+    read_result,
+    verify_folder,
+)
+from bench.contracts import Outcome
+from bench.errors import SetupError
+from bench.simspec import AgentSpec
+from bench.statistics import StoppingRule
+
+
+def entries(folder: Path) -> dict[str, JournalEntry]:
+    with open_journal(folder / "journal.sqlite") as journal:
+        return {entry.id: entry for entry in journal.entries()}
+
+
+def files(folder: Path) -> dict[str, str]:
+    """Digests of everything that a refused run must leave as it is."""
+    names = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith((".lock", "journal"))]
+    return {str(path.relative_to(folder)): digest_of(path) for path in names}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_first_of_two_reports_stays(tmp_path: Path, seed: int) -> None:
+    """Two workers report the same realization, with results of different bytes: journal and folder keep the first."""
+    events: list[object] = []
+
+    summary = fly(tmp_path, on_event=events.append, open_executor=open_in_process(seed, reports=2))
+
+    assert (summary.complete, summary.flown) == (True, 6)
+    finished = [event.realization for event in events if isinstance(event, RealizationFinished)]
+    assert sorted(finished) == sorted(set(finished)) == sorted(entries(tmp_path))
+    for name, entry in entries(tmp_path).items():
+        run = CampaignFolder(tmp_path).run(name)
+        result = read_result(run, name)
+        assert result is not None
+        assert result.wall_s == 0.0
+        assert (entry.wall_s, entry.result_sha256, entry.attempts) == (0.0, digest_of(run / "result.json"), 1)
+    assert verify_folder(tmp_path) == []
+    assert fly(tmp_path).flown == 0
+
+
+def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
+    """Both are there while the journal says planned and running: both are taken up, and neither is flown again."""
+    fly(tmp_path, open_executor=open_in_process())
+    planned, running = "p001-r1-fake", "p002-r2-fake"
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        journal.forget(planned)
+        journal.forget(running)
+        journal.start(running, "w1")
+
+    assert fly(tmp_path, open_executor=open_in_process()).flown == 0
+    after = entries(tmp_path)
+    assert {after[name].outcome for name in (planned, running)} == {Outcome.COMPLETED}
+    assert (after[planned].attempts, after[running].attempts) == (1, 2)
+
+
+def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
+    """Another campaign with another decomposition is refused with both faults, and leaves every file as it was."""
+    fly(tmp_path, open_executor=open_in_process())
+    before, journal_before = files(tmp_path), entries(tmp_path)
+
+    with pytest.raises(SetupError) as refusal:
+        fly(tmp_path, small_campaign(wall_s=5.0), Script(digest="1" * 64), open_executor=open_in_process())
+
+    faults = [fault.what for fault in refusal.value.faults]
+    assert len(faults) == 2
+    assert "another decomposition" in faults[0]
+    assert "p001-r1-fake, p001-r2-fake, p002-r1-fake and 3 more" in faults[1]
+    assert (files(tmp_path), entries(tmp_path)) == (before, journal_before)
+
+
+def reference_stops(campaign_points: tuple[str, ...], agents: tuple[str, ...], replicates: int) -> dict[tuple[str, str], int]:
+    """Where the rule stops, from the passes of all replicates in order. The second replicate is never considered."""
+    stops = {}
+    for point in campaign_points:
+        for agent in agents:
+            order = [replicate for replicate in range(1, replicates + 1) if replicate != 2]
+            after = StoppingRule(0.5).settled_after([passes(f"{point}-r{replicate}-{agent}") for replicate in order])
+            if after is not None:
+                stops[point, agent] = order[after - 1]
+    return stops
+
+
+@pytest.mark.parametrize(("seed", "workers"), [(1, 1), (2, 3), (3, 5)])
+def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed: int, workers: int) -> None:
+    """Any number of workers and any order of ends: each agent stops at each point where its own results say."""
+    agents = (AgentSpec(manifest="fake"), AgentSpec(manifest="other"))
+    campaign = stopping_campaign(made_up_decomposition(tmp_path), 12, 2).model_copy(update={"agents": agents})
+
+    summary = fly_drawn(tmp_path / "out", campaign, workers, finish=lambda paths: None, open_executor=open_in_process(seed))
+
+    expected = reference_stops(("p001", "p002"), ("fake", "other"), 12)
+    assert len(expected) >= 3
+    with open_journal(tmp_path / "out" / "journal.sqlite") as journal:
+        assert journal.stops() == expected
+    assert summary.complete
+    for name, entry in entries(tmp_path / "out").items():
+        stop = expected.get((entry.design_point, entry.agent), 12)
+        if entry.replicate <= stop:
+            assert entry.outcome is Outcome.COMPLETED, name
+        else:
+            assert entry.outcome is Outcome.SETTLED or entry.attempts == 1, "after the stop: closed, or under way already"
+
+
+def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
+    """A result before the stop is lost, and replicates are added: the second worker waits until the first one is back."""
+    decomposition = made_up_decomposition(tmp_path)
+    fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 1), 1, finish=lambda paths: None)
+    (CampaignFolder(tmp_path / "out").run("p001-r3-fake") / "result.json").unlink()
+    events: list[Any] = []
+
+    summary = fly_drawn(
+        tmp_path / "out",
+        stopping_campaign(decomposition, 16, 1),
+        2,
+        finish=lambda paths: None,
+        on_event=events.append,
+        open_executor=open_in_process(),
+    )
+
+    assert summary.complete
+    assert [event.realization for event in events if isinstance(event, RealizationStarted)] == ["p001-r3-fake"]
+    assert entries(tmp_path / "out")["p001-r16-fake"].outcome is Outcome.SETTLED
+
+
+def test_the_total_budget_starts_nothing_after_it(tmp_path: Path) -> None:
+    """By a clock on which every result takes five seconds: a budget of eight is spent after the second."""
+    results: list[object] = []
+    events: list[object] = []
+
+    def observe(event: object) -> None:
+        events.append(event)
+        results.extend([event] if isinstance(event, RealizationFinished) else [])
+
+    summary = fly(
+        tmp_path,
+        small_campaign(total_wall_s=8.0),
+        workers=1,
+        on_event=observe,
+        clock=lambda: 5.0 * len(results),
+        open_executor=open_in_process(),
+    )
+
+    assert (summary.flown, summary.done, summary.wall_s) == (2, 2, 10.0)
+    assert summary.stopped == "the campaign's total wall budget is spent"
+    assert sum(isinstance(event, RealizationStarted) for event in events) == 2
+    assert sum(isinstance(event, CampaignStopping) for event in events) == 1
+    assert fly(tmp_path, small_campaign(), open_executor=open_in_process()).flown == 4
