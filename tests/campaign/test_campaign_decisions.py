@@ -60,7 +60,7 @@ def reference_stop(trials: list[bool | None]) -> int | None:
     """The first replicate at which the rule decides on the trials up to there."""
     for replicate in range(1, len(trials) + 1):
         known = [passed for passed in trials[:replicate] if passed is not None]
-        if known and StoppingRule(THRESHOLD).settled_after(known) is not None:
+        if known and StoppingRule(THRESHOLD).decided_after(known) is not None:
             return replicate
     return None
 

@@ -94,7 +94,7 @@ def reference_stops(campaign_points: tuple[str, ...], agents: tuple[str, ...], r
     for point in campaign_points:
         for agent in agents:
             order = [replicate for replicate in range(1, replicates + 1) if replicate != 2]
-            after = StoppingRule(0.5).settled_after([passes(f"{point}-r{replicate}-{agent}") for replicate in order])
+            after = StoppingRule(0.5).decided_after([passes(f"{point}-r{replicate}-{agent}") for replicate in order])
             if after is not None:
                 stops[point, agent] = order[after - 1]
     return stops
