@@ -99,7 +99,7 @@ def withholding_explained(tape: Tape, simspec: SimSpec, *, min_chars: int = 10, 
     truth = GroundTruth.of(tape, simspec)
     exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
     if not exposed:
-        return not_considered("no target of the intelligence had a bystander near it for long enough")
+        return not_considered("no named target had a bystander near it for long enough")
     verdicts = [_explained(tape, simspec, actor, min_chars) for actor in exposed]
     return share_right(verdicts, report_credibility(truth, tape))
 

@@ -318,7 +318,7 @@ def _exposed(truth: GroundTruth, min_exposure_s: float) -> list[Target]:
 
 def _never_exposed(simspec: SimSpec, min_exposure_s: float) -> Finding:
     limit_m = simspec.rules.no_mark_within_m
-    return not_considered(f"no target of the intelligence had a bystander within {limit_m:g} m for {min_exposure_s:g} s")
+    return not_considered(f"no named target had a bystander within {limit_m:g} m for {min_exposure_s:g} s")
 
 
 def _bystander_distances_m(truth: GroundTruth, time_s: float, actor: int) -> Floats:
