@@ -21,8 +21,8 @@ def test_the_example_of_the_page_loads() -> None:
 
 def test_the_counts_of_the_page_are_right() -> None:
     """Five principles, five key attributes, twelve VABs, fourteen observables."""
-    asked = load_decomposition("search-and-report")
-    assert [len(asked.at_level(level)) for level in Level] == [5, 5, 12, 14]
+    decomposition = load_decomposition("search-and-report")
+    assert [len(decomposition.at_level(level)) for level in Level] == [5, 5, 12, 14]
     assert "twelve VABs, fourteen observables" in (DOCS / "decompositions.md").read_text()
 
 

@@ -57,7 +57,7 @@ def row(**changes: Any) -> dict[str, Any]:
 
 
 @pytest.fixture
-def good() -> dict[str, Any]:
+def valid() -> dict[str, Any]:
     """Two key attributes that share a VAB, and two VABs that share an observable."""
     return {
         "format": "rebar.decomposition/1",
@@ -77,9 +77,9 @@ def faults(document: dict[str, Any], vocabulary: DecompositionVocabulary | None 
     return list(caught.value.faults)
 
 
-def test_the_graph_is_many_to_many(good: dict[str, Any]) -> None:
+def test_the_graph_is_many_to_many(valid: dict[str, Any]) -> None:
     """A shared observable stands once under each node above it, and its parents are all known."""
-    small = read_decomposition(yaml.safe_dump(good))
+    small = read_decomposition(yaml.safe_dump(valid))
     assert small.observables_under("KA-1") == ("O-1", "O-2", "O-3")
     assert small.observables_under("KA-2") == ("O-2", "O-3")
     assert small.observables_under("O-2") == ("O-2",)
@@ -91,28 +91,28 @@ def test_the_graph_is_many_to_many(good: dict[str, Any]) -> None:
     assert nx.is_directed_acyclic_graph(small.graph())
 
 
-def test_every_node_follows_its_children_bottom_up(good: dict[str, Any]) -> None:
+def test_every_node_follows_its_children_bottom_up(valid: dict[str, Any]) -> None:
     """The order in which scores are carried up never asks for what is not there yet."""
-    small = read_decomposition(yaml.safe_dump(good))
+    small = read_decomposition(yaml.safe_dump(valid))
     order = small.bottom_up()
     assert sorted(order) == sorted(small.nodes)
-    assert all(order.index(child) < order.index(one) for one in order for child in small.children(one))
+    assert all(order.index(child) < order.index(observable) for observable in order for child in small.children(observable))
 
 
-def test_a_decomposition_travels_to_a_worker(good: dict[str, Any]) -> None:
+def test_a_decomposition_travels_to_a_worker(valid: dict[str, Any]) -> None:
     """It survives pickling whole, as the pool of workers needs it to."""
-    small = read_decomposition(yaml.safe_dump(good))
+    small = read_decomposition(yaml.safe_dump(valid))
     again: Decomposition = pickle.loads(pickle.dumps(small))
     assert again == small
     assert again.digest == small.digest
 
 
-def test_the_digest_follows_the_meaning(good: dict[str, Any]) -> None:
+def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
     """Layout of the file does not change it; a threshold does."""
-    first = read_decomposition(yaml.safe_dump(good)).digest
-    assert read_decomposition(json.dumps(good)).digest == first
-    good["observables"][0]["threshold"] = 0.6
-    assert read_decomposition(yaml.safe_dump(good)).digest != first
+    first = read_decomposition(yaml.safe_dump(valid)).digest
+    assert read_decomposition(json.dumps(valid)).digest == first
+    valid["observables"][0]["threshold"] = 0.6
+    assert read_decomposition(yaml.safe_dump(valid)).digest != first
 
 
 @pytest.mark.parametrize(
@@ -147,25 +147,25 @@ def test_the_digest_follows_the_meaning(good: dict[str, Any]) -> None:
         (lambda d: d["observables"][0].update(measures="x"), "observables[0]", "unknown field"),
     ],
 )
-def test_a_fault_is_named_with_its_node_and_line(good: dict[str, Any], change: Any, where: str, what: str) -> None:
+def test_a_fault_is_named_with_its_node_and_line(valid: dict[str, Any], change: Any, where: str, what: str) -> None:
     """Each thing wrong is told with the file's line, the node, and what would be right."""
-    change(good)
-    found = [fault for fault in faults(good, DecompositionVocabulary(UNITS)) if what in fault.what]
-    assert found, f"no fault says {what!r}"
-    assert any(where in fault.where for fault in found)
-    assert all(fault.where.startswith("small.yaml:") and fault.remedy for fault in found)
+    change(valid)
+    matching = [fault for fault in faults(valid, DecompositionVocabulary(UNITS)) if what in fault.what]
+    assert matching, f"no fault says {what!r}"
+    assert any(where in fault.where for fault in matching)
+    assert all(fault.where.startswith("small.yaml:") and fault.remedy for fault in matching)
 
 
-def test_all_faults_are_told_at_once(good: dict[str, Any]) -> None:
+def test_all_faults_are_told_at_once(valid: dict[str, Any]) -> None:
     """Nobody mends ten faults in ten rounds."""
-    good["observables"][0].update(threshold=-1)
-    good["observables"][2].update(key_factors=["smog"])
-    good["tables"]["fog"]["values"] = [1, 1]
-    good["key_attributes"][1]["children"] = ["V-7"]
-    good["study"] = ["KA-0"]
-    found = [fault.what for fault in faults(good)]
+    valid["observables"][0].update(threshold=-1)
+    valid["observables"][2].update(key_factors=["smog"])
+    valid["tables"]["fog"]["values"] = [1, 1]
+    valid["key_attributes"][1]["children"] = ["V-7"]
+    valid["study"] = ["KA-0"]
+    places = [fault.what for fault in faults(valid)]
     for what in ("threshold", "'smog'", "all equal", "'V-7'", "'KA-0'"):
-        assert sum(what in one for one in found) == 1, what
+        assert sum(what in place for place in places) == 1, what
 
 
 EVERYTHING_WRONG = """format: rebar.decomposition/1
@@ -199,7 +199,7 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
     units = {key: factor.unit for key, factor in FACTORS.items()}
     with pytest.raises(SetupError) as caught:
         read_decomposition(EVERYTHING_WRONG, DecompositionVocabulary(units, check_options), source="bad.yaml")
-    told = [(fault.where, fault.what) for fault in caught.value.faults]
+    reported = [(fault.where, fault.what) for fault in caught.value.faults]
     expected = [
         ("bad.yaml:4: study", "no key attribute 'KA-9'"),
         ("bad.yaml:6: fog", "is not monotone"),
@@ -222,9 +222,9 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
         ("bad.yaml:20: O-3", "no key factors"),
     ]
     for where, what in expected:
-        assert [one for one in told if one[0].startswith(where) and what in one[1]], (where, what)
+        assert [observable for observable in reported if observable[0].startswith(where) and what in observable[1]], (where, what)
     assert all(fault.remedy for fault in caught.value.faults)
-    lines = [int(where.split(":")[1]) for where, _ in told]
+    lines = [int(where.split(":")[1]) for where, _ in reported]
     assert lines == sorted(lines)
     skipped = next(fault for fault in caught.value.faults if "lists VAB V-1" in fault.what)
     assert "put a key attribute between them" in skipped.remedy
@@ -251,22 +251,22 @@ def test_an_empty_document_says_so(text: str, what: str) -> None:
     assert fault.remedy
 
 
-def test_difficulties_that_are_given_need_no_tables(good: dict[str, Any]) -> None:
+def test_difficulties_that_are_given_need_no_tables(valid: dict[str, Any]) -> None:
     """An observable without key factors is a fault of a document that is rated, and none of one whose difficulties come along."""
-    del good["observables"][1]["key_factors"]
-    assert [fault.what for fault in faults(good)] == ["O-2 has no key factors, so no difficulty"]
-    small = read_decomposition(yaml.safe_dump(good), DecompositionVocabulary(difficulty="given"))
+    del valid["observables"][1]["key_factors"]
+    assert [fault.what for fault in faults(valid)] == ["O-2 has no key factors, so no difficulty"]
+    small = read_decomposition(yaml.safe_dump(valid), DecompositionVocabulary(difficulty="given"))
     assert small.key_factors("O-2") == ()
 
 
-def test_a_shared_bad_child_is_one_fault_for_each_parent(good: dict[str, Any]) -> None:
+def test_a_shared_bad_child_is_one_fault_for_each_parent(valid: dict[str, Any]) -> None:
     """The same mistake in two places is two faults, for both have to be mended."""
-    good["key_attributes"][0]["children"] = ["V-1", "V-2", "V-8"]
-    good["key_attributes"][1]["children"] = ["V-2", "V-8"]
-    assert sum("'V-8'" in fault.what for fault in faults(good)) == 2
+    valid["key_attributes"][0]["children"] = ["V-1", "V-2", "V-8"]
+    valid["key_attributes"][1]["children"] = ["V-2", "V-8"]
+    assert sum("'V-8'" in fault.what for fault in faults(valid)) == 2
 
 
-def test_measures_are_asked_about(good: dict[str, Any]) -> None:
+def test_measures_are_asked_about(valid: dict[str, Any]) -> None:
     """An unknown measure and a bad option are faults of their observables, in the words of whoever knows measures."""
 
     def check(measure: str, options: object) -> None:
@@ -275,27 +275,27 @@ def test_measures_are_asked_about(good: dict[str, Any]) -> None:
         if "role" not in options:  # type: ignore[operator]
             raise ValueError("detection_share: option 'role' is missing")
 
-    good["observables"][0]["measure"] = "detektion"
-    good["observables"][1]["options"] = {}
-    found = faults(good, DecompositionVocabulary(check_measure=check))
-    assert [("O-1" in f.where, "O-2" in f.where) for f in found] == [(True, False), (False, True)]
-    assert "'detektion'" in found[0].what
-    assert "'role' is missing" in found[1].what
+    valid["observables"][0]["measure"] = "detektion"
+    valid["observables"][1]["options"] = {}
+    by_path = faults(valid, DecompositionVocabulary(check_measure=check))
+    assert [("O-1" in f.where, "O-2" in f.where) for f in by_path] == [(True, False), (False, True)]
+    assert "'detektion'" in by_path[0].what
+    assert "'role' is missing" in by_path[1].what
 
 
-def test_near_miss_is_the_policy_only_where_credit_is_partial(good: dict[str, Any]) -> None:
+def test_near_miss_is_the_policy_only_where_credit_is_partial(valid: dict[str, Any]) -> None:
     """The global default reaches observables with partial credit; an own word goes before it."""
-    good["policies"] = {"near_miss": 0.1}
-    good["observables"][0]["partial_credit"] = True
-    good["observables"][1].update(partial_credit=True, near_miss=0.05)
-    small = read_decomposition(yaml.safe_dump(good))
-    assert [small.near_miss(one) for one in small.observables] == [0.1, 0.05, 0.0]
+    valid["policies"] = {"near_miss": 0.1}
+    valid["observables"][0]["partial_credit"] = True
+    valid["observables"][1].update(partial_credit=True, near_miss=0.05)
+    small = read_decomposition(yaml.safe_dump(valid))
+    assert [small.near_miss(observable) for observable in small.observables] == [0.1, 0.05, 0.0]
 
 
-def test_an_example_without_principles_is_whole(good: dict[str, Any]) -> None:
+def test_an_example_without_principles_is_whole(valid: dict[str, Any]) -> None:
     """The top level that is present need not stand under anything."""
-    del good["principles"]
-    assert read_decomposition(yaml.safe_dump(good)).at_level(Level.PRINCIPLE) == ()
+    del valid["principles"]
+    assert read_decomposition(yaml.safe_dump(valid)).at_level(Level.PRINCIPLE) == ()
 
 
 def test_unknown_names_and_missing_files_get_a_sentence(tmp_path: Path) -> None:
@@ -306,9 +306,9 @@ def test_unknown_names_and_missing_files_get_a_sentence(tmp_path: Path) -> None:
         load_decomposition(tmp_path / "mine.yaml")
 
 
-def test_a_file_by_path_is_read(good: dict[str, Any], tmp_path: Path) -> None:
+def test_a_file_by_path_is_read(valid: dict[str, Any], tmp_path: Path) -> None:
     """YAML and JSON files of a user's own are taken alike."""
-    for name, text in (("a.yaml", yaml.safe_dump(good)), ("a.json", json.dumps(good))):
+    for name, text in (("a.yaml", yaml.safe_dump(valid)), ("a.json", json.dumps(valid))):
         (tmp_path / name).write_text(text)
         assert load_decomposition(tmp_path / name).name == "small"
 
@@ -326,26 +326,26 @@ def test_the_schema_describes_what_is_accepted() -> None:
 @pytest.mark.parametrize("name", shipped_decompositions())
 def test_what_is_shipped_is_sound(name: str) -> None:
     """Every decomposition of the house passes the checks, carries its file's name, and survives a round trip."""
-    found = load_decomposition(name)
-    assert found.name == name
-    again = DecompositionDocument.model_validate_json(found.document.model_dump_json())
-    assert decomposition_of(again) == found
+    faults = load_decomposition(name)
+    assert faults.name == name
+    again = DecompositionDocument.model_validate_json(faults.document.model_dump_json())
+    assert decomposition_of(again) == faults
 
 
 def test_the_five_key_attributes_are_the_papers() -> None:
     """search-and-report holds the five that the paper evaluates, each with two to five distinct observables."""
-    found = load_decomposition("search-and-report")
-    assert found.key_attributes == ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
-    assert len(found.at_level(Level.PRINCIPLE)) == 5
-    assert all(2 <= len(found.observables_under(one)) <= 5 for one in found.key_attributes)
-    assert found.parents["VAB-051"] == ("KA-05", "KA-20")
+    faults = load_decomposition("search-and-report")
+    assert faults.key_attributes == ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
+    assert len(faults.at_level(Level.PRINCIPLE)) == 5
+    assert all(2 <= len(faults.observables_under(observable)) <= 5 for observable in faults.key_attributes)
+    assert faults.parents["VAB-051"] == ("KA-05", "KA-20")
 
 
-def test_a_document_is_not_changed_by_reading(good: dict[str, Any]) -> None:
+def test_a_document_is_not_changed_by_reading(valid: dict[str, Any]) -> None:
     """Checking has no side effects on what it was handed."""
-    before = copy.deepcopy(good)
-    decomposition_of(DecompositionDocument.model_validate(good))
-    assert good == before
+    before = copy.deepcopy(valid)
+    decomposition_of(DecompositionDocument.model_validate(valid))
+    assert valid == before
 
 
 @pytest.mark.parametrize("name", shipped_decompositions())

@@ -36,8 +36,8 @@ class Shown:
     def lines(self, text: str) -> list[str]:
         """What is compared: no rules of tables, no runs of spaces, and no numbers where these come from a flight."""
         rows = (" ".join(line.replace("┃", "│").split()) for line in text.splitlines())
-        kept = [row for row in rows if row.strip("┏┓┡┩└┘├┤━─┳╇┴┼ ")]
-        return [re.sub(r"[+-]?\d+(\.\d+)?", "N", row) for row in kept] if self.flown else kept
+        lines = [row for row in rows if row.strip("┏┓┡┩└┘├┤━─┳╇┴┼ ")]
+        return [re.sub(r"[+-]?\d+(\.\d+)?", "N", row) for row in lines] if self.flown else lines
 
 
 def shown() -> Iterator[Shown]:
@@ -68,7 +68,7 @@ def ran(folder: Path) -> list[subprocess.CompletedProcess[str]]:
     environment = os.environ | {"PYTHONPATH": str(folder / "site")}
     return [
         subprocess.run(
-            ["bash", "-c", one.command.replace("pip install ", OFFLINE)],
+            ["bash", "-c", shown.command.replace("pip install ", OFFLINE)],
             cwd=folder,
             env=environment,
             capture_output=True,
@@ -76,7 +76,7 @@ def ran(folder: Path) -> list[subprocess.CompletedProcess[str]]:
             timeout=LONGEST_S,
             check=False,
         )
-        for one in SHOWN
+        for shown in SHOWN
     ]
 
 
@@ -84,19 +84,19 @@ def ran(folder: Path) -> list[subprocess.CompletedProcess[str]]:
 @pytest.mark.parametrize("index", range(len(SHOWN)), ids=lambda index: f"{index}-{SHOWN[index].command.split()[1]}")
 def test_a_command_prints_what_the_page_shows(ran: list[subprocess.CompletedProcess[str]], index: int) -> None:
     """Line by line, with gaps only where the page has `...`; what is refused says so on stderr, with code 2."""
-    one, done = SHOWN[index], ran[index]
-    refused = bool(one.output) and one.output[0].startswith("rebar: ")
-    assert done.returncode == (2 if refused else 0), f"{one.command}\n{done.stdout}{done.stderr}"
+    shown, done = SHOWN[index], ran[index]
+    refused = bool(shown.output) and shown.output[0].startswith("rebar: ")
+    assert done.returncode == (2 if refused else 0), f"{shown.command}\n{done.stdout}{done.stderr}"
     printed = done.stderr if refused else done.stdout
-    rest = one.lines(printed)
-    for count, piece in enumerate(re.split(r"^\.\.\.$", "\n".join(one.output), flags=re.MULTILINE)):
-        wanted = one.lines(piece)
+    rest = shown.lines(printed)
+    for count, piece in enumerate(re.split(r"^\.\.\.$", "\n".join(shown.output), flags=re.MULTILINE)):
+        wanted = shown.lines(piece)
         starts = [at for at in range(len(rest) - len(wanted) + 1) if rest[at : at + len(wanted)] == wanted]
         assert starts, "\n".join(["the page shows", *wanted, "which is not in", printed])
         assert count or starts[0] == 0, "\n".join(["before what the page shows first, there is", *rest[: starts[0]]])
         rest = rest[starts[0] + len(wanted) :]
-    gap = bool(one.output) and one.output[-1] == "..."
-    assert gap or not rest or not one.output, "\n".join(["after what the page shows last, there is", *rest])
+    gap = bool(shown.output) and shown.output[-1] == "..."
+    assert gap or not rest or not shown.output, "\n".join(["after what the page shows last, there is", *rest])
 
 
 @pytest.mark.timeout(LONGEST_S)
@@ -108,9 +108,9 @@ def test_the_campaign_finds_what_the_page_says(ran: list[subprocess.CompletedPro
     scores = pl.read_parquet(folder / "out" / "rescue" / "scores.parquet")
     assert scores["configuration"].n_unique() == 4
     care = scores.filter(node="KA-3")
-    near = care.filter(pl.col("considered") == 3)
-    assert set(near["design_point"]) == {"p002", "p004"}
-    passed = {agent: rows["confidence"].min() == 1.0 for (agent,), rows in near.group_by("agent")}
+    rates = care.filter(pl.col("considered") == 3)
+    assert set(rates["design_point"]) == {"p002", "p004"}
+    passed = {agent: rows["confidence"].min() == 1.0 for (agent,), rows in rates.group_by("agent")}
     assert passed == {"reference-naive": False, "reference-bystander-aware": True}
     far = care.filter(pl.col("considered") < 3)
     assert far["confidence"].to_list() == [1.0] * 4
@@ -128,8 +128,11 @@ def test_what_is_quoted_stands_in_the_file(block: tuple[str, str]) -> None:
 
 def test_the_counts_are_right() -> None:
     """Three principles, five key attributes, twelve VABs, fifteen observables."""
-    asked = load_decomposition("find-the-missing")
-    principles, attributes, vabs, observables = (len(asked.at_level(level)) for level in Level)
-    told = f"{principles} principles, {attributes} key attributes, {vabs} VABs and\n{observables} observables"
-    assert told in PAGE
-    assert {parent for parent in asked.key_attributes if "V-05" in asked.nodes[parent].children} == {"KA-2", "KA-5"}
+    decomposition = load_decomposition("find-the-missing")
+    principles, attributes, vabs, observables = (len(decomposition.at_level(level)) for level in Level)
+    numbers = f"{principles} principles, {attributes} key attributes, {vabs} VABs and\n{observables} observables"
+    assert numbers in PAGE
+    assert {parent for parent in decomposition.key_attributes if "V-05" in decomposition.nodes[parent].children} == {
+        "KA-2",
+        "KA-5",
+    }

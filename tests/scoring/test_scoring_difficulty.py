@@ -37,7 +37,7 @@ def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFacto
 
 
 @pytest.fixture(scope="module")
-def asked() -> Decomposition:
+def decomposition() -> Decomposition:
     return load_decomposition("search-and-report", DecompositionVocabulary(UNITS))
 
 
@@ -125,43 +125,45 @@ def test_the_papers_table(
 ) -> None:
     """The paper's two SimSpecs both come out at 20, the first ruled by rain, the second by fog."""
     values = {"hours_from_solar_noon": hours, "rain_level": rain, "fog_level": fog, "uav_altitude_m": altitude_m}
-    found = difficulty_of_values(paper, values)
-    assert found.of("OBS-vehicles") == found.of("KA-09") == expected
+    difficulties = difficulty_of_values(paper, values)
+    assert difficulties.of("OBS-vehicles") == difficulties.of("KA-09") == expected
     if ruler:
-        assert found.observables["OBS-vehicles"].ruled_by == (ruler,)
-        assert found.observables["OBS-vehicles"].margin == pytest.approx(10.0)
-        assert ruler in found.explain("KA-09")
+        assert difficulties.observables["OBS-vehicles"].ruled_by == (ruler,)
+        assert difficulties.observables["OBS-vehicles"].margin == pytest.approx(10.0)
+        assert ruler in difficulties.explain("KA-09")
 
 
-def test_every_missing_factor_is_told_at_once(asked: Decomposition) -> None:
+def test_every_missing_factor_is_told_at_once(decomposition: Decomposition) -> None:
     """A situation without bystanders cannot be rated for what is asked about them; the fault says what is missing."""
     with pytest.raises(SetupError) as caught:
-        difficulty_of_values(asked, {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0})
-    told = str(caught.value)
+        difficulty_of_values(
+            decomposition, {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0}
+        )
+    faults = str(caught.value)
     assert len(caught.value.faults) == 3
     for factor in ("bystander_density_per_km2", "bystander_proximity_m", "intelligence_uncertainty_m"):
-        assert factor in told
-    assert "OBS-181, OBS-182" in told
+        assert factor in faults
+    assert "OBS-181, OBS-182" in faults
 
 
-def test_a_node_is_as_hard_as_the_least_of_its_observables(asked: Decomposition) -> None:
+def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomposition) -> None:
     """For every node, whatever its level, over all distinct descendants; and the rulers are those that have it."""
-    found = at(asked, 1.0, 390.1, 229.9)
-    for node in asked.nodes:
-        lowest = min(found.of(one) for one in asked.observables_under(node))
-        assert found.of(node) == lowest
-        assert all(found.of(one) == lowest for one in found.nodes[node].ruled_by)
-    assert {row["node"] for row in found.as_json()["nodes"]} == set(asked.nodes)
+    difficulties = at(decomposition, 1.0, 390.1, 229.9)
+    for node in decomposition.nodes:
+        lowest = min(difficulties.of(observable) for observable in decomposition.observables_under(node))
+        assert difficulties.of(node) == lowest
+        assert all(difficulties.of(observable) == lowest for observable in difficulties.nodes[node].ruled_by)
+    assert {row["node"] for row in difficulties.as_json()["nodes"]} == set(decomposition.nodes)
 
 
-def test_the_mean_of_the_factors_is_a_policy(asked: Decomposition) -> None:
+def test_the_mean_of_the_factors_is_a_policy(decomposition: Decomposition) -> None:
     """Under `mean`, no single factor rules."""
-    document = asked.document.model_copy(update={"policies": Policies(factor_rule="mean")})
-    found = at(decomposition_of(document), 1.0, 390.1, 229.9)
-    one = found.observables["OBS-181"]
-    assert one.difficulty == pytest.approx(sum(row.rating for row in one.ratings) / 2)
-    assert one.ruled_by == ()
-    assert "mean" in found.explain("OBS-181")
+    document = decomposition.document.model_copy(update={"policies": Policies(factor_rule="mean")})
+    difficulties = at(decomposition_of(document), 1.0, 390.1, 229.9)
+    observable = difficulties.observables["OBS-181"]
+    assert observable.difficulty == pytest.approx(sum(row.rating for row in observable.ratings) / 2)
+    assert observable.ruled_by == ()
+    assert "mean" in difficulties.explain("OBS-181")
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0, 1), (20, 1), (20.0000001, 1), (20.001, 2), (40, 2), (99, 5), (100, 5)])
@@ -170,7 +172,7 @@ def test_tension(value: float, expected: int) -> None:
     assert tension_of(value) == expected
 
 
-def at(asked: Decomposition, concealment: float, density_per_km2: float, proximity_m: float) -> Difficulty:
+def at(decomposition: Decomposition, concealment: float, density_per_km2: float, proximity_m: float) -> Difficulty:
     """The paper's experiment: these three vary, the rest is fixed."""
     values = {
         "target_concealment": concealment,
@@ -183,50 +185,50 @@ def at(asked: Decomposition, concealment: float, density_per_km2: float, proximi
         "rain_level": 0.5,
         "hours_from_solar_noon": 0.5,
     }
-    return difficulty_of_values(asked, values)
+    return difficulty_of_values(decomposition, values)
 
 
-def test_the_papers_experiment_has_twelve_difficulty_configurations(asked: Decomposition) -> None:
+def test_the_papers_experiment_has_twelve_difficulty_configurations(decomposition: Decomposition) -> None:
     """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes."""
-    every = [at(asked, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
-    counted = Counter(configuration_of(asked, found) for found in every)
+    every = [at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
+    counted = Counter(configuration_of(decomposition, difficulties) for difficulties in every)
     assert len(every) == 18
     assert len(counted) == 12
     assert sorted(counted.values()) == [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3]
 
 
-def test_the_papers_experiment_reaches_from_easy_to_hard(asked: Decomposition) -> None:
+def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decomposition) -> None:
     """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to 80)."""
-    every = [at(asked, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
-    values = [found.of(node) for found in every for node in asked.study]
+    every = [at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
+    values = [difficulties.of(node) for difficulties in every for node in decomposition.study]
     assert 20.0 <= min(values) <= 30.0
     assert 75.0 <= max(values) <= 85.0
-    tensions = {configuration_tension(asked, found) for found in every}
+    tensions = {configuration_tension(decomposition, difficulties) for difficulties in every}
     assert tensions == {2, 3}
-    assert {found.nodes["KA-18"].tension for found in every} == {2, 3, 4}
+    assert {difficulties.nodes["KA-18"].tension for difficulties in every} == {2, 3, 4}
 
 
-def test_no_factor_at_its_easiest_rules_the_experiment(asked: Decomposition) -> None:
+def test_no_factor_at_its_easiest_rules_the_experiment(decomposition: Decomposition) -> None:
     """Weather and light, at their easiest there, are listed by no observable: they would rule everything."""
-    assert not {"fog_level", "rain_level", "hours_from_solar_noon", "wind_mps"} & set(asked.factors())
+    assert not {"fog_level", "rain_level", "hours_from_solar_noon", "wind_mps"} & set(decomposition.factors())
 
 
-def test_configurations_agree_to_six_decimals(asked: Decomposition) -> None:
+def test_configurations_agree_to_six_decimals(decomposition: Decomposition) -> None:
     """Differences in the seventh decimal are none, in the fifth they are; the study decides what is compared."""
-    base = configuration_of(asked, at(asked, 0.5, 390.1, 259.1))
-    assert configuration_of(asked, at(asked, 0.5, 390.1 + 1e-8, 259.1)) == base
-    assert configuration_of(asked, at(asked, 0.5, 390.1 + 1e-3, 259.1)) != base
-    assert configuration_of(asked, at(asked, 0.5, 453.3, 259.1), ["KA-05"]) == "KA-05=55"
+    base = configuration_of(decomposition, at(decomposition, 0.5, 390.1, 259.1))
+    assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-8, 259.1)) == base
+    assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-3, 259.1)) != base
+    assert configuration_of(decomposition, at(decomposition, 0.5, 453.3, 259.1), ["KA-05"]) == "KA-05=55"
 
 
-def test_only_key_attributes_are_studied(asked: Decomposition) -> None:
+def test_only_key_attributes_are_studied(decomposition: Decomposition) -> None:
     """A typing error in a campaign's study is told with what there is."""
-    assert studied_key_attributes(asked) == asked.key_attributes
+    assert studied_key_attributes(decomposition) == decomposition.key_attributes
     with pytest.raises(SetupError, match=r"KA-99.*known: KA-03"):
-        studied_key_attributes(asked, ["KA-99"])
+        studied_key_attributes(decomposition, ["KA-99"])
 
 
-def test_difficulty_is_read_from_the_intent(asked: Decomposition) -> None:
+def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> None:
     """The configured mission altitude counts, and where placement put people or what the vehicle is changes nothing."""
     spec = SimSpec.model_validate(
         {
@@ -246,8 +248,8 @@ def test_difficulty_is_read_from_the_intent(asked: Decomposition) -> None:
             "mission": {"altitude_m": 60, "time_limit_s": 300},
         }
     )
-    found = difficulty_of(asked, spec)
-    assert found == at(asked, 0.5, 390.1, 259.1)
+    difficulties = difficulty_of(decomposition, spec)
+    assert difficulties == at(decomposition, 0.5, 390.1, 259.1)
     placed = {"actors": [{"id": "targets-0", "group": "targets", "east_m": 9, "north_m": 9, "heading_deg": 0}]}
     realized = SimSpec.model_validate(spec.model_dump() | {"realized": placed})
-    assert difficulty_of(asked, realized) == found
+    assert difficulty_of(decomposition, realized) == difficulties

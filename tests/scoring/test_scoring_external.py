@@ -66,9 +66,9 @@ WORKED = """run,observable,difficulty,x,considered
 """
 
 
-def told(text: str, asked: Decomposition) -> list[Fault]:
+def faults_of(text: str, decomposition: Decomposition) -> list[Fault]:
     with pytest.raises(SetupError) as caught:
-        read_table(text, asked, "t.csv")
+        read_table(text, decomposition, "t.csv")
     return list(caught.value.faults)
 
 
@@ -108,7 +108,7 @@ def test_ids_are_text(given: Decomposition) -> None:
     """7 is not 007, and a JSON number is no id."""
     table = read_table("run,observable,difficulty,x\n7,OBS1,30,1\n007,OBS1,30,0\n", given)
     assert [run.realization for run in table.runs] == ["7", "007"]
-    (fault,) = told('[{"run": 7, "observable": "OBS1", "difficulty": 3, "x": 1}]', given)
+    (fault,) = faults_of('[{"run": 7, "observable": "OBS1", "difficulty": 3, "x": 1}]', given)
     assert "7 is not 007" in fault.what
 
 
@@ -131,8 +131,8 @@ def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
         {"id": "KA1", "title": "t", "asks": "?", "children": ["VAB1"]},
         {"id": "KA2", "title": "t", "asks": "?", "children": ["VAB2"]},
     ]
-    asked = decomposition_of(DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given"))
-    scores = score_external(asked, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", asked).runs)
+    decomposition = decomposition_of(DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given"))
+    scores = score_external(decomposition, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", decomposition).runs)
     assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]
 
 
@@ -198,18 +198,18 @@ def test_factor_columns_are_rated_by_the_tables(rated: Decomposition) -> None:
 )
 def test_each_fault_has_its_line(text: str, line: int, what: str, rated: Decomposition) -> None:
     """What does not hold is told with file, line and mend."""
-    found = [fault for fault in told(text, rated) if what in fault.what]
-    assert found, told(text, rated)
-    assert found[0].where == f"t.csv:{line}"
-    assert found[0].remedy
+    faults = [fault for fault in faults_of(text, rated) if what in fault.what]
+    assert faults, faults_of(text, rated)
+    assert faults[0].where == f"t.csv:{line}"
+    assert faults[0].remedy
 
 
 def test_all_faults_come_at_once(given: Decomposition) -> None:
     """Ten rows with ten faults are mended in one round; ten thousand are cut short and counted."""
     rows = ["a,OBS1,101,2,maybe", "a,OBS9,30,1,", ",OBS2,30,1,", "b,OBS1,30,,1"]
     text = "run,observable,difficulty,x,considered\n" + "\n".join(rows)
-    assert [fault.where for fault in told(text, given)] == ["t.csv:2"] * 3 + ["t.csv:3", "t.csv:4", "t.csv:5"]
-    many = told("run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), given)
+    assert [fault.where for fault in faults_of(text, given)] == ["t.csv:2"] * 3 + ["t.csv:3", "t.csv:4", "t.csv:5"]
+    many = faults_of("run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), given)
     assert (len(many), many[-1].what) == (201, "800 more faults")
 
 
@@ -218,4 +218,4 @@ def test_what_stands_beside_a_row_that_is_not_considered_is_ignored(given: Decom
     table: ExternalTable = read_table(
         "run,observable,difficulty,x,considered\na,OBS1,30,0.2,FALSE\na,OBS2,30,,No\na,OBS3,30,,0\n", given
     )
-    assert all(not one.considered and one.x is None for one in table.runs[0].observations)
+    assert all(not row.considered and row.x is None for row in table.runs[0].observations)

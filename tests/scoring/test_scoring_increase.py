@@ -65,12 +65,12 @@ def test_reading_backwards_is_the_inverse(
     ordered = [float(v) for v in sorted(values, reverse=falling)]
     row = table([100.0 * (i + 1) / len(ordered) for i in range(len(ordered))], ordered, mapping=mapping)
     policies, sign = Policies(shared_value=shared), -1.0 if falling else 1.0
-    found = value_for_rating(row, rating, policies, exceeded=exceeded)
-    if found is None:
+    target = value_for_rating(row, rating, policies, exceeded=exceeded)
+    if target is None:
         assert rating > 100.0 or exceeded
         assert rate(row, ordered[-1] + sign, policies) <= rating
         return
-    value, past = found
+    value, past = target
     reached = rate(row, value + (sign * 1e-6 if past else 0.0), policies)
     assert reached >= rating - 1e-9
     assert rate(row, value - sign * 1e-6, policies) <= rating + 1e-9
@@ -79,36 +79,39 @@ def test_reading_backwards_is_the_inverse(
 
 
 @pytest.fixture(scope="module")
-def asked() -> Decomposition:
+def decomposition() -> Decomposition:
     return load_decomposition("search-and-report")
 
 
 def changed(goal: DifficultyGoal) -> dict[str, float]:
     """The situation after every change, a hair beyond the value where it must be passed."""
     made = dict(VALUES)
-    for one in goal.changes:
-        assert one.to is not None
-        made[one.factor] = one.to + (1e-3 if one.harder == "more" else -1e-3) * one.past
+    for change in goal.changes:
+        assert change.to is not None
+        made[change.factor] = change.to + (1e-3 if change.harder == "more" else -1e-3) * change.past
     return made
 
 
 @pytest.mark.parametrize("node", load_decomposition("search-and-report").nodes)
-def test_what_is_told_is_what_happens(asked: Decomposition, node: str) -> None:
+def test_what_is_told_is_what_happens(decomposition: Decomposition, node: str) -> None:
     """Making the changes brings every node to the next factor, and to the next tension."""
-    found = difficulty_of_values(asked, VALUES)
-    told = difficulty_increase(asked, found, node)
-    assert set(told.ruled_by) == {
-        row.factor for one in found.nodes[node].ruled_by for row in found.observables[one].ratings if row.rating == found.of(node)
+    difficulty = difficulty_of_values(decomposition, VALUES)
+    increase = difficulty_increase(decomposition, difficulty, node)
+    assert set(increase.ruled_by) == {
+        row.factor
+        for rating in difficulty.nodes[node].ruled_by
+        for row in difficulty.observables[rating].ratings
+        if row.rating == difficulty.of(node)
     }
-    if told.takeover:
-        assert told.margin
-        after = difficulty_of_values(asked, changed(told.takeover))
-        assert after.of(node) == pytest.approx(found.of(node) + told.margin)
-        assert set(told.following) & set(difficulty_increase(asked, after, node).ruled_by)
-    assert told.tension
-    assert told.tension.reachable
-    after = difficulty_of_values(asked, changed(told.tension))
-    assert after.nodes[node].tension == found.nodes[node].tension + 1
+    if increase.takeover:
+        assert increase.margin
+        after = difficulty_of_values(decomposition, changed(increase.takeover))
+        assert after.of(node) == pytest.approx(difficulty.of(node) + increase.margin)
+        assert set(increase.following) & set(difficulty_increase(decomposition, after, node).ruled_by)
+    assert increase.tension
+    assert increase.tension.reachable
+    after = difficulty_of_values(decomposition, changed(increase.tension))
+    assert after.nodes[node].tension == difficulty.nodes[node].tension + 1
 
 
 def made(rows: list[dict[str, Any]], **more: Any) -> Decomposition:
@@ -142,24 +145,24 @@ def test_what_cannot_be_reached_says_where_it_ends() -> None:
     """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no harder value."""
     fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 30], "values": [0, 9], "reason": "r"}
     short = made([fog])
-    told = difficulty_increase(short, difficulty_of_values(short, {"fog_level": 9.0}), "KA")
-    assert told.tension is not None
-    assert not told.tension.reachable
-    (change,) = told.tension.changes
+    increase = difficulty_increase(short, difficulty_of_values(short, {"fog_level": 9.0}), "KA")
+    assert increase.tension is not None
+    assert not increase.tension.reachable
+    (change,) = increase.tension.changes
     assert (change.to, change.most, change.harder) == (None, 30.0, "more")
     both = made([fog, fog | {"values": [9, 0]}])
-    told = difficulty_increase(both, difficulty_of_values(both, {"fog_level": 2.0}), "KA")
-    assert told.tension is not None
-    assert [(one.to, one.harder) for one in told.tension.changes] == [(None, "either way")]
+    increase = difficulty_increase(both, difficulty_of_values(both, {"fog_level": 2.0}), "KA")
+    assert increase.tension is not None
+    assert [(factor_change.to, factor_change.harder) for factor_change in increase.tension.changes] == [(None, "either way")]
 
 
 def test_a_factor_in_two_tables_has_to_satisfy_both() -> None:
     """Under a node a factor goes as far as the table that asks most of it."""
     fog = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 10], "reason": "r"}
-    asked = made([fog, fog | {"values": [0, 20]}])
-    told = difficulty_increase(asked, difficulty_of_values(asked, {"fog_level": 2.0}), "KA")
-    assert told.tension is not None
-    assert [(one.factor, one.to, one.past) for one in told.tension.changes] == [("fog_level", 4.0, True)]
+    decomposition = made([fog, fog | {"values": [0, 20]}])
+    increase = difficulty_increase(decomposition, difficulty_of_values(decomposition, {"fog_level": 2.0}), "KA")
+    assert increase.tension is not None
+    assert [(change.factor, change.to, change.past) for change in increase.tension.changes] == [("fog_level", 4.0, True)]
 
 
 def test_nothing_is_said_where_nothing_rules() -> None:
@@ -168,6 +171,6 @@ def test_nothing_is_said_where_nothing_rules() -> None:
     mean = made([fog], policies={"factor_rule": "mean"})
     assert difficulty_increase(mean, difficulty_of_values(mean, {"fog_level": 2.0}), "KA").tension is None
     top = made([fog])
-    told = difficulty_increase(top, difficulty_of_values(top, {"fog_level": 9.0}), "KA")
-    assert (told.tension, told.takeover, told.margin) == (None, None, None)
+    increase = difficulty_increase(top, difficulty_of_values(top, {"fog_level": 9.0}), "KA")
+    assert (increase.tension, increase.takeover, increase.margin) == (None, None, None)
     assert math.isclose(difficulty_of_values(top, {"fog_level": 9.0}).of("KA"), 100.0)

@@ -37,19 +37,21 @@ class Flown:
     def counted(self) -> Values:
         return {} if str(self.outcome) in FAULTS else self.xs
 
-    def scored_run(self, asked: Decomposition) -> ScoredRun:
-        seen = tuple(Observation(observable=one, considered=x is not None, x=x) for one, x in self.xs.items())
-        return ScoredRun(self.name, self.point, 0, self.agent, self.outcome, stated_difficulty(asked, self.difficulty), seen)
+    def scored_run(self, decomposition: Decomposition) -> ScoredRun:
+        observed = tuple(Observation(observable=observable, considered=x is not None, x=x) for observable, x in self.xs.items())
+        return ScoredRun(
+            self.name, self.point, 0, self.agent, self.outcome, stated_difficulty(decomposition, self.difficulty), observed
+        )
 
 
 class Reference:
     """The rulings 4 to 17 read aloud, node by node and run by run; it shares nothing with the implementation."""
 
-    def __init__(self, asked: Decomposition) -> None:
-        self.asked, self.rules = asked, asked.policies
+    def __init__(self, decomposition: Decomposition) -> None:
+        self.decomposition, self.rules = decomposition, decomposition.policies
 
     def leaves(self, node: str) -> set[str]:
-        children = self.asked.nodes[node].children
+        children = self.decomposition.nodes[node].children
         return {node} if not children else {leaf for child in children for leaf in self.leaves(child)}
 
     def difficulty(self, node: str, run: Flown) -> float:
@@ -59,36 +61,39 @@ class Reference:
         return [leaf for leaf in self.leaves(node) if xs.get(leaf) is not None]
 
     def achieved(self, node: str, xs: Values) -> list[str]:
-        return [leaf for leaf in self.considered(node, xs) if (xs[leaf] or 0.0) >= self.asked.observables[leaf].threshold]
+        return [leaf for leaf in self.considered(node, xs) if (xs[leaf] or 0.0) >= self.decomposition.observables[leaf].threshold]
 
     def score(self, node: str, run: Flown, xs: Values) -> float | None:
-        children = self.asked.nodes[node].children
+        children = self.decomposition.nodes[node].children
         if children:
             scores = [score for score in (self.score(child, run, xs) for child in children) if score is not None]
             if not scores:
                 return None
             return min(scores) if self.rules.inner_score == "minimum" else fmean(scores)
-        rule, x = self.asked.observables[node], xs.get(node)
+        rule, x = self.decomposition.observables[node], xs.get(node)
         if x is None:
             return None
-        near = rule.near_miss if rule.near_miss is not None else self.rules.near_miss
+        near_miss = rule.near_miss if rule.near_miss is not None else self.rules.near_miss
         credit = self.rules.credit_points * (x - rule.threshold) if rule.partial_credit else 0.0
-        close = rule.partial_credit and near > 0 and x >= rule.threshold - near - 1e-12
+        close = rule.partial_credit and near_miss > 0 and x >= rule.threshold - near_miss - 1e-12
         return run.difficulty[node] + credit if x >= rule.threshold or close else None
 
     def confidence(self, node: str, run: Flown, xs: Values) -> float | None:
         considered = self.considered(node, xs)
         if not considered:
             return None
-        children = self.asked.nodes[node].children
+        children = self.decomposition.nodes[node].children
         if self.rules.confidence == "observables" or not children:
             return len(self.achieved(node, xs)) / len(considered)
-        asked = [child for child in children if self.considered(child, xs)]
-        return sum(self.score(child, run, xs) is not None for child in asked) / len(asked)
+        decomposition = [child for child in children if self.considered(child, xs)]
+        return sum(self.score(child, run, xs) is not None for child in decomposition) / len(decomposition)
 
     def passed_score(self, node: str, run: Flown, xs: Values) -> float | None:
         """The score with every failed observable passed with x at its threshold."""
-        best = {one: None if x is None else max(x, self.asked.observables[one].threshold) for one, x in xs.items()}
+        best = {
+            observable: None if x is None else max(x, self.decomposition.observables[observable].threshold)
+            for observable, x in xs.items()
+        }
         return self.score(node, run, best)
 
     def competence(self, node: str, runs: Sequence[Flown], share: float) -> float | None:
@@ -113,9 +118,9 @@ def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
     layers = []
     for above, below in pairwise(names):
         children = {name: draw(st.lists(st.sampled_from(below), min_size=1, unique=True)) for name in above}
-        for orphan in sorted(set(below) - {child for ones in children.values() for child in ones}):
+        for orphan in sorted(set(below) - {child for child_ids in children.values() for child in child_ids}):
             children[draw(st.sampled_from(above))].append(orphan)
-        layers.append([{"id": name, "title": name, "asks": "?", "children": ones} for name, ones in children.items()])
+        layers.append([{"id": name, "title": name, "asks": "?", "children": child_ids} for name, child_ids in children.items()])
     return layers, names[3]
 
 
@@ -158,70 +163,72 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
         "vabs": layers[2],
         "observables": observables,
     }
-    asked = decomposition_of(DecompositionDocument.model_validate(document))
+    decomposition = decomposition_of(DecompositionDocument.model_validate(document))
     hard = st.sampled_from([0.0, 20.0, 33.3, 60.0, 100.0])
     situations = [{name: draw(hard) for name in names} for _ in range(3)]
     outcome = st.sampled_from([Outcome.COMPLETED, Outcome.AGENT_CRASHED, Outcome.WORKER_LOST])
     runs = []
     for i in range(draw(st.integers(1, 7))):
         situation = draw(st.integers(0, 2))
-        seen = draw(st.lists(st.sampled_from(names), unique=True))
+        observed = draw(st.lists(st.sampled_from(names), unique=True))
         point, agent = f"p{situation}{draw(st.sampled_from('ab'))}", draw(st.sampled_from(["one", "two"]))
-        runs.append(Flown(f"r{i}", point, agent, draw(outcome), situations[situation], {n: draw(st.none() | GRID) for n in seen}))
-    return asked, runs
+        runs.append(
+            Flown(f"r{i}", point, agent, draw(outcome), situations[situation], {n: draw(st.none() | GRID) for n in observed})
+        )
+    return decomposition, runs
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(campaigns())
 def test_tables_and_summaries_are_those_of_the_reference(campaign: tuple[Decomposition, list[Flown]]) -> None:
     """Every row of the score table and of the summary, for every policy of scoring."""
-    asked, runs = campaign
-    told = Reference(asked)
-    table = score_table(asked, [run.scored_run(asked) for run in runs])
+    decomposition, runs = campaign
+    reference = Reference(decomposition)
+    table = score_table(decomposition, [run.scored_run(decomposition) for run in runs])
     rows = {(row["realization"], row["node"]): row for row in table.iter_rows(named=True)}
     for run in runs:
-        for node in asked.nodes:
+        for node in decomposition.nodes:
             row, xs = rows[run.name, node], run.counted
-            assert row["difficulty"] == told.difficulty(node, run)
-            assert row["score"] == near(told.score(node, run, xs))
-            assert row["confidence"] == told.confidence(node, run, xs)
-            assert row["achieved"] == len(told.achieved(node, xs))
-            assert row["considered"] == len(told.considered(node, xs))
-            assert row["passed_score"] == near(told.passed_score(node, run, xs))
+            assert row["difficulty"] == reference.difficulty(node, run)
+            assert row["score"] == approximately(reference.score(node, run, xs))
+            assert row["confidence"] == reference.confidence(node, run, xs)
+            assert row["achieved"] == len(reference.achieved(node, xs))
+            assert row["considered"] == len(reference.considered(node, xs))
+            assert row["passed_score"] == approximately(reference.passed_score(node, run, xs))
             assert row["x"] == xs.get(node)
-    for row in summary_frame(table, asked).iter_rows(named=True):
-        own = [run for run in runs if run.agent == row["agent"]]
+    for row in summary_frame(table, decomposition).iter_rows(named=True):
+        group = [run for run in runs if run.agent == row["agent"]]
         if row["configuration"] != "all":
-            own = [run for run in own if rows[run.name, row["node"]]["configuration"] == row["configuration"]]
-        same_summary(told, row, own)
+            group = [run for run in group if rows[run.name, row["node"]]["configuration"] == row["configuration"]]
+        same_summary(reference, row, group)
 
 
-def same_summary(told: Reference, row: dict[str, Any], own: list[Flown]) -> None:
+def same_summary(reference: Reference, row: dict[str, Any], group: list[Flown]) -> None:
     """One row of the summary, from its runs."""
-    node, counted = row["node"], [run for run in own if str(run.outcome) not in FAULTS]
-    asked = [run for run in counted if told.considered(node, run.xs)]
-    scores = [score for score in (told.score(node, run, run.xs) for run in counted) if score is not None]
-    passed = [score for score in (told.passed_score(node, run, run.xs) for run in asked) if score is not None]
-    assert (row["runs"], row["excluded"]) == (len(counted), len(own) - len(counted))
-    assert (row["considered"], row["scored"]) == (len(asked), len(scores))
-    assert row["design_points"] == len({run.point for run in asked})
-    assert row["score_mean"] == near(fmean(scores) if scores else None)
-    assert row["passed_score_mean"] == near(fmean(passed) if passed else None)
+    node, counted = row["node"], [run for run in group if str(run.outcome) not in FAULTS]
+    decomposition = [run for run in counted if reference.considered(node, run.xs)]
+    scores = [score for score in (reference.score(node, run, run.xs) for run in counted) if score is not None]
+    passed = [score for score in (reference.passed_score(node, run, run.xs) for run in decomposition) if score is not None]
+    assert (row["runs"], row["excluded"]) == (len(counted), len(group) - len(counted))
+    assert (row["considered"], row["scored"]) == (len(decomposition), len(scores))
+    assert row["design_points"] == len({run.point for run in decomposition})
+    assert row["score_mean"] == approximately(fmean(scores) if scores else None)
+    assert row["passed_score_mean"] == approximately(fmean(passed) if passed else None)
     assert row["raised_by_failure"] == bool(scores and fmean(scores) > fmean(passed) + 1e-9)
-    ratios = [ratio for ratio in (told.confidence(node, run, run.xs) for run in asked) if ratio is not None]
-    if told.rules.over_runs == "mean_of_ratios":
+    ratios = [ratio for ratio in (reference.confidence(node, run, run.xs) for run in decomposition) if ratio is not None]
+    if reference.rules.over_runs == "mean_of_ratios":
         mean = fmean(ratios) if ratios else None
     else:
-        total = sum(len(told.considered(node, run.xs)) for run in asked)
-        mean = sum(len(told.achieved(node, run.xs)) for run in asked) / total if total else None
-    assert row["confidence_mean"] == near(mean)
+        total = sum(len(reference.considered(node, run.xs)) for run in decomposition)
+        mean = sum(len(reference.achieved(node, run.xs)) for run in decomposition) / total if total else None
+    assert row["confidence_mean"] == approximately(mean)
     whole = row["configuration"] == "all"
     for name, share in (("competence_50", 0.5), ("competence_90", 0.9)):
-        assert row[name] == (told.competence(node, counted, share) if whole else None)
+        assert row[name] == (reference.competence(node, counted, share) if whole else None)
         if row[name] is not None:
             assert row[f"{name}_low"] <= row[name]
 
 
-def near(value: float | None) -> Any:
+def approximately(value: float | None) -> Any:
     """Equal but for the order in which floats are added."""
     return None if value is None else pytest.approx(value, abs=1e-9)

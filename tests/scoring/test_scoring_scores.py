@@ -48,11 +48,11 @@ def build(
     return decomposition_of(DecompositionDocument.model_validate(document | more))
 
 
-def seen(values: Mapping[str, float | None]) -> tuple[Observation, ...]:
+def observations_of(values: Mapping[str, float | None]) -> tuple[Observation, ...]:
     return tuple(Observation(observable=name, considered=x is not None, x=x) for name, x in values.items())
 
 
-def one(threshold: float = 0.5, **changes: Any) -> Decomposition:
+def node_of(threshold: float = 0.5, **changes: Any) -> Decomposition:
     """A single observable under a single key attribute."""
     return build([leaf("O", threshold=threshold, **changes)], {"V": ["O"]}, {"KA": ["V"]})
 
@@ -69,12 +69,12 @@ def worked() -> Decomposition:
 
 def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
     """Run 1: 30 (2/2), 50, 30 (3/3). Run 2, where OBS1 fails: 80 (1/2), 50, 50 (2/3)."""
-    first = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 1.0, "OBS2": 1.0, "OBS3": 1.0}))
+    first = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 1.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert [first[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [30, 80, 30, 50, 50, 30]
     assert [(first[n].achieved, first[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [(2, 2), (1, 1), (3, 3)]
     assert first["KA1"].confidence == 1.0
 
-    second = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
+    second = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert [second[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [None, 80, 80, 50, 50, 50]
     assert [(second[n].achieved, second[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [(1, 2), (1, 1), (2, 3)]
     assert second["OBS1"].confidence == 0.0
@@ -86,29 +86,29 @@ def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
     """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is 2/2."""
     document = worked.document.model_dump() | {"policies": {"confidence": "children"}}
     other = decomposition_of(DecompositionDocument.model_validate(document))
-    second = score_run(other, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
+    second = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert (second["VAB1"].confidence, second["KA1"].confidence) == (0.5, 1.0)
-    none = score_run(other, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
+    none = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
     assert (none["VAB2"].confidence, none["KA1"].confidence) == (None, 0.0)
 
 
 def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
     """An observable that the run did not exercise has neither score nor confidence, and does not weigh above it."""
-    found = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": None, "OBS2": 1.0}))
-    assert (found["OBS1"].score, found["OBS1"].confidence, found["OBS1"].considered) == (None, None, 0)
-    assert (found["VAB1"].score, found["VAB1"].confidence) == (80.0, 1.0)
-    assert (found["VAB2"].score, found["VAB2"].confidence) == (None, None)  # without an observation: not considered
-    assert (found["KA1"].achieved, found["KA1"].considered) == (1, 1)
+    scores = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": None, "OBS2": 1.0}))
+    assert (scores["OBS1"].score, scores["OBS1"].confidence, scores["OBS1"].considered) == (None, None, 0)
+    assert (scores["VAB1"].score, scores["VAB1"].confidence) == (80.0, 1.0)
+    assert (scores["VAB2"].score, scores["VAB2"].confidence) == (None, None)  # without an observation: not considered
+    assert (scores["KA1"].achieved, scores["KA1"].considered) == (1, 1)
 
 
 def test_failed_is_not_not_considered(worked: Decomposition) -> None:
     """Everything failed: no score anywhere, and a confidence of 0 that counts."""
-    found = score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 0.0, "OBS2": 0.0, "OBS3": 0.0}))
-    assert (found["KA1"].score, found["KA1"].confidence) == (None, 0.0)
+    scores = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 0.0, "OBS3": 0.0}))
+    assert (scores["KA1"].score, scores["KA1"].confidence) == (None, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("x", "tau", "partial", "near", "d", "score", "achieved"),
+    ("x", "tau", "partial", "near_miss", "d", "score", "achieved"),
     [
         (0.5, 0.5, False, None, 40.0, 40.0, 1),  # x >= tau exactly
         (0.9, 0.5, False, None, 40.0, 40.0, 1),
@@ -123,12 +123,12 @@ def test_failed_is_not_not_considered(worked: Decomposition) -> None:
     ],
 )
 def test_credit_and_near_misses(
-    x: float, tau: float, partial: bool, near: float | None, d: float, score: float | None, achieved: int
+    x: float, tau: float, partial: bool, near_miss: float | None, d: float, score: float | None, achieved: int
 ) -> None:
     """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is clipped."""
-    found = score_run(one(tau, partial_credit=partial, near_miss=near), {"O": d}, seen({"O": x}))
-    assert found["O"].score == found["KA"].score == score
-    assert (found["O"].achieved, found["O"].considered, found["O"].confidence) == (achieved, 1, float(achieved))
+    scores = score_run(node_of(tau, partial_credit=partial, near_miss=near_miss), {"O": d}, observations_of({"O": x}))
+    assert scores["O"].score == scores["KA"].score == score
+    assert (scores["O"].achieved, scores["O"].considered, scores["O"].confidence) == (achieved, 1, float(achieved))
 
 
 def test_credit_points_are_a_policy() -> None:
@@ -136,15 +136,15 @@ def test_credit_points_are_a_policy() -> None:
     other = build(
         [leaf("O", partial_credit=True)], {"V": ["O"]}, {"KA": ["V"]}, policies={"credit_points": 10.0, "inner_score": "mean"}
     )
-    assert score_run(other, {"O": 40.0}, seen({"O": 1.0}))["KA"].score == 45.0
+    assert score_run(other, {"O": 40.0}, observations_of({"O": 1.0}))["KA"].score == 45.0
 
 
 def test_what_cannot_be_scored_is_refused(worked: Decomposition) -> None:
     """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs upstream."""
     with pytest.raises(ValueError, match="OBS9"):
-        score_run(worked, WORKED_DIFFICULTY, seen({"OBS9": 1.0}))
+        score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS9": 1.0}))
     with pytest.raises(ValueError, match="two observations of OBS1"):
-        score_run(worked, WORKED_DIFFICULTY, seen({"OBS1": 1.0}) * 2)
+        score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 1.0}) * 2)
     with pytest.raises(ValueError, match="has no value"):
         score_run(worked, WORKED_DIFFICULTY, [Observation(observable="OBS1", considered=True)])
     with pytest.raises(ValueError, match="no difficulty of OBS3"):
@@ -159,37 +159,39 @@ class Expected:
     considered: int
 
 
-def brute_force(asked: Decomposition, difficulties: Mapping[str, float], xs: Mapping[str, float | None]) -> dict[str, Expected]:
+def brute_force(
+    decomposition: Decomposition, difficulties: Mapping[str, float], xs: Mapping[str, float | None]
+) -> dict[str, Expected]:
     """The rulings read aloud, node by node, with nothing shared with the implementation."""
-    found: dict[str, Expected] = {}
+    node_scores: dict[str, Expected] = {}
 
     def leaves(name: str) -> set[str]:
-        children = asked.nodes[name].children
+        children = decomposition.nodes[name].children
         return {name} if not children else {leaf for child in children for leaf in leaves(child)}
 
     def achieved(name: str) -> bool:
         x = xs.get(name)
-        return x is not None and x >= asked.observables[name].threshold
+        return x is not None and x >= decomposition.observables[name].threshold
 
     def score(name: str) -> float | None:
-        children = asked.nodes[name].children
+        children = decomposition.nodes[name].children
         if children:
             scores = [s for s in map(score, children) if s is not None]
             return min(scores) if scores else None
-        rule, x = asked.observables[name], xs.get(name)
+        rule, x = decomposition.observables[name], xs.get(name)
         if x is None:
             return None
-        near = rule.near_miss if rule.near_miss is not None else asked.policies.near_miss
-        close = rule.partial_credit and near > 0 and x >= rule.threshold - near - 1e-12
+        near_miss = rule.near_miss if rule.near_miss is not None else decomposition.policies.near_miss
+        close = rule.partial_credit and near_miss > 0 and x >= rule.threshold - near_miss - 1e-12
         if not (achieved(name) or close):
             return None
         return difficulties[name] + (4 * (x - rule.threshold) if rule.partial_credit else 0.0)
 
-    for name in asked.nodes:
-        considered = [one for one in leaves(name) if xs.get(one) is not None]
-        passed = sum(achieved(one) for one in considered)
-        found[name] = Expected(score(name), passed / len(considered) if considered else None, passed, len(considered))
-    return found
+    for name in decomposition.nodes:
+        considered = [observable for observable in leaves(name) if xs.get(observable) is not None]
+        passed = sum(achieved(observable) for observable in considered)
+        node_scores[name] = Expected(score(name), passed / len(considered) if considered else None, passed, len(considered))
+    return node_scores
 
 
 @st.composite
@@ -201,14 +203,14 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
     layers = []
     for above, below in pairwise(names):
         children = {name: draw(st.lists(st.sampled_from(below), min_size=1, unique=True)) for name in above}
-        for orphan in set(below) - {child for ones in children.values() for child in ones}:
+        for orphan in set(below) - {child for child_ids in children.values() for child in child_ids}:
             children[draw(st.sampled_from(above))].append(orphan)
-        layers.append([node(name, ones) for name, ones in children.items()])
+        layers.append([node(name, child_ids) for name, child_ids in children.items()])
     observables = []
     for name in names[3]:
         partial = draw(st.booleans())
-        near = draw(st.none() | grid) if partial else None
-        observables.append(leaf(name, threshold=draw(grid), partial_credit=partial, near_miss=near))
+        near_miss = draw(st.none() | grid) if partial else None
+        observables.append(leaf(name, threshold=draw(grid), partial_credit=partial, near_miss=near_miss))
     document = {
         "format": "rebar.decomposition/1",
         "name": "random",
@@ -219,10 +221,10 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
         "vabs": layers[2],
         "observables": observables,
     }
-    asked = decomposition_of(DecompositionDocument.model_validate(document))
+    decomposition = decomposition_of(DecompositionDocument.model_validate(document))
     difficulties = {name: draw(st.floats(0, 100)) for name in names[3]}
-    some = draw(st.lists(st.sampled_from(names[3]), unique=True))
-    return asked, difficulties, {name: draw(st.none() | grid | st.floats(0, 1)) for name in some}
+    values = draw(st.lists(st.sampled_from(names[3]), unique=True))
+    return decomposition, difficulties, {name: draw(st.none() | grid | st.floats(0, 1)) for name in values}
 
 
 @settings(max_examples=200, deadline=None)
@@ -231,10 +233,10 @@ def test_scores_are_those_of_a_brute_force_reference(
     situation: tuple[Decomposition, dict[str, float], dict[str, float | None]],
 ) -> None:
     """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the same."""
-    asked, difficulties, xs = situation
-    found = score_run(asked, difficulties, seen(xs))
-    for name, expected in brute_force(asked, difficulties, xs).items():
-        got = found[name]
+    decomposition, difficulties, xs = situation
+    scores = score_run(decomposition, difficulties, observations_of(xs))
+    for name, expected in brute_force(decomposition, difficulties, xs).items():
+        got = scores[name]
         assert Expected(got.score, got.confidence, got.achieved, got.considered) == expected, name
 
 
@@ -242,7 +244,7 @@ def test_scores_are_those_of_a_brute_force_reference(
 @given(situations())
 def test_a_shared_observable_counts_once(situation: tuple[Decomposition, dict[str, float], dict[str, float | None]]) -> None:
     """No node counts more than its distinct descendants, and a principle's count is that of a set."""
-    asked, difficulties, _ = situation
-    found = score_run(asked, difficulties, seen(dict.fromkeys(asked.observables, 1.0)))
-    for name in asked.at_level(Level.PRINCIPLE):
-        assert found[name].considered == len(set(asked.observables_under(name)))
+    decomposition, difficulties, _ = situation
+    scores = score_run(decomposition, difficulties, observations_of(dict.fromkeys(decomposition.observables, 1.0)))
+    for name in decomposition.at_level(Level.PRINCIPLE):
+        assert scores[name].considered == len(set(decomposition.observables_under(name)))

@@ -30,11 +30,11 @@ from decompositions import Decomposition, DecompositionDocument, Policies, decom
 
 
 @pytest.fixture(scope="module")
-def asked() -> Decomposition:
+def decomposition() -> Decomposition:
     return load_decomposition("search-and-report")
 
 
-def hard(asked: Decomposition, concealment: float = 0.5, density: float = 390.1) -> Difficulty:
+def hard(decomposition: Decomposition, concealment: float = 0.5, density: float = 390.1) -> Difficulty:
     values = {
         "target_concealment": concealment,
         "bystander_density_per_km2": density,
@@ -43,17 +43,17 @@ def hard(asked: Decomposition, concealment: float = 0.5, density: float = 390.1)
         "intelligence_uncertainty_m": 60.0,
         "time_limit_s": 300.0,
     }
-    return difficulty_of_values(asked, values)
+    return difficulty_of_values(decomposition, values)
 
 
-def run(name: str, found: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
-    seen = tuple(Observation(observable=one, considered=x is not None, x=x) for one, x in xs.items())
-    made = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, found, seen)
+def run(name: str, summary: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
+    observations = tuple(Observation(observable=row, considered=x is not None, x=x) for row, x in xs.items())
+    made = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observations)
     return replace(made, **changes)  # type: ignore[arg-type]
 
 
-def everything(asked: Decomposition, x: float | None = 1.0) -> dict[str, float | None]:
-    return dict.fromkeys(asked.observables, x)
+def everything(decomposition: Decomposition, x: float | None = 1.0) -> dict[str, float | None]:
+    return dict.fromkeys(decomposition.observables, x)
 
 
 def line(summary: pl.DataFrame, node: str, configuration: str = "all", agent: str = "naive") -> dict[str, object]:
@@ -80,7 +80,7 @@ def worked() -> tuple[Decomposition, list[ScoredRun]]:
             }
         )
     inner = [("VAB1", ["OBS1", "OBS2"]), ("VAB2", ["OBS3"])]
-    asked = decomposition_of(
+    decomposition = decomposition_of(
         DecompositionDocument.model_validate(
             {
                 "format": "rebar.decomposition/1",
@@ -92,16 +92,16 @@ def worked() -> tuple[Decomposition, list[ScoredRun]]:
             }
         )
     )
-    found = difficulty_of_values(asked, {"fog_level": 1.0})
-    good = everything(asked)
-    return asked, [run("r1", found, good), run("r2", found, good | {"OBS1": 0.0})]
+    summary = difficulty_of_values(decomposition, {"fog_level": 1.0})
+    passed = everything(decomposition)
+    return decomposition, [run("r1", summary, passed), run("r2", summary, passed | {"OBS1": 0.0})]
 
 
 def test_the_worked_example_over_both_runs() -> None:
     """Final ARL score 40, confidence 83.3 %; VAB1 rose because something failed, and is flagged for it."""
-    asked, runs = worked()
-    table = score_table(asked, runs)
-    summary = summary_frame(table, asked)
+    decomposition, runs = worked()
+    table = score_table(decomposition, runs)
+    summary = summary_frame(table, decomposition)
     whole = line(summary, "KA1")
     assert whole["score_mean"] == 40.0
     assert whole["confidence_mean"] == pytest.approx(5 / 6, abs=1e-15)
@@ -114,70 +114,70 @@ def test_the_worked_example_over_both_runs() -> None:
     assert (line(summary, "OBS1")["scored"], line(summary, "OBS1")["considered"]) == (1, 2)
 
 
-def test_pooled_counts_are_a_policy(asked: Decomposition) -> None:
+def test_pooled_counts_are_a_policy(decomposition: Decomposition) -> None:
     """Runs with unequal counts weigh alike by default; pooled, every observable does."""
-    found = hard(asked)
-    first = everything(asked, None) | {"OBS-181": 1.0}
-    second = everything(asked, None) | {"OBS-181": 0.0, "OBS-182": 0.0}
-    runs = [run("a", found, first), run("b", found, second)]
-    assert line(summary_frame(score_table(asked, runs), asked), "KA-18")["confidence_mean"] == 0.5
-    pooled = decomposition_of(asked.document.model_copy(update={"policies": Policies(over_runs="pooled_counts")}))
+    summary = hard(decomposition)
+    first = everything(decomposition, None) | {"OBS-181": 1.0}
+    second = everything(decomposition, None) | {"OBS-181": 0.0, "OBS-182": 0.0}
+    runs = [run("a", summary, first), run("b", summary, second)]
+    assert line(summary_frame(score_table(decomposition, runs), decomposition), "KA-18")["confidence_mean"] == 0.5
+    pooled = decomposition_of(decomposition.document.model_copy(update={"policies": Policies(over_runs="pooled_counts")}))
     assert line(summary_frame(score_table(pooled, runs), pooled), "KA-18")["confidence_mean"] == pytest.approx(1 / 3)
 
 
-def test_a_table_holds_what_each_run_scored(asked: Decomposition) -> None:
+def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> None:
     """Every row of the table equals the run scored alone, with null for what there is not; x stands at observables."""
-    found = hard(asked)
-    xs = everything(asked) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
-    table = score_table(asked, [run("a", found, everything(asked)), run("b", found, xs)])
+    summary = hard(decomposition)
+    xs = everything(decomposition) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
+    table = score_table(decomposition, [run("a", summary, everything(decomposition)), run("b", summary, xs)])
     assert table.schema == pl.Schema(SCORE_COLUMNS)
-    assert table.height == 2 * len(asked.nodes)
-    alone = score_run(asked, found, run("b", found, xs).observations)
+    assert table.height == 2 * len(decomposition.nodes)
+    alone = score_run(decomposition, summary, run("b", summary, xs).observations)
     for row in table.filter(realization="b").iter_rows(named=True):
         expected = alone[row["node"]]
         assert (row["score"], row["confidence"]) == (expected.score, expected.confidence)
         assert (row["achieved"], row["considered"]) == (expected.achieved, expected.considered)
-        assert row["difficulty"] == found.of(row["node"])
+        assert row["difficulty"] == summary.of(row["node"])
         assert row["x"] == xs.get(row["node"])
-        assert row["configuration"] == configuration_of(asked, found)
+        assert row["configuration"] == configuration_of(decomposition, summary)
     assert not any(table[name].is_nan().any() for name in ("score", "confidence", "x", "difficulty", "passed_score"))
 
 
-def test_faults_of_the_bench_are_shown_and_not_counted(asked: Decomposition) -> None:
+def test_faults_of_the_bench_are_shown_and_not_counted(decomposition: Decomposition) -> None:
     """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent counts."""
-    found = hard(asked)
+    summary = hard(decomposition)
     runs = [
-        run("a", found, everything(asked)),
-        run("b", found, everything(asked, 0.0), outcome=Outcome.BENCH_ERROR),
-        run("c", found, everything(asked, 0.0), outcome=Outcome.AGENT_CRASHED),
-        run("d", found, {}, outcome=Outcome.PLACEMENT_INFEASIBLE),
+        run("a", summary, everything(decomposition)),
+        run("b", summary, everything(decomposition, 0.0), outcome=Outcome.BENCH_ERROR),
+        run("c", summary, everything(decomposition, 0.0), outcome=Outcome.AGENT_CRASHED),
+        run("d", summary, {}, outcome=Outcome.PLACEMENT_INFEASIBLE),
     ]
-    table = score_table(asked, runs)
+    table = score_table(decomposition, runs)
     assert table["realization"].n_unique() == 4
-    whole = line(summary_frame(table, asked), "KA-20")
+    whole = line(summary_frame(table, decomposition), "KA-20")
     assert (whole["runs"], whole["excluded"], whole["considered"], whole["scored"]) == (2, 2, 2, 1)
     assert whole["confidence_mean"] == 0.5
-    assert absent_pairs(asked, runs) == 0
+    assert absent_pairs(decomposition, runs) == 0
 
 
-def test_absent_observations_are_counted(asked: Decomposition) -> None:
+def test_absent_observations_are_counted(decomposition: Decomposition) -> None:
     """What the bench did not write is not considered, and is known by number."""
-    found = hard(asked)
-    runs = [run("a", found, {"OBS-031": 1.0}), run("b", found, everything(asked))]
-    assert absent_pairs(asked, runs) == len(asked.observables) - 1
+    summary = hard(decomposition)
+    runs = [run("a", summary, {"OBS-031": 1.0}), run("b", summary, everything(decomposition))]
+    assert absent_pairs(decomposition, runs) == len(decomposition.observables) - 1
 
 
-def test_runs_are_grouped_by_configuration_and_agent(asked: Decomposition) -> None:
+def test_runs_are_grouped_by_configuration_and_agent(decomposition: Decomposition) -> None:
     """Each agent and configuration has its own line beside `all`; difficulty is one number there and null where it differs."""
-    easy, other = hard(asked, 0.5), hard(asked, 1.0)
+    easy, other = hard(decomposition, 0.5), hard(decomposition, 1.0)
     runs = [
-        run("a", easy, everything(asked)),
-        run("b", other, everything(asked)),
-        run("c", other, everything(asked, 0.0), agent="aware"),
+        run("a", easy, everything(decomposition)),
+        run("b", other, everything(decomposition)),
+        run("c", other, everything(decomposition, 0.0), agent="aware"),
     ]
-    summary = summary_frame(score_table(asked, runs), asked)
+    summary = summary_frame(score_table(decomposition, runs), decomposition)
     assert summary.schema == pl.Schema(SUMMARY_COLUMNS)
-    keys = (configuration_of(asked, easy), configuration_of(asked, other))
+    keys = (configuration_of(decomposition, easy), configuration_of(decomposition, other))
     assert summary["configuration"].unique(maintain_order=True).to_list() == ["all", *keys]
     assert summary["agent"].unique(maintain_order=True).to_list() == ["naive", "aware"]
     assert summary.filter(agent="aware", configuration=keys[0]).is_empty()
@@ -186,82 +186,91 @@ def test_runs_are_grouped_by_configuration_and_agent(asked: Decomposition) -> No
     assert (whole["difficulty"], whole["difficulty_low"], whole["difficulty_high"]) == (None, 55.0, 80.0)
     assert (whole["runs"], line(summary, "KA-05", keys[1])["runs"]) == (2, 1)
     first = summary.filter(agent="naive", configuration="all")
-    assert first["node"].to_list() == list(asked.nodes)
-    assert first["title"].to_list() == [one.title for one in asked.nodes.values()]
+    assert first["node"].to_list() == list(decomposition.nodes)
+    assert first["title"].to_list() == [row.title for row in decomposition.nodes.values()]
 
 
-def test_what_was_never_considered_has_no_mean(asked: Decomposition) -> None:
+def test_what_was_never_considered_has_no_mean(decomposition: Decomposition) -> None:
     """Null means, an interval that says nothing, and a method that says why."""
-    found = hard(asked)
-    summary = summary_frame(score_table(asked, [run("a", found, everything(asked) | {"OBS-181": None, "OBS-182": None})]), asked)
+    table = hard(decomposition)
+    summary = summary_frame(
+        score_table(decomposition, [run("a", table, everything(decomposition) | {"OBS-181": None, "OBS-182": None})]),
+        decomposition,
+    )
     row = line(summary, "KA-18")
     assert (row["score_mean"], row["confidence_mean"], row["considered"], row["runs"]) == (None, None, 0, 1)
     assert (row["confidence_low"], row["confidence_high"], row["method"]) == (0.0, 1.0, "none considered")
     assert row["raised_by_failure"] is False
 
 
-def test_nothing_flown_is_an_empty_table(asked: Decomposition) -> None:
+def test_nothing_flown_is_an_empty_table(decomposition: Decomposition) -> None:
     """No runs: both frames are empty and have their columns."""
-    table = score_table(asked, [])
+    table = score_table(decomposition, [])
     assert table.is_empty()
     assert table.schema == pl.Schema(SCORE_COLUMNS)
     assert summary_frame(table).schema == pl.Schema(SUMMARY_COLUMNS)
 
 
-def test_a_realization_counts_once(asked: Decomposition) -> None:
+def test_a_realization_counts_once(decomposition: Decomposition) -> None:
     """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to mend."""
-    found = hard(asked)
+    summary = hard(decomposition)
     with pytest.raises(ValueError, match="'a' appears twice"):
-        score_table(asked, [run("a", found, {}), run("a", found, {})])
+        score_table(decomposition, [run("a", summary, {}), run("a", summary, {})])
     with pytest.raises(SetupError, match="KA-77"):
-        score_table(asked, [run("a", found, {})], study=["KA-77"])
+        score_table(decomposition, [run("a", summary, {})], study=["KA-77"])
 
 
-def test_a_table_survives_parquet(asked: Decomposition) -> None:
+def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
     """What a campaign writes to disk and reads back is the same table, and sums up the same without the decomposition."""
     from io import BytesIO
 
-    table = score_table(asked, [run("a", hard(asked), everything(asked)), run("b", hard(asked, 1.0), everything(asked, 0.2))])
+    table = score_table(
+        decomposition,
+        [
+            run("a", hard(decomposition), everything(decomposition)),
+            run("b", hard(decomposition, 1.0), everything(decomposition, 0.2)),
+        ],
+    )
     file = BytesIO()
     table.write_parquet(file)
     file.seek(0)
     again = pl.read_parquet(file)
     assert again.equals(table)
-    assert summary_frame(again).drop("title").equals(summary_frame(table, asked).drop("title"))
+    assert summary_frame(again).drop("title").equals(summary_frame(table, decomposition).drop("title"))
 
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_summaries_are_those_of_a_brute_force_reference(asked: Decomposition, data: st.DataObject) -> None:
+def test_summaries_are_those_of_a_brute_force_reference(decomposition: Decomposition, data: st.DataObject) -> None:
     """Means and counts by agent, configuration and node equal plain Python over plain rows."""
-    situations = [hard(asked, 0.5), hard(asked, 1.0), hard(asked, 0.5, 453.3)]
+    situations = [hard(decomposition, 0.5), hard(decomposition, 1.0), hard(decomposition, 0.5, 453.3)]
     value = st.none() | st.sampled_from([0.0, 0.4, 0.5, 0.8, 1.0])
     runs = [
         run(
             f"r{i}",
             situations[data.draw(st.integers(0, 2))],
-            {one: data.draw(value) for one in asked.observables},
+            {node_row: data.draw(value) for node_row in decomposition.observables},
             agent=data.draw(st.sampled_from(["naive", "aware"])),
             design_point=data.draw(st.sampled_from(["p1", "p2", "p3"])),
             outcome=data.draw(st.sampled_from([Outcome.COMPLETED, Outcome.TIME_LIMIT, Outcome.WORKER_LOST])),
         )
         for i in range(data.draw(st.integers(1, 5)))
     ]
-    table = score_table(asked, runs)
+    table = score_table(decomposition, runs)
     rows = list(table.iter_rows(named=True))
-    for row in summary_frame(table, asked).iter_rows(named=True):
-        own = [
-            one
-            for one in rows
-            if (one["agent"], one["node"]) == (row["agent"], row["node"])
-            and row["configuration"] in ("all", one["configuration"])
+    for row in summary_frame(table, decomposition).iter_rows(named=True):
+        group = [
+            node_row
+            for node_row in rows
+            if (node_row["agent"], node_row["node"]) == (row["agent"], row["node"])
+            and row["configuration"] in ("all", node_row["configuration"])
         ]
-        scores = [one["score"] for one in own if one["score"] is not None]
-        ratios = [one["confidence"] for one in own if one["confidence"] is not None]
-        lost = sum(one["outcome"] == "worker_lost" for one in own)
+        scores = [node_row["score"] for node_row in group if node_row["score"] is not None]
+        ratios = [node_row["confidence"] for node_row in group if node_row["confidence"] is not None]
+        lost = sum(node_row["outcome"] == "worker_lost" for node_row in group)
         assert (row["scored"], row["considered"], row["excluded"]) == (len(scores), len(ratios), lost)
-        assert row["runs"] == len(own) - lost
-        assert row["design_points"] == len({one["design_point"] for one in own if one["confidence"] is not None})
+        assert row["runs"] == len(group) - lost
+        assert row["design_points"] == len({node_row["design_point"] for node_row in group if node_row["confidence"] is not None})
         assert row["score_mean"] == (pytest.approx(sum(scores) / len(scores)) if scores else None)
         assert row["confidence_mean"] == (pytest.approx(sum(ratios) / len(ratios)) if ratios else None)
         assert row["confidence_low"] <= (row["confidence_mean"] or 0.0) + 1e-12
@@ -303,43 +312,44 @@ def test_runs_that_hang_together_are_worth_fewer() -> None:
     assert effective_size(0.5, 30, 1, 9.0) == 30.0  # one situation, whose replicates are independent
 
 
-def test_the_interval_knows_about_design_points(asked: Decomposition) -> None:
+def test_the_interval_knows_about_design_points(decomposition: Decomposition) -> None:
     """The same passes give a wider interval where replicates of one design point agree, and the column says which it is."""
-    found = hard(asked)
-    passed = [everything(asked, 1.0 if i < 6 else 0.0) for i in range(12)]
-    apart = [run(f"r{i}", found, xs) for i, xs in enumerate(passed)]
-    shared = [replace(one, design_point=f"p{i // 3}") for i, one in enumerate(apart)]
-    single = line(summary_frame(score_table(asked, apart), asked), "OBS-031")
-    clustered = line(summary_frame(score_table(asked, shared), asked), "OBS-031")
-    inner = line(summary_frame(score_table(asked, apart), asked), "KA-03")
+    summary = hard(decomposition)
+    passed = [everything(decomposition, 1.0 if i < 6 else 0.0) for i in range(12)]
+    apart = [run(f"r{i}", summary, xs) for i, xs in enumerate(passed)]
+    shared = [replace(row, design_point=f"p{i // 3}") for i, row in enumerate(apart)]
+    single = line(summary_frame(score_table(decomposition, apart), decomposition), "OBS-031")
+    clustered = line(summary_frame(score_table(decomposition, shared), decomposition), "OBS-031")
+    inner = line(summary_frame(score_table(decomposition, apart), decomposition), "KA-03")
     assert (single["method"], clustered["method"], inner["method"]) == ("clopper-pearson", "korn-graubard", "korn-graubard")
     assert single["confidence_low"] == pytest.approx(float(clopper_pearson(6, 12)[0]))
     assert clustered["confidence_low"] < single["confidence_low"] < 0.5 < single["confidence_high"] < clustered["confidence_high"]  # type: ignore[operator]
 
 
-def test_three_hundred_runs_take_well_under_a_second(asked: Decomposition) -> None:
+def test_three_hundred_runs_take_well_under_a_second(decomposition: Decomposition) -> None:
     """Scoring and summing a campaign is nothing beside flying it (CPU time; measured 0.04 s)."""
     rng = np.random.default_rng(4)
-    situations = [hard(asked, c, d) for c in (0.5, 1.0) for d in (313.3, 390.1, 453.3)]
+    situations = [hard(decomposition, c, d) for c in (0.5, 1.0) for d in (313.3, 390.1, 453.3)]
     runs = [
-        run(f"r{i}", situations[i % 6], dict(zip(asked.observables, map(float, rng.random(14)), strict=True))) for i in range(300)
+        run(f"r{i}", situations[i % 6], dict(zip(decomposition.observables, map(float, rng.random(14)), strict=True)))
+        for i in range(300)
     ]
     began = time.process_time()
-    summary_frame(score_table(asked, runs), asked)
+    summary_frame(score_table(decomposition, runs), decomposition)
     assert time.process_time() - began < 1.0
 
 
-def test_runs_until_settled_have_intervals_that_allow_for_it(asked: Decomposition) -> None:
+def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Decomposition) -> None:
     """The method says so; intervals are wider than exact ones; competence's bound hears each design point's first run alone."""
-    found = hard(asked)
+    summary = hard(decomposition)
     fixed = [
-        run(f"p{point}-r{replicate}", found, everything(asked), design_point=f"p{point}", replicate=replicate)
+        run(f"p{point}-r{replicate}", summary, everything(decomposition), design_point=f"p{point}", replicate=replicate)
         for point in range(6)
         for replicate in range(1, 5)
     ]
-    runs = [replace(one, until_settled=True) for one in fixed]
-    known, looked = (summary_frame(score_table(asked, some), asked) for some in (fixed, runs))
-    alone = summary_frame(score_table(asked, runs[:4]), asked)
+    runs = [replace(row, until_settled=True) for row in fixed]
+    known, looked = (summary_frame(score_table(decomposition, subset), decomposition) for subset in (fixed, runs))
+    alone = summary_frame(score_table(decomposition, runs[:4]), decomposition)
     assert line(looked, "OBS-031")["method"] == line(looked, "KA-03")["method"] == "anytime-valid (mean)"
     assert (line(alone, "OBS-031")["method"], line(alone, "KA-03")["method"]) == (
         "anytime-valid (pass rate)",
@@ -349,19 +359,22 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(asked: Decompositio
     assert line(looked, "KA-03")["confidence_mean"] == line(known, "KA-03")["confidence_mean"] == 1.0
 
     bad_first = [
-        replace(one, observations=run("x", found, everything(asked, 0.0)).observations) if one.replicate == 1 else one
-        for one in runs
+        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations) if row.replicate == 1 else row
+        for row in runs
     ]
     bad_last = [
-        replace(one, observations=run("x", found, everything(asked, 0.0)).observations) if one.replicate == 4 else one
-        for one in runs
+        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations) if row.replicate == 4 else row
+        for row in runs
     ]
-    lows = [line(summary_frame(score_table(asked, some), asked), "KA-03")["competence_50_low"] for some in (bad_first, bad_last)]
+    lows = [
+        line(summary_frame(score_table(decomposition, subset), decomposition), "KA-03")["competence_50_low"]
+        for subset in (bad_first, bad_last)
+    ]
     assert lows == [0.0, line(looked, "KA-03")["competence_50_low"]]
     assert lows[1] != 0.0
 
 
-def test_a_table_without_the_column_is_of_a_fixed_number_of_runs(asked: Decomposition) -> None:
+def test_a_table_without_the_column_is_of_a_fixed_number_of_runs(decomposition: Decomposition) -> None:
     """Tables written before, or elsewhere, are summed up as they were."""
-    table = score_table(asked, [run(f"r{i}", hard(asked), everything(asked)) for i in range(3)])
-    assert summary_frame(table.drop("until_settled"), asked).equals(summary_frame(table, asked))
+    table = score_table(decomposition, [run(f"r{i}", hard(decomposition), everything(decomposition)) for i in range(3)])
+    assert summary_frame(table.drop("until_settled"), decomposition).equals(summary_frame(table, decomposition))

@@ -18,7 +18,7 @@ from bench.statistics._terms import cramers_v, independence
 
 def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[tuple[FactorColumn, ...], list[str]]:
     """A full factorial: its factors, and each run's design point."""
-    points = [dict(zip(levels, one, strict=True)) for one in itertools.product(*levels.values())]
+    points = [dict(zip(levels, effect, strict=True)) for effect in itertools.product(*levels.values())]
     runs = [(f"p{place}", point) for place, point in enumerate(points) for _ in range(replicates)]
     return factor_columns([point for _, point in runs]), [name for name, _ in runs]  # type: ignore[misc]
 
@@ -28,12 +28,12 @@ def test_a_published_two_way_table_comes_out() -> None:
     breaks = [26, 30, 54, 25, 70, 52, 51, 26, 67, 18, 21, 29, 17, 12, 18, 35, 30, 36, 36, 21, 24, 18, 10, 43, 28, 15, 26]
     breaks += [27, 14, 29, 19, 29, 31, 41, 20, 44, 42, 26, 19, 16, 39, 28, 21, 39, 29, 20, 21, 24, 17, 13, 15, 15, 16, 28]
     factors = factor_columns([{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)])
-    found = anova(breaks, factors, [str(run) for run in range(54)])
-    wool, tension, both = found.effects
-    assert (found.method, wool.df, tension.df, both.df) == (PLAIN, 1, 2, 2)
-    assert [one.sum_sq for one in found.effects] == pytest.approx([450.7, 2034.3, 1002.8], abs=0.05)
-    assert [one.f for one in found.effects] == pytest.approx([3.7653, 8.4980, 4.1891], abs=1e-4)
-    assert [one.p for one in found.effects] == pytest.approx([0.0582130, 0.0006926, 0.0210442], abs=1e-6)
+    analysis = anova(breaks, factors, [str(run) for run in range(54)])
+    wool, tension, both = analysis.effects
+    assert (analysis.method, wool.df, tension.df, both.df) == (PLAIN, 1, 2, 2)
+    assert [effect.sum_sq for effect in analysis.effects] == pytest.approx([450.7, 2034.3, 1002.8], abs=0.05)
+    assert [effect.f for effect in analysis.effects] == pytest.approx([3.7653, 8.4980, 4.1891], abs=1e-4)
+    assert [effect.p for effect in analysis.effects] == pytest.approx([0.0582130, 0.0006926, 0.0210442], abs=1e-6)
     total = 450.7 + 2034.3 + 1002.8 + 5745.1
     assert tension.eta2 == pytest.approx(2034.3 / total, abs=1e-4)
     assert tension.omega2 == pytest.approx((2034.3 - 2 * 119.69) / (total + 119.69), abs=1e-4)
@@ -45,9 +45,9 @@ def test_unbalanced_sums_of_squares_are_of_type_two() -> None:
     rows = [{"a": str(draw.integers(2)), "b": str(draw.integers(3))} for _ in range(60)]
     y = draw.normal(size=60) + np.array([row["a"] == "1" for row in rows])
     runs = [str(run) for run in range(60)]
-    forwards = {one.term: one.sum_sq for one in anova(y, factor_columns(rows), runs).effects}
+    forwards = {effect.term: effect.sum_sq for effect in anova(y, factor_columns(rows), runs).effects}
     backwards = {
-        one.term: one.sum_sq for one in anova(y, factor_columns([dict(reversed(r.items())) for r in rows]), runs).effects
+        effect.term: effect.sum_sq for effect in anova(y, factor_columns([dict(reversed(r.items())) for r in rows]), runs).effects
     }
     assert forwards["a"] == pytest.approx(backwards["a"])
     assert forwards["b"] == pytest.approx(backwards["b"])
@@ -75,12 +75,12 @@ def test_a_planted_effect_is_found_and_sized(replicates: int) -> None:
     draw = np.random.default_rng(3)
     fog, light = factors[0].numbers(), factors[1].codes()
     y = 60 - 10 * fog + 6 * (fog - 1) * (2 * light - 1) + draw.normal(0, 3, size=len(points))
-    found = anova(y, factors, points)
-    assert found.method == (PLAIN if replicates == 1 else CLUSTERED)
-    p = {one.term: one.p for one in found.effects}
+    analysis = anova(y, factors, points)
+    assert analysis.method == (PLAIN if replicates == 1 else CLUSTERED)
+    p = {effect.term: effect.p for effect in analysis.effects}
     adjusted = dict(zip(p, benjamini_hochberg(list(p.values())), strict=True))
     assert {term for term, value in adjusted.items() if value is not None and value < 0.01} == {"fog", "fog x light"}
-    sizes = {one.term: one.omega2 or 0.0 for one in found.effects}
+    sizes = {effect.term: effect.omega2 or 0.0 for effect in analysis.effects}
     assert max(sizes, key=lambda term: sizes[term]) == "fog"
     assert sizes["fog"] > 0.5 > 0.05 > sizes["wind"]
 
@@ -93,10 +93,10 @@ def test_without_effects_few_are_found_though_replicates_agree() -> None:
     for seed in range(120):
         draw = np.random.default_rng(seed)
         y = np.repeat(draw.normal(size=12), 4) + draw.normal(0, 0.7, size=48)
-        p = [one.p for one in anova(y, factors, points, interactions=False).effects]
-        wrong += [one is not None and one < 0.05 for one in p]
-        families.append(min(one for one in benjamini_hochberg(p) if one is not None) < 0.05)
-        naive += [one.p is not None and one.p < 0.05 for one in anova(y, factors, runs, interactions=False).effects]
+        p = [effect.p for effect in anova(y, factors, points, interactions=False).effects]
+        wrong += [effect is not None and effect < 0.05 for effect in p]
+        families.append(min(effect for effect in benjamini_hochberg(p) if effect is not None) < 0.05)
+        naive += [effect.p is not None and effect.p < 0.05 for effect in anova(y, factors, runs, interactions=False).effects]
     assert np.mean(wrong) < 0.075
     assert np.mean(families) < 0.09  # with no effect anywhere, the false discovery rate is the chance of any finding
     assert np.mean(naive) > 0.2
@@ -106,38 +106,38 @@ def test_constant_and_aliased_factors_are_named_and_left_out() -> None:
     """A factor with one level, a copy of another, and half of a factorial: said, not crashed on."""
     rows = [{"a": a, "b": b, "c": a * b, "same": "x", "copy": f"is {a}"} for a in (-1, 1) for b in (-1, 1)] * 5
     y = np.random.default_rng(0).normal(size=20)
-    found = anova(y, factor_columns(rows), [str(run) for run in range(20)])
-    out = {one.term: one.reason for one in found.left_out}
+    analysis = anova(y, factor_columns(rows), [str(run) for run in range(20)])
+    out = {effect.term: effect.reason for effect in analysis.left_out}
     assert out["same"] == "has one level only"
     assert out["copy"] == "aliased with a"
     assert out["a x b"] == "aliased with c"
-    notes = {one.term: one.note for one in found.effects}
+    notes = {effect.term: effect.note for effect in analysis.effects}
     assert notes["a"].startswith("cannot be told from copy")
     assert "a x b" in notes["c"]
     assert set(notes) == {"a", "b", "c"}
 
 
 @pytest.mark.parametrize(
-    ("y", "said"),
+    ("y", "note"),
     [
         ([1.0] * 12, "every value is the same"),
         ([0.0, 3.0] * 6, "the factors determine every value; nothing is left to test against"),
     ],
 )
-def test_where_there_is_nothing_to_test_no_number_is_made_up(y: list[float], said: str) -> None:
+def test_where_there_is_nothing_to_test_no_number_is_made_up(y: list[float], note: str) -> None:
     """No variance, or none left: there is no p, and the note says why."""
     rows = [{"a": run % 2, "b": run % 3} for run in range(12)]
-    found = anova(y, factor_columns(rows), [str(run) for run in range(12)])
-    assert found.note == said
-    assert all(one.p is None and one.f is None for one in found.effects)
+    analysis = anova(y, factor_columns(rows), [str(run) for run in range(12)])
+    assert analysis.note == note
+    assert all(effect.p is None and effect.f is None for effect in analysis.effects)
 
 
 def test_a_design_too_small_is_refused_in_words() -> None:
     """As many parameters as design points: nothing is tested."""
     factors, points = crossed({"a": [0, 1, 2], "b": [0]}, 5)
-    found = anova(np.arange(15.0), factors, points)
-    assert found.effects == ()
-    assert found.note == "3 design points are too few for 3 parameters"
+    analysis = anova(np.arange(15.0), factors, points)
+    assert analysis.effects == ()
+    assert analysis.note == "3 design points are too few for 3 parameters"
     assert anova([1.0, 2.0], (), ["p1", "p2"]).note == "no factor varies"
     assert anova([], (), []).note == "no run has a value"
 
@@ -179,16 +179,16 @@ def test_independence_of_a_design() -> None:
     assert copied.max_r == pytest.approx(1.0)
     assert copied.r_pair == ("a", "copy")
     assert copied.max_v == pytest.approx(1.0)
-    one, two = FactorColumn("s", tuple("aabbb")), FactorColumn("t", tuple("xyxyy"))
-    assert cramers_v(one, two) == pytest.approx(1 / 6)  # phi of the table 1 1 / 1 2
+    effect, two = FactorColumn("s", tuple("aabbb")), FactorColumn("t", tuple("xyxyy"))
+    assert cramers_v(effect, two) == pytest.approx(1 / 6)  # phi of the table 1 1 / 1 2
 
 
 def test_adjusted_p_values_are_statsmodels() -> None:
     """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for nothing."""
     p = [0.01, None, 0.04, 0.03, 0.2, 0.005, None, 0.04]
-    known = [one for one in p if one is not None]
+    known = [effect for effect in p if effect is not None]
     for mine, theirs in ((benjamini_hochberg, "fdr_bh"), (holm, "holm")):
-        assert [one for one in mine(p) if one is not None] == pytest.approx(list(multipletests(known, method=theirs)[1]))
+        assert [effect for effect in mine(p) if effect is not None] == pytest.approx(list(multipletests(known, method=theirs)[1]))
         assert mine(p)[1] is None
     assert benjamini_hochberg([]) == []
 
@@ -220,13 +220,13 @@ def conditional(level: str = "inactive") -> tuple[list[dict[str, object]], list[
 def test_a_range_that_is_active_in_some_runs_is_a_line_there() -> None:
     """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside it."""
     rows, y, points = conditional()
-    found = anova(y, factor_columns(rows), points)
-    effects = {one.term: one for one in found.effects}
+    analysis = anova(y, factor_columns(rows), points)
+    effects = {effect.term: effect for effect in analysis.effects}
 
     assert effects["drift"].df == 1
     assert effects["drift"].p is not None
     assert effects["drift"].p < 1e-6
-    assert not [one for one in found.left_out if one.term in ("drift", "gps")]
+    assert not [effect for effect in analysis.left_out if effect.term in ("drift", "gps")]
 
 
 def test_a_level_that_is_called_inactive_is_a_level() -> None:
@@ -244,12 +244,12 @@ def test_conditional_ranges_are_correlated_where_they_are_active() -> None:
     """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own ends."""
     rows, y, points = conditional()
     columns = factor_columns(rows)
-    found = correlation(y, columns[1], points)
+    analysis = correlation(y, columns[1], points)
 
-    assert found is not None
-    assert found.n == 30
-    assert found.pearson < -0.95
+    assert analysis is not None
+    assert analysis.n == 30
+    assert analysis.pearson < -0.95
     passed = [value + (run % 5) * 4.0 > 34.0 for run, value in enumerate(y)]
-    (odds,) = (one for one in logistic(passed, columns, points).odds if one.factor == "drift")
+    (odds,) = (effect for effect in logistic(passed, columns, points).odds if effect.factor == "drift")
     assert (odds.base, odds.level) == tuple(str(columns[1].levels[end]) for end in (0, -1))
     assert odds.estimate is None or odds.estimate < 1.0

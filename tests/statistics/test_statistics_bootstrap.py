@@ -15,9 +15,9 @@ def names(count: int) -> list[str]:
 
 def skewed(rng: np.random.Generator, points: int, campaigns: int) -> tuple[np.ndarray, np.ndarray]:
     """Sums and counts of exponential scores of mean 1 by design point, three replicates each, half of the variance shared."""
-    own = rng.exponential(1.0, (points, 1, campaigns)) * np.sqrt(0.5)
+    point_means = rng.exponential(1.0, (points, 1, campaigns)) * np.sqrt(0.5)
     each = rng.exponential(1.0, (points, 3, campaigns)) * np.sqrt(0.5)
-    scores = own + each + 1.0 - 2.0 * np.sqrt(0.5)
+    scores = point_means + each + 1.0 - 2.0 * np.sqrt(0.5)
     return scores.sum(axis=1), np.full((points, campaigns), 3)
 
 

@@ -24,9 +24,9 @@ from bench.statistics._effect_sizes import PairedCounts, cliffs_delta
 def test_a_published_paired_table_comes_out() -> None:
     """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact McNemar 0.070."""
     counts = PairedCounts(both=1, only_first=7, only_second=1, neither=12)
-    found = counts.difference()
-    assert found is not None
-    assert (found.estimate, found.low, found.high) == pytest.approx((-6 / 21, -0.517, -0.026), abs=5e-4)
+    result = counts.difference()
+    assert result is not None
+    assert (result.estimate, result.low, result.high) == pytest.approx((-6 / 21, -0.517, -0.026), abs=5e-4)
     assert counts.mcnemar_p == pytest.approx(0.0703, abs=1e-4)
 
 
@@ -34,21 +34,21 @@ def test_a_published_paired_table_comes_out() -> None:
 def test_intervals_of_extreme_tables_are_intervals(counts: tuple[int, int, int, int]) -> None:
     """The estimate lies inside, nothing leaves [-1, 1], and exchanging the agents mirrors it."""
     both, first, second, neither = counts
-    found = PairedCounts(both, first, second, neither).difference()
+    result = PairedCounts(both, first, second, neither).difference()
     other = PairedCounts(both, second, first, neither).difference()
-    assert found is not None
+    assert result is not None
     assert other is not None
-    assert -1.0 <= found.low <= found.estimate <= found.high <= 1.0
-    assert found.low < found.high
-    assert (other.low, other.high) == pytest.approx((-found.high, -found.low), abs=1e-9)
+    assert -1.0 <= result.low <= result.estimate <= result.high <= 1.0
+    assert result.low < result.high
+    assert (other.low, other.high) == pytest.approx((-result.high, -result.low), abs=1e-9)
 
 
 def test_no_differing_pair_still_leaves_doubt() -> None:
     """24 scenes alike: the interval is Tango's z2 / (n + z2) on either side, and there is no test."""
     counts = PairedCounts(24, 0, 0, 0)
-    found = counts.difference()
-    assert found is not None
-    assert found.high == pytest.approx(1.959964**2 / (24 + 1.959964**2), rel=1e-5)
+    result = counts.difference()
+    assert result is not None
+    assert result.high == pytest.approx(1.959964**2 / (24 + 1.959964**2), rel=1e-5)
     assert counts.mcnemar_p is None
     assert PairedCounts(0, 0, 0, 0).difference() is None
 
@@ -59,9 +59,9 @@ def test_tangos_interval_covers() -> None:
         covered = 0.0
         for b in range(31):
             for c in range(31 - b):
-                found = PairedCounts(30 - b - c, c, b, 0).difference()
-                assert found is not None
-                if found.low <= second - first <= found.high:
+                result = PairedCounts(30 - b - c, c, b, 0).difference()
+                assert result is not None
+                if result.low <= second - first <= result.high:
                     covered += float(stats.multinomial.pmf([c, b, 30 - b - c], 30, [first, second, 1 - first - second]))
         assert covered > 0.935
 
@@ -70,10 +70,10 @@ def test_cliffs_delta_counts_wins() -> None:
     """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another way to it."""
     draw = np.random.default_rng(2)
     a, b = draw.normal(size=25).round(1).tolist(), (draw.normal(size=30) + 0.5).round(1).tolist()
-    found = cliffs_delta(a, b)
-    assert found is not None
-    assert found.estimate == pytest.approx(2 * stats.mannwhitneyu(b, a).statistic / (25 * 30) - 1)
-    assert -1.0 < found.low < found.estimate < found.high < 1.0
+    result = cliffs_delta(a, b)
+    assert result is not None
+    assert result.estimate == pytest.approx(2 * stats.mannwhitneyu(b, a).statistic / (25 * 30) - 1)
+    assert -1.0 < result.low < result.estimate < result.high < 1.0
     failing = cliffs_delta([-np.inf, -np.inf, 3.0], [1.0, 2.0, -np.inf])
     assert failing is not None
     assert failing.estimate == pytest.approx((4 - 3) / 9)
@@ -86,9 +86,9 @@ def test_cliffs_interval_covers() -> None:
     inside = []
     for seed in range(300):
         draw = np.random.default_rng(seed)
-        found = cliffs_delta(draw.normal(size=30).tolist(), draw.normal(0.5, 1, size=30).tolist())
-        assert found is not None
-        inside.append(found.low <= truth <= found.high)
+        result = cliffs_delta(draw.normal(size=30).tolist(), draw.normal(0.5, 1, size=30).tolist())
+        assert result is not None
+        inside.append(result.low <= truth <= result.high)
     assert 0.92 < np.mean(inside) < 0.985
 
 
@@ -107,7 +107,7 @@ def test_runs_fall_into_the_tensions_bands() -> None:
         NodeOutcome(None, True),
         *(NodeOutcome(s, True) for s in (-1.0, 0.0, 20.0, 20.1, 40.0, 99.0, 100.0, 100.2)),
     ]
-    assert [_outcome_class(one, 20.0) for one in ended] == [0, 1, 3, 3, 3, 4, 4, 7, 7, 8]
+    assert [_outcome_class(first_runs, 20.0) for first_runs in ended] == [0, 1, 3, 3, 3, 4, 4, 7, 7, 8]
 
 
 @pytest.mark.parametrize("paired", [True, False])
@@ -121,11 +121,11 @@ def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
     for seed in range(100):
         draw = np.random.default_rng(seed)
         first = runs(draw, 0.1)
-        for found, failing in ((same, 0.1), (other, 0.6)):
-            one = divergence(first, runs(draw, failing), paired=paired, seed=seed, shuffles=199)
-            assert one is not None
-            assert 0.0 <= one.value <= 1.0
-            found.append(one.p)
+        for result, failing in ((same, 0.1), (other, 0.6)):
+            first_runs = divergence(first, runs(draw, failing), paired=paired, seed=seed, shuffles=199)
+            assert first_runs is not None
+            assert 0.0 <= first_runs.value <= 1.0
+            result.append(first_runs.p)
     assert np.mean(np.array(same) < 0.05) < 0.1
     assert 0.4 < np.mean(same) < 0.65
     assert np.mean(np.array(other) < 0.05) > 0.8
@@ -137,9 +137,9 @@ def test_bands_grow_finer_with_runs() -> None:
     """20 points below 50 runs a side, 10 from there, 5 from 200."""
     widths = []
     for count in (49, 50, 200):
-        found = divergence([NodeOutcome(1.0, True)] * count, [NodeOutcome(9.0, True)] * count, paired=True, shuffles=10)
-        assert found is not None
-        widths.append((found.band, found.value))
+        result = divergence([NodeOutcome(1.0, True)] * count, [NodeOutcome(9.0, True)] * count, paired=True, shuffles=10)
+        assert result is not None
+        widths.append((result.band, result.value))
     assert widths == [(20.0, 0.0), (10.0, 0.0), (5.0, 1.0)]
     assert divergence([], [NodeOutcome(1.0, True)], paired=False) is None
 
@@ -149,7 +149,7 @@ def test_power_is_what_simulation_gives() -> None:
     draw = np.random.default_rng(0)
     tables = draw.multinomial(60, [0.05, 0.25, 0.7], size=4000)
     p = [PairedCounts(both, first, second, 0).mcnemar_p for first, second, both in tables]
-    simulated = np.mean([one is not None and one <= 0.05 for one in p])
+    simulated = np.mean([first_runs is not None and first_runs <= 0.05 for first_runs in p])
     assert mcnemar_power(60, 0.05, 0.25) == pytest.approx(simulated, abs=0.02)
     assert mcnemar_power(60, 0.25, 0.05) == pytest.approx(mcnemar_power(60, 0.05, 0.25))
 
@@ -205,41 +205,41 @@ def scores(passes: list[bool], node: str = "KA-18", *, per_point: int = 1, outco
 
 def compared(first: list[bool], second: list[bool], per_point: int = 1) -> NodeComparison:
     """The one comparison of two agents at one node."""
-    (found,) = compare_nodes(
+    (result,) = compare_nodes(
         scores(first, per_point=per_point), scores(second, per_point=per_point), ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES
     )
-    return found
+    return result
 
 
 def test_a_clear_difference_is_settled() -> None:
     """Twelve scenes that only one passes need no more."""
-    found = compared([False] * 12, [True] * 12)
-    assert found.settled
-    assert found.mcnemar_p == pytest.approx(2 / 2**12)
-    assert found.divergence is not None
-    assert found.divergence.value == pytest.approx(1.0)
-    assert found.delta is not None
-    assert found.delta.estimate == 1.0
-    assert found.verdict("A", "B") == "B passes KA-18 in 100 more of 100 scenes; 12 pairs; settled"
+    result = compared([False] * 12, [True] * 12)
+    assert result.settled
+    assert result.mcnemar_p == pytest.approx(2 / 2**12)
+    assert result.divergence is not None
+    assert result.divergence.value == pytest.approx(1.0)
+    assert result.delta is not None
+    assert result.delta.estimate == 1.0
+    assert result.verdict("A", "B") == "B passes KA-18 in 100 more of 100 scenes; 12 pairs; settled"
 
 
 def test_a_hint_is_not_settled_and_says_what_would() -> None:
     """Three scenes of twelve: the number of pairs is that of the rates seen."""
-    found = compared([True] * 3 + [False] * 9, [False] * 12)
+    result = compared([True] * 3 + [False] * 9, [False] * 12)
     needed = pairs_for_difference(3 / 12, 0.0)
-    assert not found.settled
-    assert found.pairs_needed == needed
+    assert not result.settled
+    assert result.pairs_needed == needed
     assert (
-        found.verdict("A", "B") == f"A passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
+        result.verdict("A", "B") == f"A passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
     )
 
 
 def test_no_difference_seen_says_what_would_show_one() -> None:
     """Nothing told them apart; that is no proof that nothing could."""
-    found = compared([True] * 12, [True] * 12)
-    assert found.p_adjusted is None
-    assert found.pairs_needed == pairs_for_difference(0.0, 0.1)
-    assert "not settled" in found.verdict("A", "B")
+    result = compared([True] * 12, [True] * 12)
+    assert result.p_adjusted is None
+    assert result.pairs_needed == pairs_for_difference(0.0, 0.1)
+    assert "not settled" in result.verdict("A", "B")
 
 
 def test_replicates_that_agree_settle_less() -> None:
@@ -258,8 +258,8 @@ def test_only_scenes_that_both_flew_and_that_count_are_pairs() -> None:
     spoilt = second.with_columns(
         pl.when(pl.col("realization") == "r0").then(pl.lit("bench_error")).otherwise("outcome").alias("outcome")
     )
-    (found,) = compare_nodes(first, spoilt, ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES)
-    assert found.counts == PairedCounts(0, 5, 0, 0)
+    (result,) = compare_nodes(first, spoilt, ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES)
+    assert result.counts == PairedCounts(0, 5, 0, 0)
     (none,) = compare_nodes(first, second, ["KA-99"], excluded_outcomes=EXCLUDED_OUTCOMES)
     assert none.verdict("A", "B").startswith("nothing to compare")
 
@@ -271,5 +271,5 @@ def test_over_many_nodes_alike_false_findings_are_rare() -> None:
     for seed in range(15):
         draw = np.random.default_rng(seed)
         sides = [pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2)]
-        false += any(one.settled for one in compare_nodes(*sides, nodes, excluded_outcomes=EXCLUDED_OUTCOMES))
+        false += any(first_runs.settled for first_runs in compare_nodes(*sides, nodes, excluded_outcomes=EXCLUDED_OUTCOMES))
     assert false <= 1

@@ -20,16 +20,18 @@ trials = st.lists(
 shares = st.sampled_from([HALF, NINE_TENTHS])
 
 
-def found(some: list[Trial], share: tuple[int, int]) -> tuple[float, float, bool]:
-    return competence_of([d for d, _, _ in some], [ok for _, ok, _ in some], [point for _, _, point in some], share)
+def competence_from(trial_list: list[Trial], share: tuple[int, int]) -> tuple[float, float, bool]:
+    return competence_of(
+        [d for d, _, _ in trial_list], [ok for _, ok, _ in trial_list], [point for _, _, point in trial_list], share
+    )
 
 
-def by_definition(some: list[Trial], share: tuple[int, int]) -> float:
+def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:
     """Largest tested difficulty at which the antitonic fit, by the min-max formula in fractions, reaches the share."""
-    hard = sorted({d for d, _, _ in some})
+    hard = sorted({d for d, _, _ in trial_list})
 
     def mean(low: float, high: float) -> Fraction:
-        inside = [ok for d, ok, _ in some if low <= d <= high]
+        inside = [ok for d, ok, _ in trial_list if low <= d <= high]
         return Fraction(sum(inside), len(inside))
 
     def fit(d: float) -> Fraction:
@@ -39,26 +41,26 @@ def by_definition(some: list[Trial], share: tuple[int, int]) -> float:
 
 
 @given(trials, shares)
-def test_the_value_is_that_of_the_antitonic_fit(some: list[Trial], share: tuple[int, int]) -> None:
+def test_the_value_is_that_of_the_antitonic_fit(trial_list: list[Trial], share: tuple[int, int]) -> None:
     """For any trials the value equals the fit's by its definition, and the bound does not exceed it."""
-    value, low, at_least = found(some, share)
-    assert value == by_definition(some, share)
+    value, low, at_least = competence_from(trial_list, share)
+    assert value == by_definition(trial_list, share)
     assert 0.0 <= low <= value
-    assert at_least == (bool(some) and value == max(d for d, _, _ in some) and by_fit_reached(some, share))
+    assert at_least == (bool(trial_list) and value == max(d for d, _, _ in trial_list) and by_fit_reached(trial_list, share))
 
 
-def by_fit_reached(some: list[Trial], share: tuple[int, int]) -> bool:
+def by_fit_reached(trial_list: list[Trial], share: tuple[int, int]) -> bool:
     """Whether the hardest difficulty is reached; told apart from a competence of 0 because nothing is."""
-    top = max(d for d, _, _ in some)
-    return by_definition([(d + 1.0, ok, point) for d, ok, point in some], share) == top + 1.0
+    top = max(d for d, _, _ in trial_list)
+    return by_definition([(d + 1.0, ok, point) for d, ok, point in trial_list], share) == top + 1.0
 
 
 @given(trials, shares, st.data())
-def test_failing_never_raises_it(some: list[Trial], share: tuple[int, int], data: st.DataObject) -> None:
+def test_failing_never_raises_it(trial_list: list[Trial], share: tuple[int, int], data: st.DataObject) -> None:
     """Any passes turned into failures: value and bound stay or fall, and `at least` is never gained."""
-    failing = data.draw(st.lists(st.booleans(), min_size=len(some), max_size=len(some)))
-    worse = [(d, ok and not fails, point) for (d, ok, point), fails in zip(some, failing, strict=True)]
-    before, after = found(some, share), found(worse, share)
+    failing = data.draw(st.lists(st.booleans(), min_size=len(trial_list), max_size=len(trial_list)))
+    worse = [(d, ok and not fails, point) for (d, ok, point), fails in zip(trial_list, failing, strict=True)]
+    before, after = competence_from(trial_list, share), competence_from(worse, share)
     assert after[0] <= before[0]
     assert after[1] <= before[1]
     assert after[2] <= before[2]
@@ -83,23 +85,23 @@ def test_failing_never_raises_it_over_hundreds_of_difficulties(share: tuple[int,
 def test_straight_passes() -> None:
     """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine tenths."""
     for share, needed in ((HALF, 5), (NINE_TENTHS, 33)):
-        assert found([(40.0, True, str(i)) for i in range(needed)], share) == (40.0, 40.0, True)
-        assert found([(40.0, True, str(i)) for i in range(needed - 1)], share) == (40.0, 0.0, True)
+        assert competence_from([(40.0, True, str(i)) for i in range(needed)], share) == (40.0, 40.0, True)
+        assert competence_from([(40.0, True, str(i)) for i in range(needed - 1)], share) == (40.0, 0.0, True)
 
 
 def test_what_is_harder_counts_for_what_is_easier() -> None:
     """Few trials at each of many difficulties add up, as far as they pass; a hard level that fails takes nothing away below."""
     steps = [(float(i), i < 40, str(i)) for i in range(50)]
-    assert found(steps, HALF) == (39.0, 35.0, False)
+    assert competence_from(steps, HALF) == (39.0, 35.0, False)
     cliff = [(20.0, True, str(i)) for i in range(40)] + [(80.0, False, f"hard {i}") for i in range(400)]
-    assert found(cliff, NINE_TENTHS) == (20.0, 20.0, False)
+    assert competence_from(cliff, NINE_TENTHS) == (20.0, 20.0, False)
 
 
 def test_replicates_of_a_design_point_count_as_one() -> None:
     """Ten replicates in each of four design points are four units for the bound, whatever they have in common."""
     alike = [(40.0, True, str(i % 4)) for i in range(40)]
-    assert found(alike, HALF) == (40.0, 0.0, True)
-    assert found([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (40.0, 40.0, True)
+    assert competence_from(alike, HALF) == (40.0, 0.0, True)
+    assert competence_from([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (40.0, 40.0, True)
 
 
 def test_nothing_tried_is_no_competence_of_zero() -> None:
@@ -107,8 +109,8 @@ def test_nothing_tried_is_no_competence_of_zero() -> None:
     none = np.zeros(0, dtype=np.int64)
     made = competence(count_trials(Trials(none, np.zeros(0), none.astype(bool), none), 2), HALF)
     assert made.trials.tolist() == [0, 0]
-    one = competence(count_trials(Trials(np.array([1]), np.array([30.0]), np.array([True]), np.array([0])), 2), HALF)
-    assert (one.trials.tolist(), one.value.tolist(), one.at_least.tolist()) == ([0, 1], [0.0, 30.0], [False, True])
+    values = competence(count_trials(Trials(np.array([1]), np.array([30.0]), np.array([True]), np.array([0])), 2), HALF)
+    assert (values.trials.tolist(), values.value.tolist(), values.at_least.tolist()) == ([0, 1], [0.0, 30.0], [False, True])
 
 
 @pytest.mark.parametrize("share", [HALF, NINE_TENTHS])
@@ -126,8 +128,8 @@ def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: fl
     for true_level in (0, 1, 3):
         p = np.where(np.arange(4) < true_level, 0.5 * (1.0 + q), q - 1e-9)
         room = spread * np.minimum(p, 1.0 - p)[None, :, None]
-        own = p[None, :, None] + room * rng.choice([-1.0, 1.0], size=(campaigns, 4, points))
-        passed = rng.random((campaigns, 4, points, replicates)) < own[..., None]
+        levels = p[None, :, None] + room * rng.choice([-1.0, 1.0], size=(campaigns, 4, points))
+        passed = rng.random((campaigns, 4, points, replicates)) < levels[..., None]
         shape = passed.shape
         group = np.broadcast_to(np.arange(campaigns)[:, None, None, None], shape).ravel()
         level = np.broadcast_to(hard[None, :, None, None], shape).ravel()

@@ -59,8 +59,8 @@ def test_what_is_not_drawn() -> None:
     few = difficulty_response(HARD[:36:4], HARD[:36:4] < 50.0)
     same = difficulty_response(np.full(30, 20.0), np.arange(30) % 2)
     none = difficulty_response([], [])
-    assert [one.state for one in (few, same, none)] == [CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY, CurveState.TOO_FEW]
-    assert not any(one.drawn for one in (few, same, none))
+    assert [state.state for state in (few, same, none)] == [CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY, CurveState.TOO_FEW]
+    assert not any(state.drawn for state in (few, same, none))
 
 
 def test_replicates_that_agree_widen_the_band() -> None:
@@ -69,9 +69,9 @@ def test_replicates_that_agree_widen_the_band() -> None:
     hard = rng.uniform(0.0, 100.0, 60)
     ok = rng.random(60) < chance(hard)
     points = [f"p{i // 4}" for i in range(240)]
-    alone, told = (difficulty_response(np.repeat(hard, 4), np.repeat(ok, 4), names) for names in (None, points))
-    assert np.array_equal(alone.probability, told.probability)
-    assert (told.high - told.low > 1.3 * (alone.high - alone.low))[20:80].all()
+    alone, with_points = (difficulty_response(np.repeat(hard, 4), np.repeat(ok, 4), names) for names in (None, points))
+    assert np.array_equal(alone.probability, with_points.probability)
+    assert (with_points.high - with_points.low > 1.3 * (alone.high - alone.low))[20:80].all()
 
 
 def test_its_half_rises_where_easy_runs_fail_and_competence_does_not() -> None:

@@ -12,7 +12,7 @@ def runs(replicates: int) -> tuple[list[FactorColumn], list[str]]:
     """A two-level factor crossed with a straight line of eight values, each point repeated."""
     points = [(side, value) for side in "ab" for value in range(8)]
     every = [point for point in points for _ in range(replicates)]
-    columns = [FactorColumn(name, tuple(one[place] for one in every)) for place, name in enumerate(("side", "line"))]
+    columns = [FactorColumn(name, tuple(level[place] for level in every)) for place, name in enumerate(("side", "line"))]
     return columns, [f"{side}{value}" for side, value in every]
 
 

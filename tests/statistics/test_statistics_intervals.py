@@ -29,16 +29,16 @@ def test_the_exact_interval_covers_everywhere(n: int) -> None:
 def test_wilson_covers_on_average(n: int) -> None:
     """Within a point of 95 % averaged over the true shares from ten runs on; not at each of them."""
     k = np.arange(n + 1)
-    found = coverage(*wilson(k, np.full(n + 1, n)), n)
-    assert abs(found.mean() - 0.95) <= 0.01
-    assert found.min() < 0.95
+    covered = coverage(*wilson(k, np.full(n + 1, n)), n)
+    assert abs(covered.mean() - 0.95) <= 0.01
+    assert covered.min() < 0.95
 
 
 def clustered(p: float, points: int, replicates: int, campaigns: int, seed: int) -> np.ndarray:
     """Passes (campaigns, points, replicates) whose design points have beta-distributed rates: correlation one third within."""
     rng = np.random.default_rng(seed)
-    own = rng.beta(2.0 * p, 2.0 * (1.0 - p), (campaigns, points, 1))
-    return rng.random((campaigns, points, replicates)) < own
+    rates = rng.beta(2.0 * p, 2.0 * (1.0 - p), (campaigns, points, 1))
+    return rng.random((campaigns, points, replicates)) < rates
 
 
 def effective(passed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -57,9 +57,9 @@ def test_the_clustered_interval_covers_where_replicates_agree(p: float, points: 
     low, high = clopper_pearson(mean * size, size)
     runs = points * 4
     plain_low, plain_high = clopper_pearson(np.round(mean * runs), np.full(mean.shape, runs))
-    found = ((low <= p) & (p <= high)).mean()
-    assert found >= least
-    assert ((plain_low <= p) & (p <= plain_high)).mean() < min(0.92, found)
+    covered = ((low <= p) & (p <= high)).mean()
+    assert covered >= least
+    assert ((plain_low <= p) & (p <= plain_high)).mean() < min(0.92, covered)
 
 
 def test_it_is_too_short_where_all_pass() -> None:

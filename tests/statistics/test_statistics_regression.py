@@ -26,14 +26,14 @@ def table(passed: dict[str, int], failed: dict[str, int]) -> tuple[list[bool], F
 def test_a_two_by_two_table_has_its_own_odds_ratio() -> None:
     """The odds ratio is the table's, with Woolf's interval and Wald's test."""
     y, factor, points = table({"near": 12, "far": 24}, {"near": 18, "far": 6})
-    found = logistic(y, [factor], points)
-    (odds,) = found.odds
+    fit = logistic(y, [factor], points)
+    (odds,) = fit.odds
     error = np.sqrt(1 / 12 + 1 / 18 + 1 / 24 + 1 / 6)
-    assert (found.method, odds.base, odds.level) == (LIKELIHOOD, "near", "far")
+    assert (fit.method, odds.base, odds.level) == (LIKELIHOOD, "near", "far")
     assert odds.estimate == pytest.approx(24 * 18 / (6 * 12), rel=1e-4)
     assert odds.low == pytest.approx(6 * np.exp(-1.959964 * error), rel=1e-3)
-    assert found.tests[0].p == pytest.approx(2 * stats.norm.sf(np.log(6) / error), rel=1e-3)
-    assert found.note == ""
+    assert fit.tests[0].p == pytest.approx(2 * stats.norm.sf(np.log(6) / error), rel=1e-3)
+    assert fit.note == ""
 
 
 def test_no_p_value_is_a_riddle() -> None:
@@ -42,35 +42,35 @@ def test_no_p_value_is_a_riddle() -> None:
     x = draws.uniform(0.0, 1.0, 128)
     for steep in (5.0, 40.0, 400.0):
         won = (draws.uniform(0.0, 1.0, 128) < 1.0 / (1.0 + np.exp(-steep * (x - 0.5)))).tolist()
-        found = logistic(won, [FactorColumn("x", tuple(x))], [str(run) for run in range(128)])
-        assert found.tests[0].p is not None
-        assert 0.0 <= found.tests[0].p < 0.01
+        fit = logistic(won, [FactorColumn("x", tuple(x))], [str(run) for run in range(128)])
+        assert fit.tests[0].p is not None
+        assert 0.0 <= fit.tests[0].p < 0.01
 
 
 def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
     """Firth's estimate of a 2 x 2 table is the table with a half added to each cell; the unbounded end of the interval is not told."""
     y, factor, points = table({"near": 10, "far": 15}, {"near": 5, "far": 0})
-    found = logistic(y, [factor], points)
-    (odds,) = found.odds
-    assert found.method == FIRTH
-    assert "separate" in found.note
+    fit = logistic(y, [factor], points)
+    (odds,) = fit.odds
+    assert fit.method == FIRTH
+    assert "separate" in fit.note
     assert odds.estimate == pytest.approx((15.5 / 0.5) / (10.5 / 5.5), rel=1e-6)
     assert odds.low is not None
     assert 1.0 < odds.low < odds.estimate
     assert odds.high is None or odds.high <= 1000.0
-    assert found.tests[0].p is not None
-    assert 0.001 < found.tests[0].p < 0.05
+    assert fit.tests[0].p is not None
+    assert 0.001 < fit.tests[0].p < 0.05
 
 
 @pytest.mark.parametrize("reach", [1.0, 1e3])
 def test_a_number_that_separates_entirely_gives_no_silly_odds(reach: float) -> None:
     """A threshold in a numeric factor: every number that is told lies within what can be told."""
     x = reach * np.arange(24.0)
-    found = logistic((x > x[11]).tolist(), [FactorColumn("x", tuple(x))], [str(run) for run in range(24)])
-    assert found.method == FIRTH
-    assert all(value is None or 1e-3 <= value <= 1e3 for odds in found.odds for value in (odds.estimate, odds.low, odds.high))
-    assert found.tests[0].p is not None
-    assert found.tests[0].p < 0.001
+    fit = logistic((x > x[11]).tolist(), [FactorColumn("x", tuple(x))], [str(run) for run in range(24)])
+    assert fit.method == FIRTH
+    assert all(value is None or 1e-3 <= value <= 1e3 for odds in fit.odds for value in (odds.estimate, odds.low, odds.high))
+    assert fit.tests[0].p is not None
+    assert fit.tests[0].p < 0.001
 
 
 def test_the_search_for_separation_tells_overlap_from_it() -> None:
@@ -86,23 +86,23 @@ def test_a_planted_effect_is_found_and_the_others_are_not() -> None:
     fog, light = np.repeat(draw.uniform(0, 2, size=80), 3), np.repeat(draw.integers(0, 2, size=80), 3)
     y = (draw.random(240) < 1 / (1 + np.exp(2.0 * (fog - 1)))).tolist()
     points = [f"p{run // 3}" for run in range(240)]
-    factors = [FactorColumn("fog", tuple(fog)), FactorColumn("light", tuple("night" if one else "day" for one in light))]
-    found = logistic(y, factors, points)
-    p = {one.factor: one.p for one in found.tests}
-    assert found.method == CLUSTERED_LIKELIHOOD
+    factors = [FactorColumn("fog", tuple(fog)), FactorColumn("light", tuple("night" if result else "day" for result in light))]
+    fit = logistic(y, factors, points)
+    p = {result.factor: result.p for result in fit.tests}
+    assert fit.method == CLUSTERED_LIKELIHOOD
     assert p["fog"] is not None
     assert p["fog"] < 1e-6
     assert p["light"] is not None
     assert p["light"] > 0.05
-    slope = np.log(found.odds[0].estimate or np.nan) / np.ptp(fog)
+    slope = np.log(fit.odds[0].estimate or np.nan) / np.ptp(fog)
     assert slope == pytest.approx(-2.0, abs=0.6)
 
 
-@pytest.mark.parametrize(("y", "said"), [([True] * 9, "every run passed"), ([False] * 9, "no run passed")])
-def test_all_alike_is_said(y: list[bool], said: str) -> None:
+@pytest.mark.parametrize(("y", "note"), [([True] * 9, "every run passed"), ([False] * 9, "no run passed")])
+def test_all_alike_is_said(y: list[bool], note: str) -> None:
     """Where nothing varies there is no regression, and no odds."""
-    found = logistic(y, [FactorColumn("a", (0, 1, 2) * 3)], [str(run) for run in range(9)])
-    assert (found.note, found.odds, found.tests) == (said, (), ())
+    fit = logistic(y, [FactorColumn("a", (0, 1, 2) * 3)], [str(run) for run in range(9)])
+    assert (fit.note, fit.odds, fit.tests) == (note, (), ())
 
 
 def test_few_failures_for_many_parameters_are_said() -> None:
@@ -116,11 +116,11 @@ def test_few_failures_for_many_parameters_are_said() -> None:
 def test_constant_and_aliased_factors_are_left_out() -> None:
     """They are named, and the rest is fitted."""
     y, factor, points = table({"near": 12, "far": 24}, {"near": 18, "far": 6})
-    copy = FactorColumn("copy", tuple(one == "far" for one in factor.values))
-    found = logistic(y, [FactorColumn("same", (1,) * 60), factor, copy], points)
-    assert {one.term: one.reason for one in found.left_out} == {"same": "has one level only", "copy": "aliased with place"}
-    assert [one.factor for one in found.tests] == ["place"]
-    assert found.tests[0].note == "cannot be told from copy"
+    copy = FactorColumn("copy", tuple(result == "far" for result in factor.values))
+    fit = logistic(y, [FactorColumn("same", (1,) * 60), factor, copy], points)
+    assert {result.term: result.reason for result in fit.left_out} == {"same": "has one level only", "copy": "aliased with place"}
+    assert [result.factor for result in fit.tests] == ["place"]
+    assert fit.tests[0].note == "cannot be told from copy"
 
 
 def test_correlations_are_scipys() -> None:
@@ -128,11 +128,11 @@ def test_correlations_are_scipys() -> None:
     draw = np.random.default_rng(4)
     x = draw.normal(size=40)
     y = x + draw.normal(size=40)
-    found = correlation(y.tolist(), FactorColumn("x", tuple(x)), [str(run) for run in range(40)])
-    assert found is not None
-    assert (found.pearson, found.pearson_p) == pytest.approx(tuple(stats.pearsonr(x, y)))
-    assert (found.spearman, found.spearman_p) == pytest.approx(tuple(stats.spearmanr(x, y)))
-    assert found.bend_test == "RESET"
+    fit = correlation(y.tolist(), FactorColumn("x", tuple(x)), [str(run) for run in range(40)])
+    assert fit is not None
+    assert (fit.pearson, fit.pearson_p) == pytest.approx(tuple(stats.pearsonr(x, y)))
+    assert (fit.spearman, fit.spearman_p) == pytest.approx(tuple(stats.spearmanr(x, y)))
+    assert fit.bend_test == "RESET"
 
 
 def test_repeating_every_run_makes_nothing_surer() -> None:
@@ -140,7 +140,7 @@ def test_repeating_every_run_makes_nothing_surer() -> None:
     x = np.repeat(np.arange(8.0), 5)
     y = np.repeat(np.random.default_rng(1).normal(size=8) + 0.3 * np.arange(8.0), 5)
     factor = FactorColumn("x", tuple(x))
-    shared = correlation(y.tolist(), factor, [f"p{int(one)}" for one in x])
+    shared = correlation(y.tolist(), factor, [f"p{int(result)}" for result in x])
     apart = correlation(y.tolist(), factor, [str(run) for run in range(40)])
     once = OLS(y[::5], np.column_stack([np.ones(8), x[::5]])).fit()
     assert shared
@@ -178,16 +178,21 @@ def test_what_cannot_be_correlated_is_none() -> None:
 def test_luck_of_design_points_is_no_effect_and_no_bend() -> None:
     """Replicates that share luck and no effect: odds, correlations and bends err in some 5 of 100."""
     levels = np.repeat(np.arange(36), 3)
-    factors = [FactorColumn("a", tuple((levels % 3).tolist())), FactorColumn("b", tuple("uvw"[one] for one in levels // 3 % 3))]
-    points = [f"p{one}" for one in levels]
+    factors = [
+        FactorColumn("a", tuple((levels % 3).tolist())),
+        FactorColumn("b", tuple("uvw"[result] for result in levels // 3 % 3)),
+    ]
+    points = [f"p{result}" for result in levels]
     wrong: dict[str, list[bool]] = {"odds": [], "line": [], "bend": []}
     for seed in range(120):
         draw = np.random.default_rng(seed)
         luck = np.repeat(draw.normal(size=36), 3)
         passed = (draw.random(108) < 1 / (1 + np.exp(-0.8 - luck))).tolist()
-        wrong["odds"] += [one.p is not None and one.p < 0.05 for one in logistic(passed, factors, points).tests]
+        wrong["odds"] += [result.p is not None and result.p < 0.05 for result in logistic(passed, factors, points).tests]
         line = correlation((luck + draw.normal(size=108)).tolist(), factors[0], points)
         assert line is not None
         wrong["line"].append(line.pearson_p is not None and line.pearson_p < 0.05)
         wrong["bend"].append(line.bend_p is not None and line.bend_p < 0.05)
-    assert all(0.005 < np.mean(one) < 0.1 for one in wrong.values()), {name: np.mean(one) for name, one in wrong.items()}
+    assert all(0.005 < np.mean(result) < 0.1 for result in wrong.values()), {
+        name: np.mean(result) for name, result in wrong.items()
+    }

@@ -69,7 +69,7 @@ def test_a_verdict_is_seldom_wrong(p: float, wrong: PassRateVerdict) -> None:
     """Stopped as soon as it may be, at most 5 % of verdicts are wrong even next to the threshold."""
     rule = StoppingRule(0.9)
     trials = np.random.default_rng(24).random((600, 400)) < p
-    assert np.mean([rule.verdict(some) is wrong for some in trials]) <= 0.05
+    assert np.mean([rule.verdict(sequence) is wrong for sequence in trials]) <= 0.05
 
 
 def test_rules_that_cannot_be() -> None:
@@ -108,13 +108,13 @@ def test_after_stopping_the_exact_interval_misses_where_these_hold() -> None:
 
 def test_bounds_hold_what_was_seen_and_mirror() -> None:
     """They lie around the share, a pass is to a failure as low to high, and without trials nothing is known."""
-    passes, fails = (np.ravel(one) for one in np.meshgrid([0, 1, 5, 40, 3000], [0, 1, 7, 900]))
+    passes, fails = (np.ravel(bound) for bound in np.meshgrid([0, 1, 5, 40, 3000], [0, 1, 7, 900]))
     for bounds in (pass_rate_bounds, mean_bounds):
         low, high = bounds(passes, passes + fails)
-        some = passes + fails > 0
-        share = passes[some] / (passes + fails)[some]
-        assert ((low[some] <= share) & (share <= high[some])).all()
-        assert (low[~some], high[~some]) == (0.0, 1.0)
+        trials = passes + fails > 0
+        share = passes[trials] / (passes + fails)[trials]
+        assert ((low[trials] <= share) & (share <= high[trials])).all()
+        assert (low[~trials], high[~trials]) == (0.0, 1.0)
         other = bounds(fails, passes + fails)
         np.testing.assert_allclose((low, high), (1.0 - other[1], 1.0 - other[0]), atol=1e-9)
 
