@@ -67,6 +67,7 @@ class DocumentChecks:
     source: str = ""
     lines: Mapping[tuple[str | int, ...], int] = field(default_factory=dict)
     levels: dict[str, Level] = field(default_factory=dict)
+    # Faults are found check by check but reported in the order of the file.
     line_of_fault: dict[Fault, int] = field(default_factory=dict)
 
     def faults(self) -> list[Fault]:
@@ -138,6 +139,7 @@ class DocumentChecks:
                     )
 
     def _instead(self, below: Level, child: str) -> str:
+        # A child two levels down lacks a node between; a child on the same level or above cannot be one.
         deeper = LEVELS.index(self.levels[child]) > LEVELS.index(below)
         return f"no level is skipped: put a {LEVEL_TITLES[below]} between them" if deeper else "drop it"
 
@@ -254,6 +256,7 @@ class DocumentChecks:
                 f"{observable.id} has no key factors, so no difficulty",
                 "name a table, or write a row with its factor and values",
             )
+        # Two rows of one factor would contradict each other: which of them rates its value?
         factors: Counter[str] = Counter()
         for index, row in enumerate(observable.key_factors):
             if isinstance(row, KeyFactor):
@@ -304,5 +307,6 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     matches = difflib.get_close_matches(name, names, n=3)
     if matches:
         return f"did you mean {' or '.join(matches)}?"
+    # A list of 135 observables would hide the message. 20 is chosen, not measured.
     shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
     return f"known: {shown}" if names else "none is declared"

@@ -138,6 +138,7 @@ class Observable(_TitledNode):
 class DecompositionDocument(Document):
     """A decomposition file."""
 
+    # Required, unlike other fields: a file must say which format it has, so that a later format can be told apart.
     format: Literal["rebar.decomposition/1"]
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,62}$")]
     title: Annotated[str, Field(min_length=1, max_length=120)]

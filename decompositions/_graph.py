@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import networkx as nx
 
-from ._document import DecompositionDocument, KeyFactor, Level, Observable, Policies
+from ._document import DecompositionDocument, InnerNode, KeyFactor, Level, Observable, Policies
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +96,7 @@ class Decomposition:
     def near_miss(self, observable: str) -> float:
         """How far below its threshold the observable still scores: its own value, else the policy; 0 without partial credit."""
         declared = self.observables[observable]
+        # Without partial credit a near miss would have the full difficulty as its score, like a pass: ruling 8.
         margin = self.policies.near_miss if declared.near_miss is None else declared.near_miss
         return margin if declared.partial_credit else 0.0
 
@@ -111,6 +112,7 @@ class Decomposition:
 def graph_of(document: DecompositionDocument) -> Decomposition:
     """The graph of a document without faults."""
     nodes = {node.id: node for node in _nodes(document)}
+    # Descendants are sets while they are merged, then put into the order of the document.
     order = [observable.id for observable in document.observables]
     below = {node_id: frozenset((node_id,)) for node_id in order}
     for node in reversed(nodes.values()):
@@ -127,16 +129,16 @@ def graph_of(document: DecompositionDocument) -> Decomposition:
 
 
 def _nodes(document: DecompositionDocument) -> Iterable[DecompositionNode]:
-    levels = (
+    levels: tuple[tuple[Level, Sequence[InnerNode | Observable]], ...] = (
         (Level.PRINCIPLE, document.principles),
         (Level.KEY_ATTRIBUTE, document.key_attributes),
         (Level.VAB, document.vabs),
+        (Level.OBSERVABLE, document.observables),
     )
-    for level, inner_nodes in levels:
-        for node in inner_nodes:
-            yield DecompositionNode(node.id, node.title, node.asks, level, node.children)
-    for leaf in document.observables:
-        yield DecompositionNode(leaf.id, leaf.title, leaf.asks, Level.OBSERVABLE, ())
+    for level, nodes in levels:
+        for node in nodes:
+            children = node.children if isinstance(node, InnerNode) else ()
+            yield DecompositionNode(node.id, node.title, node.asks, level, children)
 
 
 def _resolved(rows: Iterable[str | KeyFactor], tables: Mapping[str, KeyFactor]) -> Iterable[KeyFactor]:

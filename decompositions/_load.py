@@ -31,6 +31,7 @@ def load_decomposition(name_or_path: str | Path, vocabulary: DecompositionVocabu
     """
     name = str(name_or_path)
     if name in shipped_decompositions():
+        # Through importlib: the package may be installed as a zip file.
         file = resources.files(__package__).joinpath("data", f"{name.replace('-', '_')}.yaml")
         return read_decomposition(file.read_text(encoding="utf-8"), vocabulary, source=name)
     # A name without a known suffix and without a file is more likely a misspelt name than a missing file.
@@ -66,6 +67,7 @@ def decomposition_of(
 
 def decomposition_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a decomposition file."""
+    # pydantic does not write which dialect it follows; editors need it.
     schema = DecompositionDocument.model_json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 

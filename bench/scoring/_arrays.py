@@ -49,6 +49,7 @@ class _DocumentKey:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, _DocumentKey):
             return NotImplemented
+        # Identity first, because equality compares documents field by field.
         mine, theirs = self.decomposition.document, other.decomposition.document
         return mine is theirs or mine == theirs
 
@@ -60,6 +61,7 @@ def _arrays(key: _DocumentKey) -> DecompositionArrays:
     nodes, leaves = tuple(decomposition.nodes), tuple(decomposition.observables)
     row = {node: index for index, node in enumerate(nodes)}
     column = {leaf: index for index, leaf in enumerate(leaves)}
+    # A matrix, so that counting leaves of all nodes in all runs is one product.
     under = np.zeros((len(nodes), len(leaves)), dtype=np.bool_)
     for node in nodes:
         under[row[node], [column[leaf] for leaf in decomposition.observables_under(node)]] = True

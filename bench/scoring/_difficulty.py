@@ -46,6 +46,7 @@ def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> fl
 
 def tension_of(difficulty: float) -> int:
     """Tension 1 to 5 of a node: max(1, ceil(difficulty / 20)). A difficulty is equal to another to six decimals."""
+    # Rounded first: 40.0000000001 from an interpolation belongs to tension 2, like 40.
     return max(1, math.ceil(round(difficulty, DIFFICULTY_DECIMALS) / 20.0))
 
 
@@ -182,6 +183,7 @@ def _of_observable(decomposition: Decomposition, observable: str, values: Mappin
         for row in decomposition.key_factors(observable)
     ]
     ratings = [row.rating for row in rows]
+    # fsum, because the mean must not depend on the order of the rows.
     value = min(ratings) if policies.factor_rule == "minimum" else math.fsum(ratings) / len(ratings)
     return ObservableDifficulty(observable, value, tuple(sorted(rows, key=lambda row: row.rating)))
 
@@ -189,12 +191,14 @@ def _of_observable(decomposition: Decomposition, observable: str, values: Mappin
 def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]) -> NodeDifficulty:
     under = decomposition.observables_under(node)
     lowest = min(observables[observable].difficulty for observable in under)
+    # Equal floats are meant: the minimum is one of these very numbers.
     ruling = tuple(observable for observable in under if observables[observable].difficulty == lowest)
     return NodeDifficulty(node, decomposition.level_of(node), lowest, ruling)
 
 
 def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -> None:
     needing: dict[str, list[str]] = {}
+    # All problems are collected first, so that a user corrects them in one round.
     unrated = [observable for observable in decomposition.observables if not decomposition.key_factors(observable)]
     for observable in decomposition.observables:
         for row in decomposition.key_factors(observable):

@@ -177,7 +177,9 @@ class _Explainer:
         return "passed" if score.achieved == score.considered else "failed"
 
     def _run(self, run: ScoredRun) -> RunExplanation:
+        # Whatever was observed in an excluded run counts nowhere.
         counted = run.observations if run.outcome.counts else ()
+        # `self.scored` has this node only; the path down needs every node of the run.
         scores = score_run(self.decomposition, run.difficulty, counted)
         node_score, path = scores[self.node], self._ruling_path(scores)
         observed = {observation.observable: observation for observation in counted}
@@ -245,6 +247,7 @@ class _Explainer:
 
 def _scored(scores: pl.DataFrame, node: str) -> dict[str, NodeScore]:
     """The node's score in every run of the score table."""
+    # Tables read from Parquet may hold categoricals, which do not compare with a text.
     rows = scores.filter(pl.col("node").cast(pl.String) == node).select(
         "realization", "score", "confidence", "achieved", "considered"
     )
@@ -280,4 +283,5 @@ def _factors(rated: ObservableDifficulty) -> tuple[FactorExplanation, ...]:
 
 
 def _known(value: float) -> float | None:
+    # JSON has no infinity; `stated_difficulty` uses it for "not known".
     return value if value != float("inf") else None

@@ -32,6 +32,7 @@ DEFAULT_AGENT = "agent"
 MAX_LISTED_FAULTS = 200
 # Stricter than float(), which also takes "nan", "1_000" and digits of other scripts.
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# Ruling 19: an empty cell means considered, because most tables hold nothing else.
 _CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
 
@@ -113,6 +114,7 @@ class _FaultLog:
 
 def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator[_Row]:
     """The records of a CSV text. Writes the names of the header and its line into `columns`."""
+    # newline="" leaves line breaks inside quoted cells to the csv module, which counts them.
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     header: list[str] = []
     line = 1
@@ -137,11 +139,13 @@ def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator
 def _check_header(header: list[str], line: int, faults: _FaultLog) -> None:
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
         faults.add(line, f"the column {name!r} appears twice", "keep one")
+    # Spreadsheets write semicolons where the comma is the decimal sign.
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
         faults.add(line, "the columns are not separated by commas", "write commas")
 
 
 def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
+    # Record by record instead of json.loads: a fault needs the line on which its record begins.
     decoder = json.JSONDecoder(object_pairs_hook=_unique_keys, parse_constant=_refuse_constant)
     position = _after_blanks(text, 0)
     is_list = text[position] == "["
@@ -299,6 +303,7 @@ class _TableReader:
         self._lines[name, observable] = row.line
         if stated is not None:
             run.difficulties[observable] = stated
+        # An invalid x was logged above; only valid rows become observations.
         if not (considered and x is None):
             run.observations.append(Observation(observable=observable, considered=considered, x=x if considered else None))
 
@@ -309,6 +314,7 @@ class _TableReader:
         runs = []
         for name, run in self._runs.items():
             point = run.common.get("design_point", name)
+            # Replicates have no column; they are numbered in the order of their first rows.
             replicate = replicates[point] = replicates.get(point, -1) + 1
             runs.append(
                 ScoredRun(

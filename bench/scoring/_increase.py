@@ -78,6 +78,7 @@ def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, no
     lowest = min(factor.rating for factor in factors)
     higher_ratings = [factor.rating for factor in factors if factor.rating > lowest]
     next_rating = min(higher_ratings, default=None)
+    # A tension ends at its upper boundary inclusive, so the next one begins just above: the goal must be exceeded.
     level = tension_of(lowest)
     boundary = TENSION_POINTS * level
     return DifficultyIncrease(

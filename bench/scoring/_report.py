@@ -104,6 +104,7 @@ class ScoreReport(Document):
     runs: Annotated[tuple[RunReport, ...] | None, Field(description="With --per-run, or where a single run was named.")] = None
 
 
+# The document says `id`, `score` and `confidence` where the tables have longer column names.
 _FIELD_OF_COLUMN = {"node": "id", "score_mean": "score", "confidence_mean": "confidence"}
 
 
@@ -172,6 +173,7 @@ def _run_node(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
     """Number of passed runs by agent, configuration (and `all`) and node."""
+    # Agents and nodes may be categoricals in a table from Parquet; keys of a dictionary must be texts.
     key = [pl.col(name).cast(pl.String) for name in ("agent", "configuration", "node")]
     whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(key)
     both = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])

@@ -99,7 +99,9 @@ def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
     )
     credit = np.where(partial, arrays.policies.credit_points * (runs.x - tau), 0.0)
     passed_credit = np.where(achieved, credit, 0.0)
+    # Without near_miss (its default 0) `near_miss` is false everywhere, and a failed observable has no score: ruling 8.
     score, scored = _inner_scores(arrays, runs.difficulty + credit, achieved | near_miss)
+    # Ruling 16: a failed observable that had passed at its threshold would score its difficulty, without credit.
     passed_score, _ = _inner_scores(arrays, runs.difficulty + passed_credit, runs.considered)
     achieved_counts, considered_counts = _leaf_counts(arrays, achieved), _leaf_counts(arrays, runs.considered)
     return ScoreArrays(
@@ -157,6 +159,7 @@ def _first_fault(arrays: DecompositionArrays, observations: Iterable[Observation
 
 def _inner_scores(arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
     """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score (ruling 9)."""
+    # `inner` has children before parents, so every child is final when its parent reads it.
     shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     score[arrays.leaf_rows] = np.where(leaf_scored, leaf_score, 0.0)

@@ -189,6 +189,7 @@ def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
     shape = (keys.size, len(node.names))
     slot = scene * shape[1] + node.numbers
     a_row = np.zeros(shape[1], dtype=np.int64)
+    # The last row of each node is as good as any other: a node has one level.
     a_row[node.numbers] = np.arange(scores.height)
     low, high = _ends(scores, slot, shape[0] * shape[1])
     return _SceneSums(
@@ -257,6 +258,7 @@ def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
 def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
     """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense enough."""
     size = int(keys.max()) + 1
+    # Sorting is slower than a table over all keys, unless most of that table would be empty. 4 is chosen, not measured.
     if size > 4 * keys.size:
         distinct, number = np.unique(keys, return_inverse=True)
         return distinct, number
@@ -281,6 +283,7 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
     leaf = np.array([level == Level.OBSERVABLE for level in scenes.levels])
     independent = leaf & (points == considered)
     confidence_low, confidence_high = _interval(confidence, considered, points, _spread(scenes), independent)
+    # Indices into _METHODS.
     method = np.where(considered == 0, 0, np.where(independent, 1, 2))
     stopped_early = (considered > 0) & (scenes.total("until_settled") > 0)
     if stopped_early.any():
@@ -347,6 +350,7 @@ def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
     starts = scenes.starts
     bounds = np.full((2, starts.size, len(scenes.nodes)), np.nan)
     names = (*scenes.design_points, "")
+    # Each block has its own design points, and with them its own seed.
     for block, (first, last) in enumerate(pairwise([*starts.tolist(), scenes.agent.size])):
         point_names = [names[number] for number in scenes.point[first:last]]
         bounds[:, block] = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], point_names)
@@ -372,6 +376,7 @@ def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series
     """The columns of competence of every agent and node over all configurations, null without a trial (ruling 17)."""
     groups = len(scenes.agents) * len(scenes.nodes)
     has_trials_in_scene = scenes.sums["trials"] > 0
+    # A campaign gives a design point one difficulty; then counts by scene are enough, and run by run is the slow way.
     one_difficulty_per_point = np.array_equal(scenes.low[has_trials_in_scene], scenes.high[has_trials_in_scene])
     counted = _tally(scenes, groups) if one_difficulty_per_point else _tally_rows(scores, groups)
     first_replicates = _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None

@@ -100,6 +100,7 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
 
 def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int:
     """Number of (run, observable) pairs without an observation, over the runs that count; such a pair is not considered."""
+    # A run that the bench spoilt was not measured, so nothing is missing from it.
     counted = [run for run in runs if run.outcome.counts]
     return sum(
         len(set(decomposition.observables) - {observation.observable for observation in run.observations}) for run in counted
@@ -117,6 +118,7 @@ def _require_unique(runs: Sequence[ScoredRun]) -> None:
 def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> MeasuredRuns:
     shape = (len(arrays.leaves), len(runs))
     measured = MeasuredRuns(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
+    # By identity, as in `_configurations`: equality would compare every node.
     difficulties: dict[int, Floats] = {}
     for number, run in enumerate(runs):
         if id(run.difficulty) not in difficulties:
@@ -129,6 +131,7 @@ def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> Measure
 
 def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str]) -> list[str]:
     """The key of each run's difficulty configuration."""
+    # Replicates and agents mostly share their difficulty object, so each is written once; `runs` keeps the ids valid.
     known: dict[int, str] = {}
     for run in runs:
         if id(run.difficulty) not in known:

@@ -123,8 +123,8 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
 def _paired_rows(first: pl.DataFrame, second: pl.DataFrame, node: str, excluded_outcomes: Collection[str]) -> pl.DataFrame:
     columns = ["design_point", "replicate", "level", "score", "confidence"]
     is_counted = ~pl.col("outcome").is_in(list(excluded_outcomes))
-    left, right = (side.filter(pl.col("node") == node, is_counted).select(columns) for side in (first, second))
-    return left.join(right, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
+    first_rows, second_rows = (side.filter(pl.col("node") == node, is_counted).select(columns) for side in (first, second))
+    return first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
 
 
 def _outcomes(rows: pl.DataFrame, suffix: str) -> list[NodeOutcome]:

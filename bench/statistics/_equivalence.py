@@ -48,8 +48,8 @@ def difference_bounds(
             half_width = np.sqrt(
                 np.maximum(
                     *(
-                        np.einsum("ij,jk,ik->i", contrasts, one[columns_of_factor, columns_of_factor], contrasts)
-                        for one in (clustered, unclustered)
+                        np.einsum("ij,jk,ik->i", contrasts, covariance[columns_of_factor, columns_of_factor], contrasts)
+                        for covariance in (clustered, unclustered)
                     )
                 )
             )

@@ -8,7 +8,7 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.errors import SetupError
@@ -98,6 +98,7 @@ def test_a_value_that_is_no_number_is_refused() -> None:
         rate(RAIN, math.nan)
 
 
+@settings(deadline=None)
 @given(
     values=st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda v: len(set(v)) > 1),
     falling=st.booleans(),

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.scoring import DifficultyGoal, difficulty_increase, difficulty_of_values, rate, value_for_rating
@@ -50,6 +50,7 @@ def test_a_table_is_read_backwards(row: KeyFactor, rating: float, exceeded: bool
     assert value_for_rating(row, rating, exceeded=exceeded) == expected
 
 
+@settings(deadline=None)
 @given(
     values=st.lists(st.integers(-50, 50), min_size=2, max_size=8).filter(lambda v: len(set(v)) > 1),
     falling=st.booleans(),

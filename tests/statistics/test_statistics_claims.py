@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
@@ -37,6 +37,7 @@ def test_fifty_nine_straight_passes() -> None:
     assert [passes_for_claim(share) for share in (0.5, 0.9, 0.95, 0.99)] == [5, 29, 59, 299]
 
 
+@settings(deadline=None)
 @given(st.integers(0, 60), st.integers(0, 20), st.sampled_from([0.5, 0.8, 0.9, 0.95]))
 def test_more_passes_are_just_enough(passed: int, failed: int, share: float) -> None:
     """After so many more the binomial tail is at most 5 %, and one fewer would not do; the bound then claims the share."""
@@ -48,6 +49,7 @@ def test_more_passes_are_just_enough(passed: int, failed: int, share: float) -> 
         assert binom.sf(passed + more - 2, passed + failed + more - 1, share) > 0.05
 
 
+@settings(deadline=None)
 @given(st.integers(1, 200), st.integers(0, 200))
 def test_the_sentence_never_says_more_than_the_bound(passed: int, failed: int) -> None:
     """The printed share is rounded down."""
@@ -56,6 +58,7 @@ def test_the_sentence_never_says_more_than_the_bound(passed: int, failed: int) -
     assert float(printed[1]) / 100 <= pass_rate_at_least(passed, passed + failed) + 1e-9
 
 
+@settings(deadline=None)
 @given(st.integers(0, 100), st.integers(0, 100))
 def test_a_failure_never_helps(passed: int, failed: int) -> None:
     """One pass turned into a failure lowers the claim and raises the price."""

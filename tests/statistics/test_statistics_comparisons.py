@@ -273,3 +273,58 @@ def test_over_many_nodes_alike_false_findings_are_rare() -> None:
         sides = [pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2)]
         false += any(first_runs.settled for first_runs in compare_nodes(*sides, nodes, excluded_outcomes=EXCLUDED_OUTCOMES))
     assert false <= 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: int) -> None:
+    """Two nodes, design points of one to five runs, runs that one side never considered or that the bench spoilt."""
+    rng = np.random.default_rng(seed)
+    places = [(f"p{point}", replicate) for point, size in enumerate((5, 1, 3, 2)) for replicate in range(size)]
+    nodes = ["KA-03", "KA-18"]
+    tables, results = [], []
+    for _ in range(2):
+        confidence = {(node, place): (None, 0.0, 0.5, 1.0)[rng.integers(4)] for node in nodes for place in places}
+        spoilt = {place for place in places if rng.random() < 0.15}
+        tables.append(
+            pl.concat([scores([True] * len(places), node) for node in nodes]).with_columns(
+                pl.Series("design_point", [point for point, _ in places] * 2),
+                pl.Series("replicate", [replicate for _, replicate in places] * 2),
+                pl.Series("confidence", [confidence[node, place] for node in nodes for place in places], dtype=pl.Float64),
+                pl.Series("outcome", ["bench_error" if place in spoilt else "completed" for place in places] * 2),
+            )
+        )
+        results.append({key: value for key, value in confidence.items() if key[1] not in spoilt and value is not None})
+    p_values = []
+    comparisons = compare_nodes(*tables, nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
+    for node, comparison in zip(nodes, comparisons, strict=True):
+        pairs = [
+            (place, *(side[node, place] == 1.0 for side in results))
+            for place in places
+            if all((node, place) in side for side in results)
+        ]
+        gains = [int(second) - int(first) for _, first, second in pairs]
+        lost, won = gains.count(-1), gains.count(1)
+        assert (comparison.counts.pairs, comparison.counts.only_first, comparison.counts.only_second) == (len(pairs), lost, won)
+        points = sorted({place[0] for place, *_ in pairs})
+        surplus = [sum(gain for (place, *_), gain in zip(pairs, gains, strict=True) if place[0] == point) for point in points]
+        assert comparison.points == len(points)
+        mcnemar = stats.binomtest(lost, lost + won).pvalue if lost + won else None
+        assert comparison.mcnemar_p == (None if mcnemar is None else pytest.approx(mcnemar))
+        clustered = None
+        if len(points) < len(pairs) and lost + won:
+            spread = sum(value**2 for value in surplus)
+            clustered = stats.chi2.sf(sum(surplus) ** 2 / spread, 1) if spread else 1.0
+        assert comparison.clustered_p == (None if clustered is None else pytest.approx(clustered))
+        p_values.append(max((p for p in (mcnemar, clustered) if p is not None), default=None))
+    known = sorted(p for p in p_values if p is not None)
+    for p, comparison in zip(p_values, comparisons, strict=True):
+        if p is None:
+            assert (comparison.p_adjusted, comparison.p_holm, comparison.settled) == (None, None, False)
+        else:
+            assert comparison.p_adjusted == pytest.approx(
+                min(1.0, *(value * len(known) / rank for rank, value in enumerate(known, 1) if value >= p))
+            )
+            assert comparison.p_holm == pytest.approx(
+                min(1.0, max(value * (len(known) - rank) for rank, value in enumerate(known) if value <= p))
+            )
+            assert comparison.settled == (comparison.p_adjusted < 0.05)

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.statistics import Trials, competence, competence_of, count_trials
@@ -40,6 +40,7 @@ def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:
     return max((d for d in hard if fit(d) >= Fraction(*share)), default=0.0)
 
 
+@settings(deadline=None)
 @given(trials, shares)
 def test_the_value_is_that_of_the_antitonic_fit(trial_list: list[Trial], share: tuple[int, int]) -> None:
     """For any trials the value equals the fit's by its definition, and the bound does not exceed it."""
@@ -55,6 +56,7 @@ def by_fit_reached(trial_list: list[Trial], share: tuple[int, int]) -> bool:
     return by_definition([(d + 1.0, ok, point) for d, ok, point in trial_list], share) == top + 1.0
 
 
+@settings(deadline=None)
 @given(trials, shares, st.data())
 def test_failing_never_raises_it(trial_list: list[Trial], share: tuple[int, int], data: st.DataObject) -> None:
     """Any passes turned into failures: value and bound stay or fall, and `at least` is never gained."""

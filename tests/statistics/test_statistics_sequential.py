@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.statistics import StoppingRule, clopper_pearson, confidence_sequence, mean_bounds, pass_rate_bounds
@@ -50,6 +50,7 @@ def test_straight_runs_settle_it() -> None:
     assert rule.verdict([]) is PassRateVerdict.OPEN
 
 
+@settings(deadline=None)
 @given(st.lists(st.booleans(), max_size=40), st.lists(st.booleans(), max_size=10), st.sampled_from([0.2, 0.5, 0.9]))
 def test_a_verdict_rests_on_the_trials_up_to_it(first: list[bool], later: list[bool], threshold: float) -> None:
     """What comes after changes nothing, and the rule is that the sequence lies wholly on one side."""
