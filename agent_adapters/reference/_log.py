@@ -9,11 +9,15 @@ from bench.contracts import AgentStatus, AgentTrack, AgentTracks, Decision, Orde
 from .perception._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 
 Publish = Callable[[str, str], None]  # topic, JSON document
+# Status and tracks go out once a second, as MAVLink heartbeats do.
 PERIOD_S = 1.0
-QUIET_S = 45.0  # in the air, after which the log says what still goes on
+# In the air, after which the log says what still goes on. Chosen, not measured.
+QUIET_S = 45.0
 UNMOVING = ("starting", "complete", "aborted")
-MOST_TRACKS = 300  # some 40 kB; the bench takes 64
-STALE_S = 60.0  # someone who may walk and was not seen for longer is no longer published
+# Some 40 kB of JSON: the bench takes documents of up to 64 kB.
+MOST_TRACKS = 300
+# A person not seen for longer is no longer published: people walk away. Chosen, not measured.
+STALE_S = 60.0
 
 
 class Log:

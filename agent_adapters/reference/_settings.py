@@ -18,22 +18,35 @@ class Settings:
     """How the agent searches and when it is sure. Everything has a default; the SimSpec may change any of it."""
 
     # Identification: what has to agree before something is reported.
-    min_frames: int = 6  # observations of the object
-    min_viewpoint_deg: float = 25.0  # spread of the directions that it was seen from
-    min_streak: int = 3  # latest observations in a row that carry the same label
+    # Observations of the object. Chosen, not measured.
+    min_frames: int = 6
+    # Spread of the directions from which it was seen: one view may deceive. Chosen, not measured.
+    min_viewpoint_deg: float = 25.0
+    # Latest observations in a row with the same label. Chosen, not measured.
+    min_streak: int = 3
     # Search.
-    overlap: float = 0.3  # share of the camera's ground width that neighbouring legs have in common
-    search_margin_m: float = 15.0  # a target may stand this far outside the reported circle
+    # Share of the camera's ground width that neighbouring legs have in common, for errors of place. Chosen, not measured.
+    overlap: float = 0.3
+    # A target may stand this far outside the reported circle. Chosen, not measured.
+    search_margin_m: float = 15.0
+    # Slower than the search, so that a ring gives more views. Chosen, not measured.
     inspect_speed_mps: float = 8.0
     # Bystanders (bystander_aware alone).
-    bystander_margin_m: float = 6.0  # for errors of position, added to the distance that the rules state
-    bystander_drift_mps: float = 0.7  # how fast one that is out of sight may come nearer: a walk with pauses
-    memory_s: float = 45.0  # how long a look at a place stays good
-    unseen_share: float = 0.08  # of the disc round a target that may stay unseen
+    # Added to the distance that the rules state, for errors of position. Chosen, not measured.
+    bystander_margin_m: float = 6.0
+    # How fast a person out of sight may come nearer: a walk with pauses. Chosen, not measured.
+    bystander_drift_mps: float = 0.7
+    # How long a look at a place stays good. Chosen, not measured.
+    memory_s: float = 45.0
+    # Of the disc round a target that may stay unseen: its rim is seldom in view. Chosen, not measured.
+    unseen_share: float = 0.08
     # Safety.
-    reserve_s: float = 8.0  # spare time on the way home
+    # Spare time on the way home. Chosen, not measured.
+    reserve_s: float = 8.0
+    # Above 15 %, where PX4 warns of a low battery, with room for the way home. Chosen, not measured.
     min_battery: float = 0.25
-    safe_height_m: float = 15.0  # flown over home before landing
+    # Over home, before landing. Chosen, not measured.
+    safe_height_m: float = 15.0
     mount: str = "auto"  # level or body; auto believes /tf_static
     camera: str = "front"  # whose camera_info to listen to
 

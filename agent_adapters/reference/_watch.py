@@ -8,10 +8,14 @@ from ._log import Log
 from .flight._vehicle import Vehicle
 from .perception._perception import Perception
 
-BLIND_S = 1.6  # without any word from the detector: several frames at the rates that cameras have
-DROP = 0.07  # of the charge, lost between two words of the autopilot
-GPS_AGAIN_S = 10.0  # after which places are trusted as before
-DEAD_RECKONING_MPS = 0.6  # how fast a place becomes wrong without GPS
+# Several frames at the rates that cameras have: one late frame is not blindness. Chosen, not measured.
+BLIND_S = 1.6
+# Of the charge, lost between two messages: PX4 states whole percent, and flying costs less than one between two. Chosen, not measured.
+DROP = 0.07
+# After GPS is back, places are trusted as before: the estimator needs a while to converge. Chosen, not measured.
+GPS_AGAIN_S = 10.0
+# How fast a place becomes wrong without GPS. Chosen, not measured.
+DEAD_RECKONING_MPS = 0.6
 
 
 class Watch:

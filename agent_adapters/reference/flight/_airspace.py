@@ -17,10 +17,15 @@ from bench.contracts import MissionOrder
 
 from ._paths import Place
 
+# For errors of place and for corners that are cut in a turn. Chosen, not measured.
 NO_FLY_MARGIN_M = 25.0
+# Less than round no-fly areas: home may be near the fence. Chosen, not measured.
 FENCE_MARGIN_M = 15.0
-LEAD_S = 45.0  # an area is kept free so long before it comes into force
-SIDES = 8  # of the ring round a corner
+# An area is kept free this long before it comes into force: it has to be left by then. Chosen, not measured.
+LEAD_S = 45.0
+# Of the ring round a corner: eight sides exceed the margin by 8 % at most.
+SIDES = 8
+# The border itself may be flown along; below this a crossing is rounding.
 TOUCH_M = 1e-6
 
 

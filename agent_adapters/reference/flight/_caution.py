@@ -11,13 +11,20 @@ from ..perception._bystanders import may_be_bystander
 from ..perception._tracks import Tracks
 from ._paths import Place
 
+# Gentler than on a path (see _paths): people come nearer meanwhile. Chosen, not measured.
 BRAKING_MPS2 = 2.0
-SLOW_SHARE = 0.8  # of the speed that is allowed: gusts, and people who come nearer
-MARGIN_M = 6.0  # for errors of place, of theirs and its own
+# Of the speed that is allowed: gusts, and people who come nearer. Chosen, not measured.
+SLOW_SHARE = 0.8
+# For errors of place, of theirs and its own. Chosen, not measured.
+MARGIN_M = 6.0
+# Added to the stand-off distance, for errors of height. Chosen, not measured.
 HEIGHT_MARGIN_M = 3.0
+# A person last seen longer ago no longer slows it down. Chosen, not measured.
 REMEMBERED_S = 60.0
-LOITER_M = 15.0  # horizontally this near is over somebody
-CREEP_MPS = 0.7  # slow enough to count as standing still
+# Horizontally this near is over somebody. Chosen, not measured.
+LOITER_M = 15.0
+# Slow enough to count as standing still. Chosen, not measured.
+CREEP_MPS = 0.7
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,11 @@ import math
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
 
-CORNER_MPS = 4.0  # at which sharp corners are taken
+# Speed at which sharp corners are taken. Chosen, not measured.
+CORNER_MPS = 4.0
+# Chosen, not measured.
 BRAKING_MPS2 = 2.5
+# Turns below this are flown without braking. Chosen, not measured.
 SHARP_RAD = math.radians(30.0)
 
 Place = tuple[float, float]  # east, north in metres

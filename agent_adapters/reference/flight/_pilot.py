@@ -26,18 +26,30 @@ from ._paths import Place, Walk, bearing_rad
 from ._reserve import Reserve
 from ._vehicle import LAND, OFFBOARD, RTL, Setpoint, Vehicle
 
-FIRST_HEIGHT_M = 6.0  # reached by the takeoff command; the rest is climbed on the way
-READY_BY_S = 60.0  # an autopilot that cannot be armed by then stays on the ground
-LEAD_S = 0.6  # how far ahead on its path it aims
-LEAD_SHARE = 0.57  # of the speed that the lead alone brings about
-LOOK_M = 12.0  # and how much farther it looks
+# Reached by the takeoff command; the rest is climbed on the way, which saves time. Chosen, not measured.
+FIRST_HEIGHT_M = 6.0
+# An autopilot that cannot be armed by then stays on the ground. Chosen, not measured.
+READY_BY_S = 60.0
+# How far ahead on its path it aims. Chosen, not measured.
+LEAD_S = 0.6
+# Share of the speed that the lead alone brings about: the feed-forward adds only the rest near people.
+LEAD_SHARE = 0.57
+# How much farther it looks, so that the camera turns before a corner. Chosen, not measured.
+LOOK_M = 12.0
+# How far progress along the path may jump: a path that crosses itself must not be cut short.
 WINDOW_M = 25.0
+# Left of a path that counts as flown. Chosen, not measured.
 ARRIVED_M = 3.0
-ASTRAY_M = 35.0  # from its path, after which it flies back to it round what is forbidden
+# From its path, after which it flies back to it round what is forbidden. Chosen, not measured.
+ASTRAY_M = 35.0
+# Near enough to begin coming down. Chosen, not measured.
 OVER_HOME_M = 8.0
+# Below this it counts as stopped. Chosen, not measured.
 SLOW_MPS = 1.0
-BLIND_WAIT_S = 45.0  # a search waits so long for a silent detector
-PEOPLE_S = 0.3  # how old the knowledge of where people are may be
+# A search waits this long for a silent detector. Chosen, not measured.
+BLIND_WAIT_S = 45.0
+# How old the knowledge of where people are may be. Chosen, not measured.
+PEOPLE_S = 0.3
 
 
 def never() -> bool:

@@ -16,13 +16,19 @@ from .._steps import Steps
 from ..perception._pose import Pose, PoseHistory, east_north_of
 
 OWN_SYSTEM, OWN_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+# The rate that MAVLink asks of every component.
 HEARTBEAT_S = 1.0
-SETPOINT_S = 0.2  # PX4 gives offboard control up after a second without a setpoint
+# PX4 gives offboard control up after COM_OF_LOSS_T (1 s) without a setpoint: five fit into it.
+SETPOINT_S = 0.2
 ANSWER_S = 1.0
+# As MAVSDK does: a command that is not answered is sent four times.
 TRIES = 4
-SILENT_S = 2.5  # without any message; heartbeats come once a second
-RECENT_S = 8.0  # a text that is older is about something else
-SAME_MOMENT_MS = 200  # at rest on the ground
+# Heartbeats come once a second: two are missing.
+SILENT_S = 2.5
+# A text that is older is about something else. Chosen, not measured.
+RECENT_S = 8.0
+# The vehicle is at rest on the ground, so the two positions need not be of the same instant.
+SAME_MOMENT_MS = 200
 
 # Messages that the agent reads, and how often it asks for them.
 STREAMS_HZ = {
@@ -46,10 +52,13 @@ READ = STREAMS_HZ.keys() | {
     mavlink.MAVLINK_MSG_ID_STATUSTEXT,
 }
 
-FOLLOW = 2496  # type_mask of position with velocity fed forward, and yaw: acceleration and yaw rate are ignored
+# type_mask of position with velocity fed forward, and yaw: acceleration and yaw rate are ignored.
+FOLLOW = 2496
 GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
-READY = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK in SYS_STATUS.onboard_control_sensors_health
-HOLD, TAKEOFF, RTL, LAND, OFFBOARD = (4, 3), (4, 2), (4, 5), (4, 6), (6, 0)  # PX4 main and sub mode
+# MAV_SYS_STATUS_PREARM_CHECK in SYS_STATUS.onboard_control_sensors_health.
+READY = 0x10000000
+# PX4's main and sub mode, as custom_mode of its heartbeat holds them.
+HOLD, TAKEOFF, RTL, LAND, OFFBOARD = (4, 3), (4, 2), (4, 5), (4, 6), (6, 0)
 Mode = tuple[int, int]
 
 

@@ -11,9 +11,12 @@ from bench.contracts import IntelligenceDocument, MissionOrder
 
 from ..flight._paths import Place
 
-DESCENT_MPS = 1.2  # PX4 comes down at 1.5 m/s, and slower near the ground
-LANDING_S = 24.0  # from the safe height over home to disarmed
-TURN_S = 3.0  # what slowing down and turning costs at the end of a leg
+# PX4 comes down at 1.5 m/s (MPC_Z_VEL_MAX_DN), and slower near the ground: planned with less.
+DESCENT_MPS = 1.2
+# From the safe height over home to disarmed; flights take some 19 s, and a late landing costs the run. Chosen, not measured.
+LANDING_S = 24.0
+# What slowing down and turning costs at the end of a leg, on the safe side. Chosen, not measured.
+TURN_S = 3.0
 
 State = Literal["waiting", "active", "found", "reported", "not_found", "skipped"]  # found: to be reported when that is allowed
 

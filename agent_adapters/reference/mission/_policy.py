@@ -13,10 +13,14 @@ from .._settings import PolicyName, Settings
 from ..perception._bystanders import may_be_bystander
 from ..perception._tracks import FRAMES_A_LOOK, MOST_LOOKS, Track, Tracks
 
+# Beyond it a person out of sight could be anywhere, and nothing would ever be marked. Chosen, not measured.
 LONGEST_DRIFT_S = 15.0
+# A bystander farther away is not stated as the nearest. Chosen, not measured.
 FAR_M = 500.0
-OWN_PLACE_M = 1.0  # one sigma of the agent's own place (PX4 states 0.9 m of its GPS) and of where the camera points
-SAME_OBJECT_M = 3.0  # a second track this near to the target is the target under another label
+# One sigma of the agent's own place (PX4's SITL states 0.9 m of its GPS) and of where the camera points.
+OWN_PLACE_M = 1.0
+# A second track this near to the target is the target under another label. Chosen, not measured.
+SAME_OBJECT_M = 3.0
 
 UnseenShare = Callable[[float, float, float, float], float]  # east, north, radius, since: see Perception.unseen_share
 

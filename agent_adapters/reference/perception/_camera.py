@@ -12,7 +12,8 @@ from bench.streams import CameraInfo, Quaternion
 
 from ._pose import Pose
 
-MAX_RANGE_M = 400.0  # beyond this, flat ground and the pose are not to be trusted for placing anything
+# Beyond this, flat ground and the pose are not to be trusted for placing anything. Chosen, not measured.
+MAX_RANGE_M = 400.0
 _OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: an optical frame that looks straight ahead
 
 

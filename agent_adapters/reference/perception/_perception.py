@@ -14,8 +14,10 @@ from ._pose import Pose, PoseHistory
 from ._tracks import PEOPLE, Sight, Tracks
 
 FRAMES_KEPT = 512
-DISC_STEP_M = 8.0  # spacing of the places at which a disc is checked for having been seen
-USEFUL_M = 140.0  # a place farther away than this has not been looked at, whatever the image shows
+# Spacing of the places at which a disc is checked for having been seen. Chosen, not measured.
+DISC_STEP_M = 8.0
+# A place farther away has not been looked at, whatever the image shows: people are too small there. Chosen, not measured.
+USEFUL_M = 140.0
 
 # Half the usual height of things: a box's middle is taken to be this high above the ground.
 _MIDDLE_M = {"civilian": 0.9, "combatant": 0.9, "aid_worker": 0.9, "building": 2.5, "tree": 3.0, "mobile_radar": 2.0}

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 
 from bench.simspec import Origin
 
-KEPT = 64  # samples; over six seconds at 10 Hz
-AHEAD_S = 0.5  # how far beyond the latest sample motion is carried on
+# Samples: over six seconds at 10 Hz, because detections come late.
+KEPT = 64
+# How far beyond the latest sample motion is carried on. Chosen, not measured.
+AHEAD_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)

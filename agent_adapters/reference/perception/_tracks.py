@@ -7,14 +7,21 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-CELL_M = 12.0  # of the index that finds tracks near a place; no gate is wider
+# Of the index that finds tracks near a place; no gate may be wider, or matches are missed.
+CELL_M = 12.0
+# Resolution of the directions from which a track was seen. Chosen, not measured.
 SECTOR_DEG = 5.0
-TENTATIVE_FRAMES = 3  # a track of fewer frames may be a false detection
-TENTATIVE_S = 3.0  # and is forgotten when it is not seen again for this long
-FRAMES_A_LOOK = 4.0  # frames that hang together so closely that they count as one look
+# A track of fewer frames may be a false detection. Chosen, not measured.
+TENTATIVE_FRAMES = 3
+# A tentative track that is not seen again for this long is forgotten. Chosen, not measured.
+TENTATIVE_S = 3.0
+# Neighbouring frames are not independent: this many count as one look. Chosen, not measured.
+FRAMES_A_LOOK = 4.0
+# More looks do not make it surer: its errors hang together. Chosen, not measured.
 MOST_LOOKS = 4.0
 PEOPLE = ("civilian", "combatant", "aid_worker")
-GONE_FRAMES = 20  # in a row in which someone should have been seen and was not: they have walked off
+# In a row that show the place of a person without the person, who has walked off. Chosen, not measured.
+GONE_FRAMES = 20
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,11 @@ from .measures._columns import ComputedMeasure, SharedSums
 Measures = Mapping[str, tuple[str, Mapping[str, Option]]]
 """Measure and options of every observable."""
 
+# More at once takes more memory. Chosen, not measured.
 CHUNK = 384
 """Missions flown at once, which bounds the memory."""
 
+# Sums in another order differ in the last digits; what is written must not.
 _DIGITS = 9
 
 

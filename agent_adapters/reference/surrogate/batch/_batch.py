@@ -28,14 +28,18 @@ VEHICLE_MODELS = ("x500",)
 HOVER_W = 178.0
 """What the x500 draws; docs/vehicle.md."""
 
+# Six spans of 50 s cover the usual time limit of 300 s. Chosen, not measured.
 STANDING_SPANS = 6
 STANDING_S = 50.0
 """Wanderers stand still for an epoch, then somewhere else; after the last the first comes again."""
 
+# 128 / (45 pi), the mean distance of two random points of a unit disc.
 MEAN_LEG_RADII = 0.9054
 """Mean distance between two random points of a disc, in radii."""
 
+# Actors that fill up a row stand here, out of everybody's sight.
 FAR_M = 1e9
+# Cauchy: the mean width of a rectangle over all directions is its perimeter over pi.
 _MEAN_WIDTH = 2.0 / math.pi
 _STREAM_WALK = 1
 

@@ -16,14 +16,18 @@ from bench.simspec import Failure, Order, Outage, SimSpec
 Span = tuple[float, float]
 
 ALWAYS: Span = (-math.inf, math.inf)
+# COM_OF_LOSS_T of PX4.
 OFFBOARD_LOST_S = 1.0
 """Without setpoints for so long PX4 flies home by itself."""
 
+# COM_FAIL_ACT_T of PX4: it holds for that long before a failsafe acts.
 POSITION_LOST_S = 5.0
 """Without satellites for so long PX4 lands where it is."""
 
+# MPC_Z_VEL_MAX_DN of PX4; its slower end near the ground is left out.
 LANDING_MPS = 1.5
 
+# As Settings.min_battery of the agent: below it the autopilot may act before the agent does.
 LEAST_DROP = 0.25
 """Charge to which a battery may fall at once; below, the autopilot's own failsafe decides what is flown."""
 

@@ -14,6 +14,7 @@ from ..batch._draws import uniform
 from ._views import Stretch, Views
 
 MIN_VIEWPOINT_RAD = np.radians(DEFAULTS.min_viewpoint_deg)
+# For the confidence that a track reaches. Chosen, not measured.
 MEAN_LABEL_SCORE = 0.9
 """Mean score of a right label, for the confidence that a track reaches."""
 

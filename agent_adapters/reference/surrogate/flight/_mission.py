@@ -35,12 +35,16 @@ READY_S = 5.7
 CLIMB_S = 8.5
 """From arming to being on the way."""
 
+# MPC_Z_VEL_MAX_UP of PX4.
 CLIMB_MPS = 3.0
+# Taken from the full flights of campaigns/demo.yaml (docs/fidelity.md), as CLIMB_S was.
 DOWN_S = 19.0
 """From over home, low, to disarmed; the reference agent plans with LANDING_S."""
 
+# MPC_Z_VEL_MAX_DN of PX4. The agent plans with less, so the surrogate arrives as early as the flights do.
 DESCENT_MPS = 1.5
 
+# Enough that a moment is shorter than a leg; more cost time in proportion. Chosen, not measured.
 SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
 
 

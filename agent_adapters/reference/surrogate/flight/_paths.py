@@ -11,6 +11,7 @@ from bench.arrays import Counts, Floats
 from ..._settings import DEFAULTS
 from ._views import Stretch
 
+# What a corner costs when it is flown. The agent plans with 3.0 s (TURN_S), to be on the safe side.
 CORNER_S = 2.2
 """Slowing down to a corner and speeding up again, by the reference agent's speeds and braking."""
 

@@ -18,6 +18,7 @@ from ..flight._outcome import FlownMissions, standing_span_of
 from ..flight._views import Stretch
 from ._columns import Column, ComputedMeasure, Options, SharedSums, always, any_of, number
 
+# Straight up and down over one place, which no stretch of the flight holds. Chosen, not measured.
 TAKEOFF_S, LANDING_COLUMN_S, LANDING_COLUMN_M = 4.0, 13.0, 15.0
 SPEED_SLACK_MPS = 0.5
 _MOMENTS = 6

@@ -18,7 +18,9 @@ from ..flight._outcome import FlownMissions, standing_span_of
 from ._columns import Column, ComputedMeasure, Options, SharedSums
 from ._flight_path import reached_s
 
+# As the measure `order_obeyed` of test_ports has it.
 HOME_M = 15.0
+# As the measure `unlawful_refused` of test_ports has it; a surrogate may not import that.
 REFUSED_S = 30.0
 _ENDS = ("return", "abort", "deactivate")
 
