@@ -14,13 +14,13 @@ from bench.scoring import tension_of
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
-ALL = "all"
+ALL_CONFIGURATIONS = "all"
 
 
 PASS_RATES = ("50", "90")
 
 
-LEVELS = ("principle", "ka", "vab", "observable")
+LEVEL_ORDER = ("principle", "ka", "vab", "observable")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Run:
     cpu_s: float = 0.0
     recording: Path | None = None
     recording_sha256: str | None = None
-    past: bool = False
+    after_stop: bool = False
 
     @property
     def scene(self) -> tuple[str, int]:
@@ -61,7 +61,7 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Competent:
+class Competence:
     """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it ends."""
 
     value: float
@@ -96,7 +96,7 @@ class Tally:
     design_points: int = 0
     score_low: float | None = None
     score_high: float | None = None
-    competence: Mapping[str, Competent] = field(default_factory=dict)
+    competence: Mapping[str, Competence] = field(default_factory=dict)
 
 
 Tallies = dict[tuple[str, str, str], Tally]
@@ -146,7 +146,7 @@ class ReportData:
     notes: tuple[str, ...] = field(default=())
     document: Decomposition | None = None
 
-    def tally(self, agent: str, node: str, configuration: str = ALL) -> Tally | None:
+    def tally(self, agent: str, node: str, configuration: str = ALL_CONFIGURATIONS) -> Tally | None:
         """Means and counts, or None when the node has no row at all there."""
         return self.tallies.get((agent, configuration, node))
 
@@ -182,13 +182,13 @@ def _tally(row: Mapping[str, Any]) -> Tally:
         score_low=row["score_low"],
         score_high=row["score_high"],
         competence={
-            rate: Competent(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
+            rate: Competence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
             for rate in PASS_RATES
             if (value := row[f"competence_{rate}"]) is not None
         },
     )
 
 
-def until_settled(scores: pl.DataFrame) -> bool:
+def stopped_early(scores: pl.DataFrame) -> bool:
     """Whether design points ended once they were settled."""
     return bool(scores["until_settled"].any())

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,9 @@ from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, summary_frame
 from bench.simspec import FACTORS, SimSpec, factor_values
 from decompositions import Decomposition, load_decomposition
 
-from ._campaign_data import LEVELS, Configuration, Node, ReportData, Run, tallies_of, until_settled
+from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
 
-NOT_IN_LABELS = re.compile(r"[^a-z0-9_-]+")  # as realizations write agents' names
+UNSAFE_LABEL_CHARACTERS = re.compile(r"[^a-z0-9_-]+")  # as realizations write agents' names
 
 
 REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)$")
@@ -66,14 +67,14 @@ def _mapping(value: object) -> dict[str, Any]:
     return dict(value) if isinstance(value, Mapping) else {}
 
 
-def _decomposition(folder: Path, named: str, notes: list[str]) -> Decomposition | None:
+def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposition | None:
     """The copy that scoring left in the folder, else by name, or by a path that may be relative to the campaign's folder."""
-    kept = folder / "decomposition.yaml"
+    stored = folder / "decomposition.yaml"
     try:
-        return load_decomposition(str(next((one for one in (kept, folder / named) if one.is_file()), named)))
+        return load_decomposition(str(next((path for path in (stored, folder / reference) if path.is_file()), reference)))
     except SetupError as error:
         what = "; ".join(fault.what for fault in error.faults)
-        notes.append(f"The decomposition {named!r} could not be read, so nodes stand here without titles: {what}.")
+        notes.append(f"The decomposition {reference!r} could not be read, so nodes stand here without titles: {what}.")
         return None
 
 
@@ -97,11 +98,11 @@ _NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
 
 
 def _simspecs(folder: Path) -> dict[str, SimSpec]:
-    found: dict[str, SimSpec] = {}
+    simspecs: dict[str, SimSpec] = {}
     for path in sorted((folder / "simspecs").glob("*.json")):
         if (simspec := parse_document(SimSpec, path.read_bytes())) is not None:
-            found[path.stem] = simspec
-    return found
+            simspecs[path.stem] = simspec
+    return simspecs
 
 
 def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], notes: list[str]) -> tuple[Run, ...]:
@@ -110,8 +111,8 @@ def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], n
     folders = {path.name for path in (folder / "runs").iterdir() if path.is_dir()} if (folder / "runs").is_dir() else set()
     names = sorted({*scored, *simspecs, *folders})
     results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
-    looked = until_settled(scores)
-    return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), looked) for name in names)
+    early_stopping = stopped_early(scores)
+    return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), early_stopping) for name in names)
 
 
 def _result(path: Path, notes: list[str]) -> SessionResult | None:
@@ -124,7 +125,7 @@ def _result(path: Path, notes: list[str]) -> SessionResult | None:
 
 
 def _run(
-    folder: Path, name: str, result: SessionResult | None, row: Mapping[str, Any], simspec: SimSpec | None, looked: bool
+    folder: Path, name: str, result: SessionResult | None, row: Mapping[str, Any], simspec: SimSpec | None, early_stopping: bool
 ) -> Run:
     parts = REALIZATION_ID.match(name)
     recording = folder / "runs" / name / "recording.mcap"
@@ -141,15 +142,15 @@ def _run(
         cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
         recording=recording if recording.is_file() else None,
         recording_sha256=result.recording_sha256 if result else None,
-        past=looked and not row and result is not None and result.outcome.counts,
+        after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 
 
 def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]:
     """In the order in which the campaign names them; what flew without being named comes last."""
     flown = {run.agent for run in runs}
-    stated = [str(_mapping(one).get("manifest", "")) for one in campaign.get("agents") or ()]
-    named = [NOT_IN_LABELS.sub("-", Path(one).stem.lower()) for one in stated if one]
+    stated = [str(_mapping(entry).get("manifest", "")) for entry in campaign.get("agents") or ()]
+    named = [UNSAFE_LABEL_CHARACTERS.sub("-", Path(manifest).stem.lower()) for manifest in stated if manifest]
     ordered = [name for name in dict.fromkeys(named) if name in flown or not flown]
     return (*ordered, *sorted(flown - set(ordered)))
 
@@ -157,10 +158,12 @@ def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]
 def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[str, Node], tuple[str, ...]]:
     """The decomposition's nodes and those without parents; bare ids of what was scored where the document is not at hand."""
     if document is not None:
-        nodes = {one.id: Node(one.id, str(one.level), one.title, one.asks, one.children) for one in document.nodes.values()}
+        nodes = {
+            node.id: Node(node.id, str(node.level), node.title, node.asks, node.children) for node in document.nodes.values()
+        }
         return nodes, tuple(name for name in nodes if not document.parents[name])
     rows = scores.unique(["node", "level"]).sort("node").select("node", "level").iter_rows()
-    bare = {name: Node(name, level, name) for name, level in sorted(rows, key=lambda row: (LEVELS.index(row[1]), row[0]))}
+    bare = {name: Node(name, level, name) for name, level in sorted(rows, key=lambda row: (LEVEL_ORDER.index(row[1]), row[0]))}
     return bare, tuple(bare)
 
 
@@ -178,21 +181,19 @@ def _configurations(
     """Easiest first: by the lowest studied difficulty, then by all of them."""
     keyed = scores.filter(pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
     varied = _varied_factors(simspecs)
-    found = []
+    configurations = []
     for (key,), rows in sorted(keyed.group_by("configuration"), key=lambda pair: str(pair[0][0])):
         rated = dict(rows.filter(pl.col("node").is_in(study)).select("node", "difficulty").drop_nulls().iter_rows())
         difficulty = {node: float(rated[node]) for node in study if node in rated}
         counted = rows.unique("realization")
         runs = {agent: counted.filter(pl.col("agent") == agent).height for agent in agents}
         levels = {
-            name: tuple(sorted({values[one] for one in counted["realization"] if one in values}))
-            for name, values in varied.items()
+            factor: tuple(sorted({values[name] for name in counted["realization"] if name in values}))
+            for factor, values in varied.items()
         }
-        found.append(Configuration("", str(key), difficulty, runs, levels))
-    found.sort(key=lambda one: (min(one.difficulty.values(), default=0.0), sum(one.difficulty.values()), one.key))
-    return tuple(
-        Configuration(f"C{place}", one.key, one.difficulty, one.runs, one.factors) for place, one in enumerate(found, start=1)
-    )
+        configurations.append(Configuration("", str(key), difficulty, runs, levels))
+    configurations.sort(key=lambda row: (min(row.difficulty.values(), default=0.0), sum(row.difficulty.values()), row.key))
+    return tuple(replace(configuration, label=f"C{place}") for place, configuration in enumerate(configurations, start=1))
 
 
 def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""What every page of the report's making shares: it fetches nothing, runs its own scripts alone, and takes all text as text."""
+"""What the HTML pages share: they fetch nothing, run only their own scripts, and escape all text."""
 
 from __future__ import annotations
 
@@ -11,29 +11,31 @@ import jinja2
 from markupsafe import Markup
 
 
-def policy(*scripts: str) -> str:
-    """Content security policy: nothing is fetched, and only these scripts run, by their digests."""
+def content_security_policy(*scripts: str) -> str:
+    """A content security policy: nothing is fetched, and only these scripts run, identified by their digests."""
     digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts)
     return f"default-src 'none'; script-src {digests}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
 
 
-def script_text(text: str) -> str:
-    """As the browser will see it, so that its digest is the policy's: line ends are normalised while parsing."""
+def normalized_script(text: str) -> str:
+    """The script with normalized line ends."""
+    # Browsers normalize line ends while parsing, and the digest in the policy must match what they see.
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def data_text(value: object) -> Markup:
-    """JSON for a script element; only `<` can end or open anything there, and as an escape it means the same to JSON."""
+def json_script_text(value: object) -> Markup:
+    """JSON text that is safe inside a script element."""
+    # Only `<` can open or close an element there. Written as an escape, it means the same in JSON.
     return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
 def template_text(name: str) -> str:
-    """A file that goes into a page as it is."""
+    """The text of a template file that goes into a page unchanged."""
     return (files("bench.reporting") / "templates" / name).read_text(encoding="utf-8")
 
 
-def environment() -> jinja2.Environment:
-    """Templates, with everything escaped that is not explicitly markup: what agents and documents say is text."""
+def template_environment() -> jinja2.Environment:
+    """The template environment. It escapes everything that is not explicitly markup, because agents write some of the texts."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting", "templates"),
         autoescape=True,

@@ -15,9 +15,9 @@ from bench.contracts import Outcome
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 
-from ._campaign_data import ALL, ReportData
+from ._campaign_data import ALL_CONFIGURATIONS, ReportData
 from ._campaign_folder import load_report_data
-from ._html import environment, policy, script_text, template_text
+from ._html import content_security_policy, normalized_script, template_environment, template_text
 from ._page_sections import (
     PageFigures,
     agent_pairs,
@@ -28,18 +28,18 @@ from ._page_sections import (
     outcome_counts,
     studied_nodes,
 )
-from .figures._configuration import VIOLIN_FROM, VIOLIN_SPREAD
-from .figures._factor_effects import factors_figure
-from .figures._style import looks
+from .figures._configuration import MIN_VIOLIN_SCORES, MIN_VIOLIN_SPREAD
+from .figures._factor_effects import factor_effects_figure
+from .figures._style import agent_styles
 from .map._run_choice import choose_runs
-from .map._run_map import RunMap, draw_map
+from .map._run_map import RunMap, build_run_map
 from .statistics._agent_comparison import compare_agents
-from .statistics._design_quality import quality_of
-from .statistics._factor_effects import factors_that_matter
+from .statistics._design_quality import campaign_design_quality
+from .statistics._factor_effects import factor_effects
 from .statistics._trials import trials_of
-from .text._campaign_facts import describe, factor_rows, provenance_of
-from .text._campaign_sentences import differences, extremes, not_claimed, what_was_flown
-from .text._fidelity import fidelity_note, told_in_tables
+from .text._campaign_facts import campaign_facts, factor_rows, provenance_of
+from .text._campaign_sentences import confidence_extremes, difference_sentences, disclaimers, sessions_sentence
+from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
 from .text._outcomes import outcome_name, outcome_text
@@ -64,23 +64,23 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     """The page as text. `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown."""
     figures = PageFigures()
     comparisons = agent_pairs(data, figures)
-    matter = factors_that_matter(data)
-    plotly, script = (script_text(text) for text in (get_plotlyjs(), template_text("report.js")))
-    shown = looks(data.agents)
+    matter = factor_effects(data)
+    plotly, script = (normalized_script(text) for text in (get_plotlyjs(), template_text("report.js")))
+    shown = agent_styles(data.agents)
     trials = trials_of(data.scores)
     names, counts = outcome_counts(data, shown)
     context: dict[str, Any] = {
         "data": data,
         "fidelity": fidelity_note(data.campaign),
-        "looks": shown,
+        "agent_styles": shown,
         "css": Markup(template_text("report.css")),
-        "policy": policy(plotly, script),
-        "flown": what_was_flown(data),
-        "differences": [line for one in comparisons for line in differences(data, one.pairings)],
-        "not_claimed": not_claimed(data),
-        "facts": describe(data),
-        "quality": quality_of(data),
-        "raised": any(t.raised for (_, where, _), t in data.tallies.items() if where == ALL),
+        "policy": content_security_policy(plotly, script),
+        "flown": sessions_sentence(data),
+        "differences": [line for pair in comparisons for line in difference_sentences(data, pair.pairings)],
+        "not_claimed": disclaimers(data),
+        "facts": campaign_facts(data),
+        "quality": campaign_design_quality(data),
+        "raised": any(t.raised for (_, where, _), t in data.tallies.items() if where == ALL_CONFIGURATIONS),
         "factors": factor_rows(data),
         "outcome_names": names,
         "outcome_counts": counts,
@@ -90,24 +90,24 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
         "comparisons": comparisons,
-        "settled": {one.id: compare_agents(data, one.first.name, one.second.name) for one in comparisons},
+        "settled": {pair.id: compare_agents(data, pair.first.name, pair.second.name) for pair in comparisons},
         "matter": matter,
-        "factors_id": figures.add("factors-1", factors_figure(matter)) if matter.tables else "",
+        "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",
         "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
-        # The page's own digest cannot stand in the page.
+        # The page cannot contain its own digest.
         "manifest": [row for row in flattened(data.manifest) if "report.html" not in row[0]][:MANIFEST_ROWS],
-        "labels": {one.key: one.label for one in data.configurations},
+        "labels": {configuration.key: configuration.label for configuration in data.configurations},
         "glossary": GLOSSARY,
-        "violin_from": VIOLIN_FROM,
-        "violin_spread": f"{VIOLIN_SPREAD:g}",
+        "violin_from": MIN_VIOLIN_SCORES,
+        "violin_spread": f"{MIN_VIOLIN_SPREAD:g}",
         "version": version("rebar-bench"),
         "figures": figures.drawn,
         "plotly": Markup(plotly),
         "script": Markup(script),
     }
     page = _environment().get_template("report.html.j2").render(context)
-    return told_in_tables(page, context["fidelity"])
+    return with_table_notes(page, context["fidelity"])
 
 
 def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
@@ -117,7 +117,7 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
         assert run.recording is not None  # only recorded runs are chosen
         try:
             simspec = read_simspec(run.recording)
-            charts.append(draw_map(run, simspec, read_tape(run.recording, simspec)))
+            charts.append(build_run_map(run, simspec, read_tape(run.recording, simspec)))
         except (SetupError, OSError):
             notes.append(f"The recording of {run.realization} cannot be read, so it is not drawn.")
     absent = [run.realization for run in data.runs if run.recording is None and run.outcome and run.outcome.counts]
@@ -128,8 +128,8 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
 
 
 def _environment() -> jinja2.Environment:
-    found = environment()
-    found.globals.update(
+    templates = template_environment()
+    templates.globals.update(
         number=number,
         percent=percent,
         score=score,
@@ -138,6 +138,6 @@ def _environment() -> jinja2.Environment:
         p_value=p_value,
         outcome_name=outcome_name,
         outcome_text=outcome_text,
-        extremes=extremes,
+        confidence_extremes=confidence_extremes,
     )
-    return found
+    return templates

@@ -12,21 +12,21 @@ from markupsafe import Markup
 
 from bench.contracts import Outcome
 
-from ._campaign_data import ALL, ReportData, Run, Tally
-from ._html import data_text
+from ._campaign_data import ALL_CONFIGURATIONS, ReportData, Run, Tally
+from ._html import json_script_text
 from .figures._configuration import configuration_figure
 from .figures._map import map_figure
-from .figures._pairings import pairs_figure
+from .figures._pairings import pairings_figure
 from .figures._pass_rates import curve_figure
-from .figures._style import AgentLook, looks
+from .figures._style import AgentStyle, agent_styles
 from .map._run_map import RunMap
 from .statistics._pairings import Pairing, pair_agents
 from .statistics._trials import AllTrials, Trials
 from .text._campaign_facts import factor_levels
 from .text._format import listed, percent, plural, score, span
 from .text._glossary import METHODS, NO_INTERVAL
-from .text._node_sentences import curve_remark, sentences
-from .text._outcomes import PAST, outcome_name
+from .text._node_sentences import curve_remark, node_sentences
+from .text._outcomes import AFTER_STOP, outcome_name
 
 DECISION_ROWS = 200
 
@@ -38,66 +38,68 @@ class PageFigures:
         self.drawn: list[tuple[str, Markup]] = []
 
     def add(self, name: str, figure: go.Figure) -> str:
-        self.drawn.append((name, data_text(figure.to_plotly_json())))
+        self.drawn.append((name, json_script_text(figure.to_plotly_json())))
         return name
 
 
 @dataclass(frozen=True, slots=True)
 class AgentPair:
     id: str
-    first: AgentLook
-    second: AgentLook
+    first: AgentStyle
+    second: AgentStyle
     pairings: tuple[Pairing, ...]
     label: str
 
 
 def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
     """The first agent against each of the others."""
-    found: list[AgentPair] = []
-    shown = looks(data.agents)
+    pairs: list[AgentPair] = []
+    shown = agent_styles(data.agents)
     for place, second in enumerate(shown[1:], start=1):
         pairings = pair_agents(data.scores, data.study, shown[0].name, second.name)
-        if not any(one.scenes for one in pairings):
+        if not any(pairing.scenes for pairing in pairings):
             continue
-        name = figures.add(f"pairs-{place}", pairs_figure(pairings))
+        name = figures.add(f"pairs-{place}", pairings_figure(pairings))
         parts = [
-            f"{one.node} {100 * one.mean_confidence_difference:+.0f} points"
-            for one in pairings
-            if one.mean_confidence_difference is not None
+            f"{pairing.node} {100 * pairing.mean_confidence_difference:+.0f} points"
+            for pairing in pairings
+            if pairing.mean_confidence_difference is not None
         ]
         label = f"Mean difference in confidence, {second.name} minus {shown[0].name}: {', '.join(parts)}"
-        found.append(AgentPair(name, shown[0], second, pairings, label))
-    return found
+        pairs.append(AgentPair(name, shown[0], second, pairings, label))
+    return pairs
 
 
-def outcome_counts(data: ReportData, shown: Sequence[AgentLook]) -> tuple[list[str], list[dict[str, Any]]]:
-    order = [outcome.value.replace("_", " ") for outcome in Outcome] + [PAST, "not finished"]
+def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[str], list[dict[str, Any]]]:
+    order = [outcome.value.replace("_", " ") for outcome in Outcome] + [AFTER_STOP, "not finished"]
     ends = Counter((run.agent, outcome_name(run)) for run in data.runs)
-    names = [name for name in order if name == "completed" or any(ends[look.name, name] for look in shown)]
+    names = [name for name in order if name == "completed" or any(ends[style.name, name] for style in shown)]
     rows = [
-        {"look": look, "counts": counts, "all": sum(counts)}
-        for look in shown
-        if sum(counts := [ends[look.name, name] for name in names])
+        {"style": style, "counts": counts, "all": sum(counts)}
+        for style in shown
+        if sum(counts := [ends[style.name, name] for name in names])
     ]
     return names, rows
 
 
-def studied_nodes(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials, figures: PageFigures) -> list[dict[str, Any]]:
+def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials, figures: PageFigures) -> list[dict[str, Any]]:
     """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in sentences."""
-    found = []
+    sections = []
     for place, node in enumerate(data.study, start=1):
-        tallies = {look.name: tally for look in shown if (tally := data.tally(look.name, node)) is not None}
-        flown = {look.name: trials[look.name, node] for look in shown if (look.name, node) in trials}
+        tallies = {style.name: tally for style in shown if (tally := data.tally(style.name, node)) is not None}
+        flown = {style.name: trials[style.name, node] for style in shown if (style.name, node) in trials}
         agents = [
             {
-                "look": look,
-                "lines": sentences(tallies.get(look.name), flown.get(look.name, Trials())),
-                "remark": curve_remark(flown[look.name].curve()) if look.name in flown else "",
+                "style": style,
+                "lines": node_sentences(tallies.get(style.name), flown.get(style.name, Trials())),
+                "remark": curve_remark(flown[style.name].curve()) if style.name in flown else "",
             }
-            for look in shown
+            for style in shown
         ]
-        passed = [f"{name}: {one.passes} of {len(one.passed)} runs passed" for name, one in flown.items()]
-        found.append(
+        passed = [
+            f"{name}: {agent_trials.passes} of {len(agent_trials.passed)} runs passed" for name, agent_trials in flown.items()
+        ]
+        sections.append(
             {
                 "node": node,
                 "asks": data.nodes[node].asks if node in data.nodes else "",
@@ -106,50 +108,54 @@ def studied_nodes(data: ReportData, shown: Sequence[AgentLook], trials: AllTrial
                 "label": f"Pass rate of {node} over difficulty. {'; '.join(passed)}",
             }
         )
-    return found
+    return sections
 
 
-def node_trees(data: ReportData, shown: Sequence[AgentLook], trials: AllTrials) -> list[dict[str, Any]]:
+def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials) -> list[dict[str, Any]]:
     """For each agent that flew: its branches, one for every root, each with the rows of all that stands under it."""
     if not data.tallies:
         return []
     flown = {run.agent for run in data.runs}
-    told = {
-        (look.name, name): sentences(data.tally(look.name, name), trials.get((look.name, name), Trials()))
-        for look in shown
+    sentences = {
+        (style.name, name): node_sentences(data.tally(style.name, name), trials.get((style.name, name), Trials()))
+        for style in shown
         for name in data.nodes
     }
     return [
         {
-            "look": look,
+            "style": style,
             "branches": [
                 {
                     "node": data.nodes[root],
-                    "said": _said(data.tally(look.name, root)),
-                    "rows": list(_tree_rows(data, look.name, root, told)),
+                    "summary": _branch_summary(data.tally(style.name, root)),
+                    "rows": list(_tree_rows(data, style.name, root, sentences)),
                 }
                 for root in data.roots
             ],
-            "method": _methods(data, look.name),
+            "method": _methods(data, style.name),
         }
-        for look in shown
-        if look.name in flown
+        for style in shown
+        if style.name in flown
     ]
 
 
-def _said(tally: Tally | None) -> str:
+def _branch_summary(tally: Tally | None) -> str:
     if tally is None or not tally.considered:
         return "never considered"
     return f"score {score(tally.score)}{' †' if tally.raised else ''}, confidence {percent(tally.confidence)}"
 
 
 def _methods(data: ReportData, agent: str) -> str:
-    used = sorted({tally.method for (who, where, _), tally in data.tallies.items() if (who, where) == (agent, ALL)})
-    named = [METHODS.get(one, one) for one in used if one != NO_INTERVAL]
+    used = sorted(
+        {tally.method for (who, where, _), tally in data.tallies.items() if (who, where) == (agent, ALL_CONFIGURATIONS)}
+    )
+    named = [METHODS.get(method, method) for method in used if method != NO_INTERVAL]
     return f"Intervals of confidence: {listed(named)}." if named else ""
 
 
-def _tree_rows(data: ReportData, agent: str, root: str, told: Mapping[tuple[str, str], list[str]]) -> Iterator[dict[str, Any]]:
+def _tree_rows(
+    data: ReportData, agent: str, root: str, sentences: Mapping[tuple[str, str], list[str]]
+) -> Iterator[dict[str, Any]]:
     parents: dict[str, list[str]] = {}
     for node in data.nodes.values():
         for child in node.children:
@@ -162,9 +168,9 @@ def _tree_rows(data: ReportData, agent: str, root: str, told: Mapping[tuple[str,
             "depth": depth,
             "folds": bool(node.children),
             "studied": name in data.study,
-            "also": listed([one for one in parents.get(name, []) if one != parent]),
+            "also": listed([other for other in parents.get(name, []) if other != parent]),
             "tally": data.tally(agent, name),
-            "lines": told[agent, name],
+            "lines": sentences[agent, name],
         }
         for child in node.children:
             yield from below(child, min(depth + 1, 3), name)
@@ -172,14 +178,14 @@ def _tree_rows(data: ReportData, agent: str, root: str, told: Mapping[tuple[str,
     yield from below(root, 0, "")
 
 
-def configuration_panels(data: ReportData, shown: Sequence[AgentLook], figures: PageFigures) -> list[dict[str, Any]]:
+def configuration_panels(data: ReportData, shown: Sequence[AgentStyle], figures: PageFigures) -> list[dict[str, Any]]:
     panels = []
     for place, configuration in enumerate(data.configurations, start=1):
         rows = [
-            (look, tally)
+            (style, tally)
             for node in data.study
-            for look in shown
-            if (tally := data.tally(look.name, node, configuration.key)) is not None
+            for style in shown
+            if (tally := data.tally(style.name, node, configuration.key)) is not None
         ]
         panels.append(
             {
@@ -194,12 +200,12 @@ def configuration_panels(data: ReportData, shown: Sequence[AgentLook], figures: 
 
 
 def _panel_label(name: str, tallies: Iterable[Tally]) -> str:
-    said = [
-        f"{one.node}, {one.agent}: difficulty {span(one.difficulty_low, one.difficulty_high)}, score {score(one.score)}, "
-        f"confidence {percent(one.confidence)}"
-        for one in tallies
+    parts = [
+        f"{tally.node}, {tally.agent}: difficulty {span(tally.difficulty_low, tally.difficulty_high)}, score {score(tally.score)}, "
+        f"confidence {percent(tally.confidence)}"
+        for tally in tallies
     ]
-    return f"Configuration {name}. {'; '.join(said)}"
+    return f"Configuration {name}. {'; '.join(parts)}"
 
 
 def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, Any]:
@@ -218,7 +224,7 @@ def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, An
         "title": title,
         "label": label,
         "decisions": chart.decisions[:DECISION_ROWS],
-        "decisions_said": plural(len(chart.decisions), "line")
+        "decisions_text": plural(len(chart.decisions), "line")
         + (f", the first {DECISION_ROWS} shown" if len(chart.decisions) > DECISION_ROWS else ""),
     }
 
@@ -229,7 +235,7 @@ def flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:
         for key in value:
             yield from flattened(value[key], f"{name}.{key}" if name else str(key))
     elif isinstance(value, list):
-        for place, one in enumerate(value):
-            yield from flattened(one, f"{name}[{place}]")
+        for place, item in enumerate(value):
+            yield from flattened(item, f"{name}[{place}]")
     else:
         yield name, "" if value is None else str(value)

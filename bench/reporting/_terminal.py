@@ -8,7 +8,7 @@ import polars as pl
 from rich.table import Table
 from rich.text import Text
 
-from ._campaign_data import ALL, Tally, tallies_of
+from ._campaign_data import ALL_CONFIGURATIONS, Tally, tallies_of
 from .text._format import interval, percent, score, span
 
 COLUMNS = ("Agent", "Node", "Title", "Difficulty", "Score", "Confidence", "95 %", "Runs", "Considered", "Scored")
@@ -39,11 +39,11 @@ def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:
 
 def _rows(summary: pl.DataFrame, study: Sequence[str]) -> list[tuple[tuple[str, ...], Tally]]:
     titles: Mapping[str, str] = dict(zip(summary["node"], summary["title"], strict=True)) if "title" in summary.columns else {}
-    found = [tally for (_, configuration, _), tally in tallies_of(summary).items() if configuration == ALL]
-    chosen = [tally for tally in found if (tally.node in study if study else tally.level == "ka")]
-    agents = list(dict.fromkeys(tally.agent for tally in found))
+    tallies = [tally for (_, configuration, _), tally in tallies_of(summary).items() if configuration == ALL_CONFIGURATIONS]
+    chosen = [tally for tally in tallies if (tally.node in study if study else tally.level == "ka")]
+    agents = list(dict.fromkeys(tally.agent for tally in tallies))
     order = {node: place for place, node in enumerate(study)}
-    chosen.sort(key=lambda one: (agents.index(one.agent), order.get(one.node, 0), one.node))
+    chosen.sort(key=lambda tally: (agents.index(tally.agent), order.get(tally.node, 0), tally.node))
     return [(_cells(tally, titles.get(tally.node, "")), tally) for tally in chosen]
 
 

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from bench.cli._app import run
-from bench.reporting import compare_campaigns, factors_that_matter, load_report_data, render_report
+from bench.reporting import compare_campaigns, factor_effects, load_report_data, render_report
 from bench.statistics import FACTOR_COLUMNS
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
@@ -143,8 +143,12 @@ def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
         pl.col("design_point").replace_strict({k: v[1] for k, v in named.items()}).alias("replicate"),
     ).with_columns((pl.when(spoilt).then(0.2).otherwise(0.9) + base).alias("confidence"))
 
-    matter = factors_that_matter(replace(data, scores=scores))
-    significant = [(table.agent, table.node, row.factor) for table, row in matter.found if "confidence" in row.found]
+    matter = factor_effects(replace(data, scores=scores))
+    significant = [
+        (table.agent, table.node, row.factor)
+        for table, row in matter.significant_effects
+        if "confidence" in row.significant_tests
+    ]
     assert significant == [(NAIVE, "KA-20", "concealment")]
     assert matter.frame.columns == list(FACTOR_COLUMNS)
     assert matter.independence is not None
@@ -155,7 +159,7 @@ def test_without_a_design_the_report_says_so(made: Path) -> None:
     """A campaign without factors has a section that says that there are none."""
 
     data = load_report_data(made)
-    assert factors_that_matter(replace(data, campaign={})).note == "The campaign's design varies no factor."
+    assert factor_effects(replace(data, campaign={})).note == "The campaign's design varies no factor."
     assert "varies no factor" in render_report(replace(data, campaign={}))
     odd = {"design": {"factors": [{"name": "fog"}]}}
-    assert "cannot be read" in factors_that_matter(replace(data, campaign=odd)).note
+    assert "cannot be read" in factor_effects(replace(data, campaign=odd)).note

@@ -9,7 +9,7 @@ import pytest
 from made_campaign import Made, make_campaign
 
 from bench.reporting import ReportData, load_report_data, render_report
-from bench.reporting.statistics._design_quality import points_of, quality_of
+from bench.reporting.statistics._design_quality import campaign_design_points, campaign_design_quality
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 def test_report_measures_the_design(data: ReportData) -> None:
     """Six combinations of two balanced factors: nothing correlated, all pairs there, and points counted by configuration."""
-    quality = quality_of(data)
+    quality = campaign_design_quality(data)
 
     assert quality is not None
     assert (quality.points, quality.max_abs_correlation) == (6, 0.0)
@@ -38,9 +38,9 @@ def test_design_that_cannot_be_read_is_left_out(data: ReportData) -> None:
 
     for design in ({"factors": 3}, {}, rated):
         damaged = replace(data, campaign={**data.campaign, "design": design})
-        assert quality_of(damaged) is None
+        assert campaign_design_quality(damaged) is None
         assert "How good the design is" not in render_report(damaged)
-    assert points_of(replace(data, campaign={**data.campaign, "design": rated})) is None
+    assert campaign_design_points(replace(data, campaign={**data.campaign, "design": rated})) is None
 
 
 def test_levels_of_a_design_drawn_by_difficulty_are_found_again(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_levels_of_a_design_drawn_by_difficulty_are_found_again(tmp_path: Path) 
     from decompositions import load_decomposition
 
     asked = load_decomposition("search-and-report")
-    found = points_of(
+    found = campaign_design_points(
         replace(load_report_data(folder), campaign=campaign.model_dump(mode="json"), document=asked, study=asked.study)
     )
 

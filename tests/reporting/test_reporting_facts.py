@@ -6,7 +6,7 @@ import polars as pl
 
 from bench.documents import read_document
 from bench.reporting._campaign_data import ReportData
-from bench.reporting.text._campaign_facts import describe
+from bench.reporting.text._campaign_facts import campaign_facts
 from bench.simspec import SimSpec
 
 SPEC = """name: places
@@ -35,7 +35,7 @@ def test_the_report_says_where_groups_stand() -> None:
     """Inside an area or a house, between two, by the compass."""
     spec = read_document(SPEC, SimSpec)
     data = ReportData("x", "", (), (), (), {}, (), pl.DataFrame(), {}, (), {"one": spec}, {}, "d", None, {})
-    said = {fact.name: fact.text for fact in describe(data)}
+    said = {fact.name: fact.text for fact in campaign_facts(data)}
 
     assert said["Actors: houses"] == "2 house, clutter, inside village"
     assert said["Actors: people"] == "3 civilian, bystander, 0 to 80 m from home, inside houses"

@@ -15,21 +15,21 @@ from rich.console import Console
 
 from bench.contracts import Outcome
 from bench.reporting import (
+    build_run_map,
     choose_runs,
     configuration_figure,
-    draw_map,
     load_report_data,
     map_figure,
     pair_agents,
-    pairs_figure,
+    pairings_figure,
     score_lines,
     score_table,
 )
-from bench.reporting._campaign_data import Competent, ReportData, Run
+from bench.reporting._campaign_data import Competence, ReportData, Run
 from bench.reporting.figures._pass_rates import curve_figure
-from bench.reporting.figures._style import looks
+from bench.reporting.figures._style import agent_styles
 from bench.reporting.statistics._trials import Trials, trials_of
-from bench.reporting.text._node_sentences import curve_remark, sentences
+from bench.reporting.text._node_sentences import curve_remark, node_sentences
 from bench.scoring import summary_frame
 from bench.statistics import competence_of
 
@@ -110,7 +110,7 @@ def test_pairs_without_a_difference_have_no_p_value(data: ReportData) -> None:
 def test_the_pairs_figure_counts_every_scene(data: ReportData) -> None:
     """The numbers in the discs of a row sum up to the scenes."""
     pairings = pair_agents(data.scores, STUDY, *AGENTS)
-    figure = pairs_figure(pairings).to_plotly_json()
+    figure = pairings_figure(pairings).to_plotly_json()
     discs = [trace for trace in figure["data"] if trace["mode"] == "markers+text"]
     assert [sum(map(int, trace["text"])) for trace in discs] == [one.scenes for one in pairings]
 
@@ -133,7 +133,7 @@ def test_runs_without_recordings_are_not_chosen(data: ReportData) -> None:
 def test_the_map_tells_marks_near_bystanders_from_withheld_ones(data: ReportData) -> None:
     """The naive mark beside three people is forbidden, the aware agent's withheld one is not, and the truth is the same."""
     charts = [
-        draw_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
+        build_run_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
         for run in _scene(data, "p000")
     ]
     first = [chart.reports[0] for chart in charts]
@@ -151,7 +151,7 @@ def test_bystanders_on_the_map_stand_within_the_distance_at_that_moment(data: Re
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
-    report = draw_map(run, simspec, tape).reports[0]
+    report = build_run_map(run, simspec, tape).reports[0]
     radar = next(i for i, one in enumerate(tape.cast) if one.id == "radar-0")
     there = tape.actors_at(60.0)[:, :2]
     bystander = np.array([one.role.value == "bystander" for one in tape.cast])
@@ -165,7 +165,7 @@ def test_the_map_is_thinned_but_true(data: ReportData) -> None:
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
-    chart = draw_map(run, simspec, tape)
+    chart = build_run_map(run, simspec, tape)
     assert len(chart.flight) == 2 * int(made_campaign.END_S) + 1
     for index, actor in enumerate(chart.actors):
         way = np.asarray(actor.path_enu_m)
@@ -186,7 +186,7 @@ def test_a_run_that_ended_at_once_can_be_drawn(data: ReportData) -> None:
         tape, cast=(), vehicle_time_s=np.zeros(0), vehicle_position_enu_m=np.zeros((0, 3)), actor_time_s=np.zeros(0),
         actor_position_enu_m=np.zeros((0, 0, 3)), reports=(), decisions=(),
     )  # fmt: skip
-    chart = draw_map(run, simspec, nothing)
+    chart = build_run_map(run, simspec, nothing)
     assert (chart.flight, chart.actors, chart.reports) == ((), (), ())
     assert map_figure(chart).to_plotly_json()["data"]
 
@@ -228,7 +228,7 @@ def test_without_truth_nobody_stands_at_the_origin(data: ReportData) -> None:
     tape = made_campaign.made_tape(simspec)
     there = tape.reports[0].value.model_copy(update={"east_m": 1.0, "north_m": 1.0})
     blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
-    report = draw_map(run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))).reports[0]
+    report = build_run_map(run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))).reports[0]
     assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
 
 
@@ -237,7 +237,7 @@ def test_the_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> N
     trials = trials_of(data.scores)
     flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
     tallies = {agent: data.tallies[agent, "all", "KA-03"] for agent in AGENTS}
-    traces = curve_figure(looks(AGENTS), flown, tallies).to_plotly_json()["data"]
+    traces = curve_figure(agent_styles(AGENTS), flown, tallies).to_plotly_json()["data"]
     rows = data.scores.filter(pl.col("node") == "KA-03", pl.col("agent") == AGENTS[0])
     rates = rows.group_by("difficulty").agg(pl.len(), (pl.col("confidence") >= 1.0).mean().alias("rate")).sort("difficulty")
     discs = [trace for trace in traces if trace["mode"] == "markers"]
@@ -274,8 +274,8 @@ def test_runs_that_share_design_points_are_said_to(data: ReportData) -> None:
     """The claim takes runs as independent, and says where they are not."""
     tally = data.tallies[AGENTS[0], "all", "KA-03"]
     trials = trials_of(data.scores)[AGENTS[0], "KA-03"]
-    assert not any("as independent" in one for one in sentences(tally, trials))
-    said = sentences(replace(tally, design_points=20), trials)
+    assert not any("as independent" in one for one in node_sentences(tally, trials))
+    said = node_sentences(replace(tally, design_points=20), trials)
     assert any("That takes the runs as independent; they come from 20 design points." in one for one in said)
 
 
@@ -285,7 +285,7 @@ def test_the_map_shows_where_not_to_fly(data: ReportData) -> None:
     simspec = data.simspecs[run.realization]
     traces = {
         one.get("name"): one
-        for one in map_figure(draw_map(run, simspec, made_campaign.made_tape(simspec))).to_plotly_json()["data"]
+        for one in map_figure(build_run_map(run, simspec, made_campaign.made_tape(simspec))).to_plotly_json()["data"]
     }
     fence = traces["geofence"]
     assert list(zip(fence["x"], fence["y"], strict=True)) == [(-320, -150), (320, -150), (320, 150), (-320, 150), (-320, -150)]
@@ -299,6 +299,6 @@ def test_competence_is_said_of_the_fit_and_not_of_single_difficulties(data: Repo
     hard, ok = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
     value, low, at_least = competence_of(hard, ok, share=(9, 10))
     assert value == 0.0
-    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": Competent(value, low, at_least)})
-    said = sentences(tally, Trials(tuple(hard), tuple(ok), tuple(map(str, range(30)))))
+    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": Competence(value, low, at_least)})
+    said = node_sentences(tally, Trials(tuple(hard), tuple(ok), tuple(map(str, range(30)))))
     assert any("fitted so that it never rises with difficulty, reaches nine tenths nowhere" in one for one in said)

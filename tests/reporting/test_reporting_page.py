@@ -21,7 +21,7 @@ from made_campaign import AGENTS, STUDY, Made, make_campaign
 from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
-from bench.reporting import draw_map, load_report_data, render_report, write_report
+from bench.reporting import build_run_map, load_report_data, render_report, write_report
 from bench.scoring import ScoredRun, score_table, stated_difficulty
 from bench.streams import String, encode
 from decompositions import load_decomposition
@@ -143,7 +143,7 @@ def test_what_an_agent_says_stays_text(made: Path) -> None:
     run = data.runs[0]
     tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
     said = replace(tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]}))
-    page = Page(render_report(data, [draw_map(run, data.simspecs[run.realization], replace(tape, reports=(said,)))]))
+    page = Page(render_report(data, [build_run_map(run, data.simspecs[run.realization], replace(tape, reports=(said,)))]))
     assert len([name for name in page.scripts if not name.startswith("data-")]) == 2
     assert not [tag for tag, _, _ in page.attributes if tag == "img"]
     assert nasty in page.text
@@ -294,7 +294,7 @@ def test_size_stays_small(made: Path) -> None:
     """A campaign of a dozen runs with six maps stays below 8 MB, most of it the figures' library."""
     data = load_report_data(made)
     charts = [
-        draw_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
+        build_run_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
         for run in data.runs[:6]
     ]
     assert len(render_report(data, charts).encode()) < 8_000_000
@@ -337,7 +337,7 @@ def test_orders_outages_and_faults_of_a_drawn_run(made: Path) -> None:
     data = load_report_data(made)
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
-    page = Page(render_report(data, [draw_map(run, simspec, made_campaign.made_tape(simspec, reason="not near <people>"))]))
+    page = Page(render_report(data, [build_run_map(run, simspec, made_campaign.made_tape(simspec, reason="not near <people>"))]))
     rows = [row for row in page.tables[""] if len(row) == 5 and row[2] in ("order", "outage", "fault")]
     assert rows == [
         ["30.0", "–", "order", "hold, within 5 s", "delivered at 30.0 s; not answered"],
@@ -355,8 +355,8 @@ def test_happenings_are_read_from_recordings(tmp_path: Path) -> None:
     simspec = made_campaign.made_simspec(0, AGENTS[0])
     made_campaign.write_recording(tmp_path / "recording.mcap", simspec, made_campaign.made_tape(simspec))
     run = load_report_data(make_campaign(tmp_path / "c", Made(scenes=1))).runs[0]
-    found = draw_map(run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")).happenings
-    assert found == draw_map(run, simspec, made_campaign.made_tape(simspec)).happenings
+    found = build_run_map(run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")).events
+    assert found == build_run_map(run, simspec, made_campaign.made_tape(simspec)).events
 
 
 def test_the_whole_application_stays_readable(tmp_path: Path) -> None:

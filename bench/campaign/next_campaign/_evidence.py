@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from bench.realization import INACTIVE, Design, FactorLevel
-from bench.reporting import ReportData, factors_that_matter, points_of, quality_of
+from bench.reporting import ReportData, campaign_design_points, campaign_design_quality, factor_effects
 from bench.statistics import difference_bounds, difficulty_response, factor_columns
 
 EFFECT_P = 0.05
@@ -55,14 +55,14 @@ class Evidence:
     @classmethod
     def of(cls, data: ReportData, design: Design) -> Evidence:
         """The evidence in the results of a campaign with this design."""
-        levels = {point.id: point.levels for point in points_of(data) or ()}
+        levels = {point.id: point.levels for point in campaign_design_points(data) or ()}
         rows = data.scores.filter(pl.col("node").is_in(data.study), pl.col("design_point").is_in(list(levels)))
         passed = rows.drop_nulls("confidence").sort("realization").with_columns(passed=pl.col("confidence") >= 1.0)
         runs = passed.select("agent", "node", "design_point", "confidence", "passed")
-        quality = quality_of(data)
+        quality = campaign_design_quality(data)
         chains = [alias.split(" = ") for alias in (quality.aliased if quality else ())]
         aliases = {main: interactions for main, *interactions in chains}
-        return cls(factors_that_matter(data).frame, runs, levels, _open_differences(runs, levels, design), aliases)
+        return cls(factor_effects(data).frame, runs, levels, _open_differences(runs, levels, design), aliases)
 
     def tests_of(self, factor: str) -> list[dict[str, Any]]:
         """Tests of a factor and of its interactions, by analysis of variance and by regression, without failed ones."""

@@ -27,8 +27,8 @@ def _rating(campaign: Campaign) -> Rating | None:
     # Most designs never ask for difficulty, and the rating costs the import of scoring and of every measure.
     if not campaign.design.rated:
         return None
-    from bench.reporting import rating
+    from bench.reporting import difficulty_rating
 
     from ..results._measures import load_measurable_decomposition
 
-    return rating(load_measurable_decomposition(campaign.decomposition), campaign.study)
+    return difficulty_rating(load_measurable_decomposition(campaign.decomposition), campaign.study)

@@ -11,12 +11,12 @@ import plotly.graph_objects as go
 import polars as pl
 
 from .._campaign_data import Configuration, ReportData
-from ._style import AgentLook, empty_figure, looks
+from ._style import AgentStyle, agent_styles, empty_figure
 
-VIOLIN_FROM = 8  # with fewer scores a density would show what is not there
+MIN_VIOLIN_SCORES = 8  # with fewer scores a density would show what is not there
 
 
-VIOLIN_SPREAD = 0.25  # equal scores have no density; below this the scores themselves say all
+MIN_VIOLIN_SPREAD = 0.25  # equal scores have no density; below this the scores themselves say all
 
 
 Values = dict[tuple[str, str], list[float]]
@@ -25,15 +25,15 @@ Values = dict[tuple[str, str], list[float]]
 def configuration_figure(data: ReportData, configuration: Configuration) -> go.Figure:
     """The paper's panel: difficulty as a red dot, scores as violins (left axis), confidence as grey bars (right axis)."""
     figure = empty_figure(height=300, margin={"l": 44, "r": 48, "t": 10, "b": 30})
-    shown = tuple(look for look in looks(data.agents) if configuration.runs.get(look.name))
+    shown = tuple(style for style in agent_styles(data.agents) if configuration.runs.get(style.name))
     scores = _scores_of(data.scores, configuration)
     slot = 0.84 / max(1, len(shown))
-    for place, look in enumerate(shown):
+    for place, style in enumerate(shown):
         offset = (place - (len(shown) - 1) / 2) * slot
-        _confidence_bars(figure, data, configuration, look, offset, slot * 0.9)
-    for place, look in enumerate(shown):
+        _confidence_bars(figure, data, configuration, style, offset, slot * 0.9)
+    for place, style in enumerate(shown):
         offset = (place - (len(shown) - 1) / 2) * slot
-        _score_shapes(figure, data.study, look, scores, offset, slot * 0.78)
+        _score_shapes(figure, data.study, style, scores, offset, slot * 0.78)
     _difficulty_dots(figure, data.study, configuration)
     top = max([100.0, *(v for values in scores.values() for v in values)])
     bottom = min([0.0, *(v for values in scores.values() for v in values)])
@@ -65,22 +65,22 @@ def _axis(title: str, extent: Sequence[float], **more: object) -> dict[str, obje
 
 def _scores_of(scores: pl.DataFrame, configuration: Configuration) -> Values:
     rows = scores.filter(pl.col("configuration") == configuration.key).drop_nulls("score").sort("realization")
-    found: Values = {}
+    values: Values = {}
     for row in rows.select("agent", "node", "score").iter_rows():
-        found.setdefault((row[0], row[1]), []).append(row[2])
-    return found
+        values.setdefault((row[0], row[1]), []).append(row[2])
+    return values
 
 
 def _confidence_bars(
-    figure: go.Figure, data: ReportData, configuration: Configuration, look: AgentLook, offset: float, width: float
+    figure: go.Figure, data: ReportData, configuration: Configuration, style: AgentStyle, offset: float, width: float
 ) -> None:
-    tallies = [data.tally(look.name, node, configuration.key) for node in data.study]
-    heights = [None if one is None or one.confidence is None else round(100 * one.confidence, 4) for one in tallies]
+    tallies = [data.tally(style.name, node, configuration.key) for node in data.study]
+    heights = [None if tally is None or tally.confidence is None else round(100 * tally.confidence, 4) for tally in tallies]
     texts = [
-        f"{look.letter} {escape(look.name)}<br>{node}: confidence "
-        + ("none: never considered" if one is None or one.confidence is None else f"{100 * one.confidence:.1f} %")
-        + ("" if one is None else f"<br>considered in {one.considered} of {one.runs} runs")
-        for node, one in zip(data.study, tallies, strict=True)
+        f"{style.letter} {escape(style.name)}<br>{node}: confidence "
+        + ("none: never considered" if tally is None or tally.confidence is None else f"{100 * tally.confidence:.1f} %")
+        + ("" if tally is None else f"<br>considered in {tally.considered} of {tally.runs} runs")
+        for node, tally in zip(data.study, tallies, strict=True)
     ]
     figure.add_bar(
         x=[place + offset for place in range(len(data.study))],
@@ -89,7 +89,7 @@ def _confidence_bars(
         marker={
             "color": "var(--bar)",
             "line": {"color": "var(--bar-edge)", "width": 1},
-            "pattern": {"shape": look.hatch, "fgcolor": "var(--bar-edge)", "size": 6, "solidity": 0.2},
+            "pattern": {"shape": style.hatch, "fgcolor": "var(--bar-edge)", "size": 6, "solidity": 0.2},
         },
         hovertext=texts,
         hoverinfo="text",
@@ -98,16 +98,18 @@ def _confidence_bars(
         x=[place + offset for place in range(len(data.study))],
         y=[-6.0] * len(data.study),
         mode="text",
-        text=[look.letter if height is not None else f"{look.letter} –" for height in heights],
-        textfont={"size": 11, "color": look.colour},
+        text=[style.letter if height is not None else f"{style.letter} –" for height in heights],
+        textfont={"size": 11, "color": style.colour},
         hoverinfo="skip",
     )
 
 
-def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scores: Values, offset: float, width: float) -> None:
+def _score_shapes(
+    figure: go.Figure, study: Sequence[str], style: AgentStyle, scores: Values, offset: float, width: float
+) -> None:
     for place, node in enumerate(study):
-        values = scores.get((look.name, node), [])
-        if len(values) >= VIOLIN_FROM and max(values) - min(values) > VIOLIN_SPREAD:
+        values = scores.get((style.name, node), [])
+        if len(values) >= MIN_VIOLIN_SCORES and max(values) - min(values) > MIN_VIOLIN_SPREAD:
             figure.add_violin(
                 y=values,
                 x0=place + offset,
@@ -116,10 +118,10 @@ def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scor
                 spanmode="hard",
                 bandwidth=_bandwidth(values),
                 scalemode="width",
-                line={"color": look.colour, "width": 1.4},
-                fillcolor=look.fill,
+                line={"color": style.colour, "width": 1.4},
+                fillcolor=style.fill,
                 points=False,
-                meanline={"visible": True, "color": look.colour, "width": 1.4},
+                meanline={"visible": True, "color": style.colour, "width": 1.4},
                 hoveron="violins",
                 hoverinfo="y",
             )
@@ -130,13 +132,13 @@ def _score_shapes(figure: go.Figure, study: Sequence[str], look: AgentLook, scor
                 yaxis="y2",
                 mode="markers",
                 marker={
-                    "symbol": look.marker,
+                    "symbol": style.marker,
                     "size": 5.5,
-                    "color": look.colour,
+                    "color": style.colour,
                     "opacity": 0.75,
                     "line": {"width": 0.5, "color": "var(--paper)"},
                 },
-                hovertext=[f"{look.letter} {escape(look.name)}<br>{node}: score {value:.2f}" for value in values],
+                hovertext=[f"{style.letter} {escape(style.name)}<br>{node}: score {value:.2f}" for value in values],
                 hoverinfo="text",
             )
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import plotly.graph_objects as go
 
-from ..statistics._factor_effects import FOUND_BELOW, FactorsMatter
+from ..statistics._factor_effects import SIGNIFICANCE_LEVEL, FactorEffects
 
 
-def factors_figure(matter: FactorsMatter) -> go.Figure:
+def factor_effects_figure(effects: FactorEffects) -> go.Figure:
     """A disc for each node, agent and main effect: its area is the share of the confidence's variance; dark where it was found."""
-    rows = [table for table in matter.tables if any(row.confidence_share is not None for row in table.rows)]
+    rows = [table for table in effects.tables if any(row.confidence_share is not None for row in table.rows)]
     factors = list(dict.fromkeys(row.factor for table in rows for row in table.rows if " x " not in row.factor))
     discs = [
         (factors.index(row.factor), place, row.confidence_share, row.confidence_p)
@@ -35,7 +35,7 @@ def factors_figure(matter: FactorsMatter) -> go.Figure:
         marker={
             "symbol": "circle",
             "size": [3.0 + 27.0 * share**0.5 for *_, share, _ in discs],
-            "color": ["var(--accent)" if p is not None and p < FOUND_BELOW else "var(--bar)" for *_, p in discs],
+            "color": ["var(--accent)" if p is not None and p < SIGNIFICANCE_LEVEL else "var(--bar)" for *_, p in discs],
             "line": {"color": "var(--bar-edge)", "width": 1},
         },
         hovertext=[f"{factors[x]}: {100 * share:.1f} % of the variance of confidence" for x, _, share, _ in discs],

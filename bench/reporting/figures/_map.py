@@ -28,11 +28,11 @@ def map_figure(chart: RunMap) -> go.Figure:
         _outline(figure, ring, f"area {name}", {"color": "var(--ink-soft)", "width": 1, "dash": "dot"})
     if chart.geofence_enu_m:
         _outline(figure, chart.geofence_enu_m, "geofence", {"color": "var(--warn)", "width": 1.8})
-    for one in chart.no_fly:
-        label = f"no-fly {escape(one.id)}{'' if one.always else f', {one.span}'}"
+    for no_fly in chart.no_fly:
+        label = f"no-fly {escape(no_fly.id)}{'' if no_fly.always else f', {no_fly.span}'}"
         _outline(
             figure,
-            one.corners_enu_m,
+            no_fly.corners_enu_m,
             label,
             {"color": "var(--forbidden)", "width": 1.4, "dash": "longdashdot"},
             fill="var(--no-fly)",
@@ -44,7 +44,7 @@ def map_figure(chart: RunMap) -> go.Figure:
         _draw_actors(figure, role, [actor for actor in chart.actors if actor.role is role])
     _draw_flight(figure, chart)
     for place, report in enumerate(chart.reports):
-        _draw_report(figure, chart, report, first=report.mark not in {one.mark for one in chart.reports[:place]})
+        _draw_report(figure, chart, report, first=report.mark not in {earlier.mark for earlier in chart.reports[:place]})
     # Last, so that a target is not hidden by the report on it.
     _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
     figure.add_scatter(

@@ -12,11 +12,11 @@ from ..statistics._pairings import Pairing
 from ._style import empty_figure
 
 
-def pairs_figure(pairings: Sequence[Pairing]) -> go.Figure:
+def pairings_figure(pairings: Sequence[Pairing]) -> go.Figure:
     """For every node, each scene's difference in confidence (second agent minus first) and their mean."""
     figure = empty_figure(height=70 + 52 * max(1, len(pairings)), margin={"l": 70, "r": 24, "t": 10, "b": 46})
-    for place, one in enumerate(pairings):
-        counts = Counter(round(100 * value) for value in one.confidence_differences)
+    for place, pairing in enumerate(pairings):
+        counts = Counter(round(100 * value) for value in pairing.confidence_differences)
         steps = sorted(counts)
         figure.add_scatter(
             x=steps,
@@ -30,17 +30,17 @@ def pairs_figure(pairings: Sequence[Pairing]) -> go.Figure:
             },
             text=[str(counts[step]) for step in steps],
             textfont={"size": 11, "color": "var(--ink)"},
-            hovertext=[f"{one.node}: {step:+d} points in {counts[step]} of {one.scenes} scenes" for step in steps],
+            hovertext=[f"{pairing.node}: {step:+d} points in {counts[step]} of {pairing.scenes} scenes" for step in steps],
             hoverinfo="text",
         )
-        if one.mean_confidence_difference is not None:
-            mean = 100 * one.mean_confidence_difference
+        if pairing.mean_confidence_difference is not None:
+            mean = 100 * pairing.mean_confidence_difference
             figure.add_scatter(
                 x=[mean],
                 y=[place - 0.4],
                 mode="markers",
                 marker={"symbol": "triangle-down", "size": 12, "color": "var(--accent)"},
-                hovertext=f"{one.node}: mean {mean:+.1f} points over {one.scenes} scenes",
+                hovertext=f"{pairing.node}: mean {mean:+.1f} points over {pairing.scenes} scenes",
                 hoverinfo="text",
             )
     figure.update_layout(
@@ -54,7 +54,7 @@ def pairs_figure(pairings: Sequence[Pairing]) -> go.Figure:
         },
         yaxis={
             "tickvals": list(range(len(pairings))),
-            "ticktext": [one.node for one in pairings],
+            "ticktext": [pairing.node for pairing in pairings],
             "range": [len(pairings) - 0.5, -0.65],
             "showgrid": False,
             "zeroline": False,

@@ -17,11 +17,11 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "cross", "hexagon")
 HATCHES = ("", "/", "x", ".", "-", "|")
 
 
-PALETTE = 6
+PALETTE_SIZE = 6
 
 
 @dataclass(frozen=True, slots=True)
-class AgentLook:
+class AgentStyle:
     """How one agent looks in every figure and in the key beside it."""
 
     name: str
@@ -32,14 +32,14 @@ class AgentLook:
     hatch: str
 
 
-def looks(agents: Sequence[str]) -> tuple[AgentLook, ...]:
+def agent_styles(agents: Sequence[str]) -> tuple[AgentStyle, ...]:
     """A look for each agent, by its place; after six the colours come round again and the letter tells."""
     return tuple(
-        AgentLook(
+        AgentStyle(
             name=name,
             letter=chr(ord("A") + place % 26),
-            colour=f"var(--agent-{place % PALETTE + 1})",
-            fill=f"var(--agent-{place % PALETTE + 1}-soft)",
+            colour=f"var(--agent-{place % PALETTE_SIZE + 1})",
+            fill=f"var(--agent-{place % PALETTE_SIZE + 1}-soft)",
             marker=MARKERS[place % len(MARKERS)],
             hatch=HATCHES[place % len(HATCHES)],
         )

@@ -13,14 +13,14 @@ from bench.errors import Fault, SetupError
 from decompositions import Decomposition, KeyFactor, Level
 
 from .._campaign_data import ReportData, Tally
-from .._html import data_text, environment, policy, script_text, template_text
+from .._html import content_security_policy, json_script_text, normalized_script, template_environment, template_text
 from ..statistics._trials import Trials, trials_of
 from ..text._format import listed, plural
-from ..text._node_sentences import sentences
+from ..text._node_sentences import node_sentences
 from ._layout import lay_out
 
-Measured = Literal["confidence", "score", "competence"]
-MEASURED: dict[Measured, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "Competence 50"}
+Measurement = Literal["confidence", "score", "competence"]
+MEASUREMENT_NAMES: dict[Measurement, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "Competence 50"}
 LEVELS = {
     Level.PRINCIPLE: ("Principle", "Principles"),
     Level.KEY_ATTRIBUTE: ("Key attribute", "Key attributes"),
@@ -29,128 +29,133 @@ LEVELS = {
 }
 UNSCORED, UNCONSIDERED, ABSENT = "unscored", "unconsidered", "absent"
 STATES = {UNSCORED: "not scored: nothing achieved", UNCONSIDERED: "never considered", ABSENT: "not in this campaign"}
-STEPS = 10
+COLOUR_STEPS = 10
 
 ROW_PX, BOX_PX, COLUMN_PX, WIDTH_PX, TOP_PX, EDGE_PX = 36, 30, 372, 306, 108, 24
-TITLE_MOST = 46  # characters of 11 px that fit into a box
-NUMBER_MOST = 7  # of them, the place of the number
+MAX_TITLE_CHARACTERS = 46  # characters of 11 px that fit into a box
+NUMBER_CHARACTERS = 7  # of them, the place of the number
 
 
 @dataclass(frozen=True, slots=True)
-class Coloured:
+class NodeColour:
     """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands for."""
 
     step: str
     text: str
 
 
-def graph_svg(asked: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measured = "confidence") -> str:
+def graph_svg(
+    decomposition: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measurement = "confidence"
+) -> str:
     """The whole decomposition as an SVG file; the same input gives the same bytes.
 
     Raises SetupError for an agent that the campaign does not have.
     """
     flown = _agent(data, agent)
-    laid = lay_out(asked)
-    place = {name: (EDGE_PX + laid.column[name] * COLUMN_PX, round(TOP_PX + laid.row[name] * ROW_PX, 1)) for name in asked.nodes}
-    coloured = {name: colour(_tally(data, flown, name), by) for name in asked.nodes} if data is not None else {}
+    laid = lay_out(decomposition)
+    place = {
+        name: (EDGE_PX + laid.column[name] * COLUMN_PX, round(TOP_PX + laid.row[name] * ROW_PX, 1))
+        for name in decomposition.nodes
+    }
+    coloured = {name: colour(_tally(data, flown, name), by) for name in decomposition.nodes} if data is not None else {}
     context = {
-        "asked": asked,
+        "decomposition": decomposition,
         "width": 2 * EDGE_PX + (len(laid.columns) - 1) * COLUMN_PX + WIDTH_PX,
         "height": round(TOP_PX + laid.rows * ROW_PX + EDGE_PX),
         "heads": [
-            (EDGE_PX + at * COLUMN_PX, f"{LEVELS[level][1]} ({len(asked.at_level(level))})")
+            (EDGE_PX + at * COLUMN_PX, f"{LEVELS[level][1]} ({len(decomposition.at_level(level))})")
             for at, level in enumerate(laid.columns)
         ],
         "edges": [
-            (edge, _curve(place[edge.parent], place[edge.child])) for edge in sorted(laid.edges, key=lambda one: not one.first)
+            (edge, _curve(place[edge.parent], place[edge.child])) for edge in sorted(laid.edges, key=lambda edge: not edge.first)
         ],
         "nodes": [
             {
                 "node": node,
                 "x": place[name][0],
                 "y": place[name][1],
-                "short": _short(node.title, TITLE_MOST - (NUMBER_MOST if data is not None else 0)),
-                "studied": name in asked.document.study,
-                "also": _also(len(asked.parents[name])),
+                "short": _short(node.title, MAX_TITLE_CHARACTERS - (NUMBER_CHARACTERS if data is not None else 0)),
+                "studied": name in decomposition.document.study,
+                "also": _parents_text(len(decomposition.parents[name])),
                 "coloured": coloured.get(name),
             }
-            for name, node in asked.nodes.items()
+            for name, node in decomposition.nodes.items()
         ],
         "box_width": WIDTH_PX,
         "box_height": BOX_PX,
-        "legend": f"{MEASURED[by]} of {flown}" if data is not None else "",
+        "legend": f"{MEASUREMENT_NAMES[by]} of {flown}" if data is not None else "",
         "campaign": data.name if data is not None else "",
         "states": STATES,
-        "steps": range(STEPS),
-        "raised": by == "score" and any(one.text.endswith("†") for one in coloured.values()),
+        "steps": range(COLOUR_STEPS),
+        "raised": by == "score" and any(shade.text.endswith("†") for shade in coloured.values()),
         "many": sum(not edge.first for edge in laid.edges),
         "css": Markup(template_text("graph_svg.css")),
     }
-    return environment().get_template("graph.svg.j2").render(context) + "\n"
+    return template_environment().get_template("graph.svg.j2").render(context) + "\n"
 
 
 def graph_page(
-    asked: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measured = "confidence"
+    decomposition: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measurement = "confidence"
 ) -> str:
     """The decomposition as one HTML file that fetches nothing; the same input gives the same bytes.
 
     Every agent of the campaign can be chosen in it; `agent` is shown first. Raises SetupError for one that there is not.
     """
-    script = script_text(template_text("graph.js"))
+    script = normalized_script(template_text("graph.js"))
     document = {
-        "nodes": [_described(asked, name) for name in asked.nodes],
-        "levels": [LEVELS[level][1] for level in lay_out(asked).columns],
+        "nodes": [_described(decomposition, name) for name in decomposition.nodes],
+        "levels": [LEVELS[level][1] for level in lay_out(decomposition).columns],
         "states": STATES,
-        "measured": [[key, name] for key, name in MEASURED.items()] if data is not None else [],
+        "measured": [[key, name] for key, name in MEASUREMENT_NAMES.items()] if data is not None else [],
         "by": by,
         "agents": list(data.agents) if data is not None else [],
         "agent": _agent(data, agent),
-        "shown": _shown(asked, data) if data is not None else {},
+        "shown": _shown(decomposition, data) if data is not None else {},
     }
     context = {
-        "asked": asked,
+        "decomposition": decomposition,
         "counts": ", ".join(
-            plural(len(asked.at_level(level)), LEVELS[level][0].lower(), LEVELS[level][1].lower())
+            plural(len(decomposition.at_level(level)), LEVELS[level][0].lower(), LEVELS[level][1].lower())
             for level in Level
-            if asked.at_level(level)
+            if decomposition.at_level(level)
         ),
         "data": data,
-        "notes": _notes(asked, data) if data is not None else [],
+        "notes": _notes(decomposition, data) if data is not None else [],
         "states": STATES,
-        "steps": range(STEPS),
+        "steps": range(COLOUR_STEPS),
         "css": Markup(template_text("graph.css")),
         "script": Markup(script),
-        "policy": policy(script),
-        "document": data_text(document),
-        "svg": Markup(graph_svg(asked, data, agent, by)),
+        "policy": content_security_policy(script),
+        "document": json_script_text(document),
+        "svg": Markup(graph_svg(decomposition, data, agent, by)),
         "version": version("rebar-bench"),
     }
-    return environment().get_template("graph.html.j2").render(context)
+    return template_environment().get_template("graph.html.j2").render(context)
 
 
-def colour(tally: Tally | None, by: Measured) -> Coloured:
+def colour(tally: Tally | None, by: Measurement) -> NodeColour:
     """A node's place on the scale; what has no number has a state, which is no low number."""
     if tally is None:
-        return Coloured(ABSENT, "–")
+        return NodeColour(ABSENT, "–")
     if not tally.considered:
-        return Coloured(UNCONSIDERED, "–")
+        return NodeColour(UNCONSIDERED, "–")
     if by == "confidence":
         assert tally.confidence is not None  # whatever is considered has one
-        return Coloured(_step(100.0 * tally.confidence), f"{100.0 * tally.confidence:.0f} %")
+        return NodeColour(_step(100.0 * tally.confidence), f"{100.0 * tally.confidence:.0f} %")
     if by == "competence":
-        found = tally.competence.get("50")
+        competence = tally.competence.get("50")
         return (
-            Coloured(ABSENT, "–")
-            if found is None
-            else Coloured(_step(found.value), f"{'≥ ' if found.at_least else ''}{found.value:.0f}")
+            NodeColour(ABSENT, "–")
+            if competence is None
+            else NodeColour(_step(competence.value), f"{'≥ ' if competence.at_least else ''}{competence.value:.0f}")
         )
     if tally.score is None:
-        return Coloured(UNSCORED, "none")
-    return Coloured(_step(tally.score), f"{tally.score:.0f}{' †' if tally.raised else ''}")
+        return NodeColour(UNSCORED, "none")
+    return NodeColour(_step(tally.score), f"{tally.score:.0f}{' †' if tally.raised else ''}")
 
 
 def _step(value: float) -> str:
-    return str(min(STEPS - 1, max(0, int(value * STEPS / 100.0))))
+    return str(min(COLOUR_STEPS - 1, max(0, int(value * COLOUR_STEPS / 100.0))))
 
 
 def _agent(data: ReportData | None, agent: str | None) -> str:
@@ -167,11 +172,11 @@ def _tally(data: ReportData | None, agent: str, node: str) -> Tally | None:
     return data.tally(agent, node) if data is not None else None
 
 
-def _notes(asked: Decomposition, data: ReportData) -> Iterator[str]:
+def _notes(decomposition: Decomposition, data: ReportData) -> Iterator[str]:
     yield from data.notes
-    if data.decomposition_sha256 not in (None, asked.digest):
+    if data.decomposition_sha256 not in (None, decomposition.digest):
         yield f"{data.name} was scored with another decomposition than this one: numbers are matched by the ids of nodes alone."
-    if absent := sum(name not in data.nodes for name in asked.nodes):
+    if absent := sum(name not in data.nodes for name in decomposition.nodes):
         yield f"{plural(absent, 'node is', 'nodes are')} not in this campaign."
 
 
@@ -187,41 +192,41 @@ def _short(title: str, most: int) -> str:
     return title if len(title) <= most else f"{title[: most - 1].rstrip()}…"
 
 
-def _also(parents: int) -> str:
+def _parents_text(parents: int) -> str:
     return f"{parents} parents" if parents > 1 else ""
 
 
-def _described(asked: Decomposition, name: str) -> dict[str, Any]:
+def _described(decomposition: Decomposition, name: str) -> dict[str, Any]:
     """One node with all that its document says of it, for the page's script."""
-    node = asked.nodes[name]
+    node = decomposition.nodes[name]
     return {
         "id": name,
         "level": LEVELS[node.level][0],
         "title": node.title,
         "asks": node.asks,
         "children": list(node.children),
-        "studied": name in asked.document.study,
-        "facts": list(_facts(asked, name)),
-        "tables": [_table(row) for row in asked.key_factors(name)] if node.level is Level.OBSERVABLE else [],
+        "studied": name in decomposition.document.study,
+        "facts": list(_facts(decomposition, name)),
+        "tables": [_table(row) for row in decomposition.key_factors(name)] if node.level is Level.OBSERVABLE else [],
     }
 
 
-def _facts(asked: Decomposition, name: str) -> Iterator[tuple[str, str]]:
-    if asked.level_of(name) is not Level.OBSERVABLE:
-        under = asked.observables_under(name)
-        factors = dict.fromkeys(row.factor for leaf in under for row in asked.key_factors(leaf))
+def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]:
+    if decomposition.level_of(name) is not Level.OBSERVABLE:
+        under = decomposition.observables_under(name)
+        factors = dict.fromkeys(row.factor for observable in under for row in decomposition.key_factors(observable))
         yield "Observables under it", str(len(under))
         yield "Key factors", listed(list(factors)) or "none"
         return
-    leaf = asked.observables[name]
-    yield "Measure", leaf.measure
-    if leaf.options:
-        yield "Options", ", ".join(f"{key} = {_plain(value)}" for key, value in leaf.options.items())
-    yield "Threshold", f"{leaf.threshold:g}. {leaf.threshold_reason}"
-    yield "Partial credit", "yes" if leaf.partial_credit else "no"
-    if asked.near_miss(name):
-        yield "Near miss", f"{asked.near_miss(name):g} below the threshold still scores"
-    yield "Considered", leaf.considered + (" It applies in every run." if leaf.always_considered else "")
+    observable = decomposition.observables[name]
+    yield "Measure", observable.measure
+    if observable.options:
+        yield "Options", ", ".join(f"{key} = {_plain(value)}" for key, value in observable.options.items())
+    yield "Threshold", f"{observable.threshold:g}. {observable.threshold_reason}"
+    yield "Partial credit", "yes" if observable.partial_credit else "no"
+    if decomposition.near_miss(name):
+        yield "Near miss", f"{decomposition.near_miss(name):g} below the threshold still scores"
+    yield "Considered", observable.considered + (" It applies in every run." if observable.always_considered else "")
 
 
 def _plain(value: bool | float | str) -> str:
@@ -239,16 +244,16 @@ def _table(row: KeyFactor) -> dict[str, Any]:
     }
 
 
-def _shown(asked: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
+def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
     """By agent and node: colours by what is measured, and the sentences; only of what the campaign has."""
     trials = trials_of(data.scores)
     return {
         agent: {
             name: {
-                **{key: [found.step, found.text] for key in MEASURED for found in [colour(tally, key)]},
-                "told": sentences(tally, trials.get((agent, name), Trials())),
+                **{key: [shade.step, shade.text] for key in MEASUREMENT_NAMES for shade in [colour(tally, key)]},
+                "told": node_sentences(tally, trials.get((agent, name), Trials())),
             }
-            for name in asked.nodes
+            for name in decomposition.nodes
             if (tally := data.tally(agent, name)) is not None
         }
         for agent in data.agents

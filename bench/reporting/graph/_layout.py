@@ -31,23 +31,23 @@ class Layout:
     rows: float
 
 
-def lay_out(asked: Decomposition) -> Layout:
+def lay_out(decomposition: Decomposition) -> Layout:
     """Each node beside the middle of the children that stand beneath it, and beneath the first parent that names it.
 
     Everything comes in the order of the document, so no two nodes of a column are nearer than a row, edges to children
     that stand beneath a node never cross, and equal documents are laid out alike.
     """
-    columns = tuple(level for level in Level if asked.at_level(level))
+    columns = tuple(level for level in Level if decomposition.at_level(level))
     row: dict[str, float] = {}
     beneath: dict[str, str] = {}
     end = 0.0
 
     def place(name: str) -> float:
         nonlocal end
-        node = asked.nodes[name]
-        own = [child for child in node.children if child not in beneath]
-        beneath.update(dict.fromkeys(own, name))
-        rows = [place(child) for child in own]
+        node = decomposition.nodes[name]
+        children = [child for child in node.children if child not in beneath]
+        beneath.update(dict.fromkeys(children, name))
+        rows = [place(child) for child in children]
         if not rows:
             rows = [end]
             end += 1.0
@@ -55,8 +55,10 @@ def lay_out(asked: Decomposition) -> Layout:
         end += GAPS.get(node.level, 0.0)
         return row[name]
 
-    for name in asked.nodes:
-        if not asked.parents[name]:
+    for name in decomposition.nodes:
+        if not decomposition.parents[name]:
             place(name)
-    edges = tuple(Edge(node.id, child, beneath[child] == node.id) for node in asked.nodes.values() for child in node.children)
-    return Layout(columns, {name: columns.index(node.level) for name, node in asked.nodes.items()}, row, edges, end)
+    edges = tuple(
+        Edge(node.id, child, beneath[child] == node.id) for node in decomposition.nodes.values() for child in node.children
+    )
+    return Layout(columns, {name: columns.index(node.level) for name, node in decomposition.nodes.items()}, row, edges, end)

@@ -1,4 +1,4 @@
-"""What befell one run: orders and how they were answered, the operator's link, silent detectors, faults of the vehicle."""
+"""The events of one run: orders and the answers to them, outages, and failures of the vehicle."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from bench.contracts import Tape
 from bench.simspec import Failure, Order, SimSpec
 
-OUTAGES = {"operator_link": "the operator’s link is down", "detections": "the detector is silent"}
+OUTAGE_TEXTS = {"operator_link": "the operator’s link is down", "detections": "the detector is silent"}
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class RunEvent:
     """One thing that the situation had in store, in seconds of simulated time; `until_s` is None where it has no end of its own.
 
     `came` is what the recording says of it: when an order was delivered and what the agent answered, or whether the
@@ -22,57 +22,63 @@ class Happening:
     at_s: float
     until_s: float | None
     kind: str
-    what: str
-    came: str
+    text: str
+    response: str
 
 
-def happenings(simspec: SimSpec, tape: Tape) -> tuple[Happening, ...]:
-    """All of a run's, by their time."""
-    found = [*_orders(simspec, tape), *_outages(simspec, tape), *_faults(simspec, tape)]
-    return tuple(sorted(found, key=lambda one: (one.at_s, one.kind, one.what)))
+def run_events(simspec: SimSpec, tape: Tape) -> tuple[RunEvent, ...]:
+    """Every event of a run, in the order of time."""
+    events = [*_orders(simspec, tape), *_outages(simspec, tape), *_failures(simspec, tape)]
+    return tuple(sorted(events, key=lambda event: (event.at_s, event.kind, event.text)))
 
 
-def _orders(simspec: SimSpec, tape: Tape) -> Iterator[Happening]:
+def _orders(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for order in simspec.orders:
         about = f" {order.intelligence}" if order.intelligence else ""
-        yield Happening(
-            order.at_s, None, "order", f"{order.kind.replace('_', ' ')}{about}, within {order.within_s:g} s", _came(order, tape)
+        yield RunEvent(
+            order.at_s,
+            None,
+            "order",
+            f"{order.kind.replace('_', ' ')}{about}, within {order.within_s:g} s",
+            _order_response(order, tape),
         )
 
 
-def _came(order: Order, tape: Tape) -> str:
-    given = next((one for one in tape.orders if one.value.id == order.id), None)
-    if given is None:
+def _order_response(order: Order, tape: Tape) -> str:
+    delivered = next((answer for answer in tape.orders if answer.value.id == order.id), None)
+    if delivered is None:
         return "never delivered" if tape.end_s >= order.at_s else "the run had ended"
-    answers = [one for one in tape.answers if one.value.order == order.id]
-    said = [
-        f"{'accepted' if one.value.accepted else 'refused'} at {one.time.s:.1f} s"
-        + (f": {one.value.reason}" if one.value.reason else "")
-        for one in answers
+    answers = [answer for answer in tape.answers if answer.value.order == order.id]
+    responses = [
+        f"{'accepted' if answer.value.accepted else 'refused'} at {answer.time.s:.1f} s"
+        + (f": {answer.value.reason}" if answer.value.reason else "")
+        for answer in answers
     ]
-    return f"delivered at {given.time.s:.1f} s; {'; '.join(said) or 'not answered'}"
+    return f"delivered at {delivered.time.s:.1f} s; {'; '.join(responses) or 'not answered'}"
 
 
-def _outages(simspec: SimSpec, tape: Tape) -> Iterator[Happening]:
+def _outages(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for outage in simspec.outages:
-        came = _reached(outage.at_s, tape)
+        response = _response_by_end(outage.at_s, tape)
         if outage.kind == "operator_link":
-            down = next((one.time.s for one in tape.operator_link if not one.value.up and one.time.s >= outage.at_s - 1e-6), None)
-            came = came or ("" if down is None else f"the agent was told at {down:.1f} s")
-        yield Happening(outage.at_s, outage.until_s, "outage", OUTAGES[outage.kind], came)
+            down = next(
+                (link.time.s for link in tape.operator_link if not link.value.up and link.time.s >= outage.at_s - 1e-6), None
+            )
+            response = response or ("" if down is None else f"the agent was informed at {down:.1f} s")
+        yield RunEvent(outage.at_s, outage.until_s, "outage", OUTAGE_TEXTS[outage.kind], response)
 
 
-def _faults(simspec: SimSpec, tape: Tape) -> Iterator[Happening]:
+def _failures(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for failure in simspec.vehicle.failures:
         until_s = None if failure.duration_s is None else failure.at_s + failure.duration_s
-        yield Happening(failure.at_s, until_s, "fault", _broken(failure), _reached(failure.at_s, tape))
+        yield RunEvent(failure.at_s, until_s, "fault", _failure_text(failure), _response_by_end(failure.at_s, tape))
 
 
-def _reached(at_s: float, tape: Tape) -> str:
+def _response_by_end(at_s: float, tape: Tape) -> str:
     return "" if tape.end_s >= at_s else "the run had ended"
 
 
-def _broken(failure: Failure) -> str:
+def _failure_text(failure: Failure) -> str:
     if failure.kind == "gps_drift":
         return f"fixes drift by {failure.drift_mps:g} m/s towards {failure.towards_deg or 0.0:g}°"
     if failure.kind == "battery_drop":

@@ -25,12 +25,12 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     flown_by = max((len(agents) for agents in scenes.values()), default=0)
     full = {scene: agents for scene, agents in scenes.items() if len(agents) == flown_by}
     ordered = sorted(full, key=lambda scene: (*_interest(data, list(full[scene].values())), scene))
-    seen: dict[str | None, int] = {}
+    scenes_by_configuration: dict[str | None, int] = {}
     rounds = []
     for scene in ordered:
         configuration = next(iter(full[scene].values())).configuration
-        rounds.append((seen.get(configuration, 0), scene))
-        seen[configuration] = seen.get(configuration, 0) + 1
+        rounds.append((scenes_by_configuration.get(configuration, 0), scene))
+        scenes_by_configuration[configuration] = scenes_by_configuration.get(configuration, 0) + 1
     # A stable sort: the most telling scene of every configuration first, then the second of each.
     scenes_shown = [scene for _, scene in sorted(rounds, key=lambda pair: pair[0])][: max(1, count // max(1, flown_by))]
     return tuple(full[scene][agent] for scene in scenes_shown for agent in data.agents if agent in full[scene])

@@ -13,7 +13,7 @@ from bench.contracts import Decision, Tape, TargetReport, Timed
 from bench.simspec import Polygon, Role, SimSpec
 
 from .._campaign_data import Run
-from ._events import Happening, happenings
+from ._events import RunEvent, run_events
 
 Track = tuple[tuple[float, float], ...]
 
@@ -24,10 +24,10 @@ TRAJECTORY_HZ = 2.0
 PATH_TOLERANCE_M = 0.5
 
 
-CUT = "recording"  # the entry of Tape.malformed that says so
+CUT_RECORDING = "recording"  # the entry of Tape.malformed that says so
 
 
-MEANT_WITHIN_M = 40.0  # a report further from every adversary of its class than this is taken at its own place
+MATCH_RADIUS_M = 40.0  # a report farther than this from every adversary of its class stays at its reported position
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,34 +101,38 @@ class RunMap:
     no_fly: tuple[MapNoFly, ...] = ()
     roads: tuple[tuple[str, Track, float], ...] = ()  # id, middle, width_m
     areas: tuple[tuple[str, Track], ...] = ()
-    happenings: tuple[Happening, ...] = ()
+    events: tuple[RunEvent, ...] = ()
 
 
-def draw_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
+def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
     """The run's map from its truth and from what the agent said; `simspec` is the realized one of its recording."""
     reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
     placed = simspec.realized.reports if simspec.realized else ()
     return RunMap(
         run=run,
-        area_enu_m=_ring(simspec.world.area),
+        area_enu_m=_closed_ring(simspec.world.area),
         home_enu_m=(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
         no_mark_within_m=simspec.rules.no_mark_within_m,
-        circles=tuple((one.id, one.east_m, one.north_m, *reported.get(one.id, (0.0, 0))) for one in placed),
+        circles=tuple((place.id, place.east_m, place.north_m, *reported.get(place.id, (0.0, 0))) for place in placed),
         actors=_actors(tape),
         flight=_flight(tape),
-        reports=tuple(_report(one, tape, simspec.rules.no_mark_within_m) for one in tape.reports),
-        decisions=tuple(_decision(one) for one in tape.decisions),
-        malformed=tuple((topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT),
-        cut=CUT in tape.malformed,
-        geofence_enu_m=_ring(simspec.rules.geofence) if simspec.rules.geofence else (),
-        no_fly=tuple(MapNoFly(one.id, _ring(one.area), one.from_s, one.until_s) for one in simspec.rules.no_fly),
-        roads=tuple((one.id, tuple((at.east_m, at.north_m) for at in one.points), one.width_m) for one in simspec.world.roads),
-        areas=tuple((one.id, _ring(one)) for one in simspec.world.areas),
-        happenings=happenings(simspec, tape),
+        reports=tuple(_report(report, tape, simspec.rules.no_mark_within_m) for report in tape.reports),
+        decisions=tuple(_decision(decision) for decision in tape.decisions),
+        malformed=tuple((topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT_RECORDING),
+        cut=CUT_RECORDING in tape.malformed,
+        geofence_enu_m=_closed_ring(simspec.rules.geofence) if simspec.rules.geofence else (),
+        no_fly=tuple(
+            MapNoFly(no_fly.id, _closed_ring(no_fly.area), no_fly.from_s, no_fly.until_s) for no_fly in simspec.rules.no_fly
+        ),
+        roads=tuple(
+            (road.id, tuple((point.east_m, point.north_m) for point in road.points), road.width_m) for road in simspec.world.roads
+        ),
+        areas=tuple((area.id, _closed_ring(area)) for area in simspec.world.areas),
+        events=run_events(simspec, tape),
     )
 
 
-def _ring(area: Polygon) -> Track:
+def _closed_ring(area: Polygon) -> Track:
     corners = tuple((corner.east_m, corner.north_m) for corner in area.corners)
     return (*corners, corners[0])
 
@@ -137,11 +141,11 @@ def _flight(tape: Tape) -> tuple[tuple[float, float, float, float], ...]:
     times = tape.vehicle_time_s
     if len(times) == 0:
         return ()
-    wanted = np.arange(times[0], times[-1] + 1e-9, 1.0 / TRAJECTORY_HZ)
-    kept = np.unique(np.clip(np.searchsorted(times, wanted), 0, len(times) - 1))
+    sample_times = np.arange(times[0], times[-1] + 1e-9, 1.0 / TRAJECTORY_HZ)
+    samples = np.unique(np.clip(np.searchsorted(times, sample_times), 0, len(times) - 1))
     return tuple(
         (round(float(times[i]), 2), *(round(float(v), 1) for v in tape.vehicle_position_enu_m[i]))  # type: ignore[misc]
-        for i in kept
+        for i in samples
     )
 
 
@@ -149,24 +153,24 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
     if len(tape.actor_time_s) == 0:
         return ()
     step = max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s)))))) if len(tape.actor_time_s) > 1 else 1
-    ways = tape.actor_position_enu_m[::step, :, :2]
+    paths = tape.actor_position_enu_m[::step, :, :2]
     return tuple(
-        MapActor(member.id, member.role, member.class_label, _rounded(_corners(ways[:, index])))
+        MapActor(member.id, member.role, member.class_label, _rounded(_simplified(paths[:, index])))
         for index, member in enumerate(tape.cast)
     )
 
 
-def _corners(way: NDArray[np.float64]) -> NDArray[np.float64]:
+def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Ramer-Douglas-Peucker: the fewest corners that stay within PATH_TOLERANCE_M of the way."""
     keep = {0}
-    spans = [(0, len(way) - 1)]
+    spans = [(0, len(path) - 1)]
     while spans:
         first, last = spans.pop()
         if last <= first:
             continue
-        base, along = way[first], way[last] - way[first]
+        base, along = path[first], path[last] - path[first]
         length = math.hypot(*along)
-        offsets = way[first : last + 1] - base
+        offsets = path[first : last + 1] - base
         if length < PATH_TOLERANCE_M:
             distances = np.hypot(offsets[:, 0], offsets[:, 1])
         else:
@@ -176,27 +180,29 @@ def _corners(way: NDArray[np.float64]) -> NDArray[np.float64]:
             spans += [(first, first + far), (first + far, last)]
         elif length >= PATH_TOLERANCE_M:
             keep |= {first, last}
-    return way[sorted(keep)]
+    return path[sorted(keep)]
 
 
-def _rounded(way: NDArray[np.float64]) -> Track:
-    return tuple((round(float(east), 1), round(float(north), 1)) for east, north in way)
+def _rounded(path: NDArray[np.float64]) -> Track:
+    return tuple((round(float(east), 1), round(float(north), 1)) for east, north in path)
 
 
-def _report(said: Timed[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
-    report = said.value
-    there = tape.actors_at(said.time.s)[:, :2]
-    cast = tape.cast if len(tape.actor_time_s) else ()  # without positions nobody can be placed
-    place = np.array([report.east_m, report.north_m])
-    adversaries = [i for i, one in enumerate(cast) if (one.role, one.class_label) == (Role.ADVERSARY, report.class_label)]
-    meant = _nearest(there, adversaries, place)
-    target = meant[0] if meant and meant[1] <= MEANT_WITHIN_M else None
-    centre = there[target] if target is not None else place
-    bystanders = [i for i, one in enumerate(cast) if one.role is Role.BYSTANDER]
-    nearest = _nearest(there, bystanders, centre)
-    near = [i for i in bystanders if math.hypot(*(there[i] - centre)) < no_mark_within_m]
+def _report(timed_report: Timed[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
+    report = timed_report.value
+    positions = tape.actors_at(timed_report.time.s)[:, :2]
+    cast = tape.cast if len(tape.actor_time_s) else ()
+    reported_position = np.array([report.east_m, report.north_m])
+    adversaries = [
+        i for i, member in enumerate(cast) if (member.role, member.class_label) == (Role.ADVERSARY, report.class_label)
+    ]
+    match = _nearest(positions, adversaries, reported_position)
+    target = match[0] if match and match[1] <= MATCH_RADIUS_M else None
+    centre = positions[target] if target is not None else reported_position
+    bystanders = [i for i, member in enumerate(cast) if member.role is Role.BYSTANDER]
+    nearest = _nearest(positions, bystanders, centre)
+    close_bystanders = [i for i in bystanders if math.hypot(*(positions[i] - centre)) < no_mark_within_m]
     return MapReport(
-        time_s=round(said.time.s, 2),
+        time_s=round(timed_report.time.s, 2),
         class_label=report.class_label,
         east_m=round(report.east_m, 1),
         north_m=round(report.north_m, 1),
@@ -206,16 +212,21 @@ def _report(said: Timed[TargetReport], tape: Tape, no_mark_within_m: float) -> M
         reason=report.reason,
         target=cast[target].id if target is not None else None,
         target_enu_m=(round(float(centre[0]), 1), round(float(centre[1]), 1)),
-        bystanders_enu_m=_rounded(there[near]),
+        bystanders_enu_m=_rounded(positions[close_bystanders]),
         nearest_bystander_m=round(nearest[1], 1) if nearest else None,
-        forbidden=bool(report.mark and near),
+        forbidden=bool(report.mark and close_bystanders),
     )
 
 
-def _nearest(there: NDArray[np.float64], among: Sequence[int], place: NDArray[np.float64]) -> tuple[int, float] | None:
-    distances = [(math.hypot(*(there[i] - place)), i) for i in among]
+def _nearest(positions: NDArray[np.float64], among: Sequence[int], place: NDArray[np.float64]) -> tuple[int, float] | None:
+    distances = [(math.hypot(*(positions[i] - place)), i) for i in among]
     return (min(distances)[1], min(distances)[0]) if distances else None
 
 
-def _decision(said: Timed[Decision]) -> tuple[float, str, str, str]:
-    return (round(said.time.s, 2), said.value.action, said.value.subject, said.value.reason)
+def _decision(timed_decision: Timed[Decision]) -> tuple[float, str, str, str]:
+    return (
+        round(timed_decision.time.s, 2),
+        timed_decision.value.action,
+        timed_decision.value.subject,
+        timed_decision.value.reason,
+    )

@@ -21,7 +21,7 @@ SHOWN_LEVELS = ("principle", "ka")
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class ComparedAgent:
     """One agent of one campaign."""
 
     label: str
@@ -41,7 +41,7 @@ class Comparison:
 
     def verdicts(self) -> list[str]:
         """A sentence for each node."""
-        return [one.verdict(self.first, self.second) for one in self.nodes]
+        return [node.verdict(self.first, self.second) for node in self.nodes]
 
 
 def compare_campaigns(
@@ -52,12 +52,12 @@ def compare_campaigns(
     Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without `nodes`: every
     principle and key attribute. Raises SetupError with every reason for which they cannot be compared.
     """
-    first, second = _sides(folders, agents)
-    faults = [*_unlike(first, second), *_unknown(first.data, nodes)]
+    first, second = _compared_agents(folders, agents)
+    faults = [*_decomposition_faults(first, second), *_unknown_node_faults(first.data, nodes)]
     if faults:
         raise SetupError(faults)
-    mine, other = _met(first, second)
-    scenes = mine["realization"].n_unique()
+    first_rows, second_rows = _shared_scene_rows(first, second)
+    scenes = first_rows["realization"].n_unique()
     if not scenes:
         raise SetupError(
             Fault(
@@ -66,9 +66,12 @@ def compare_campaigns(
                 "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent",
             )
         )
-    asked = nodes or [one.id for one in first.data.nodes.values() if one.level in SHOWN_LEVELS]
+    compared_nodes = nodes or [node.id for node in first.data.nodes.values() if node.level in SHOWN_LEVELS]
     return Comparison(
-        first.label, second.label, scenes, compare_nodes(mine, other, asked, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed)
+        first.label,
+        second.label,
+        scenes,
+        compare_nodes(first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed),
     )
 
 
@@ -78,46 +81,51 @@ def compare_agents(data: ReportData, first: str, second: str) -> tuple[NodeCompa
     return compare_nodes(mine, other, data.study, excluded_outcomes=EXCLUDED_OUTCOMES)
 
 
-def _sides(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Side, Side]:
+def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[ComparedAgent, ComparedAgent]:
     if len(folders) not in (1, 2) or len(agents) not in (0, 2):
         raise SetupError(Fault("compare", "two sides are compared", "name one folder or two, and two agents or none"))
     data = [load_report_data(folder) for folder in folders]
     if faults := [
         Fault(str(folder), "holds no scores", f"`rebar score {folder}` makes them")
-        for folder, one in zip(folders, data, strict=True)
-        if not one.scores.height
+        for folder, campaign in zip(folders, data, strict=True)
+        if not campaign.scores.height
     ]:
         raise SetupError(faults)
-    places, there = [(folders[0], data[0]), (folders[-1], data[-1])], [_agents(data[0]), _agents(data[-1])]
-    chosen = tuple(agents) or _chosen(folders, there)
+    places, known_agents = [(folders[0], data[0]), (folders[-1], data[-1])], [_agents(data[0]), _agents(data[-1])]
+    chosen = tuple(agents) or _default_agents(folders, known_agents)
     if faults := [
         Fault("--agents", f"{agent!r} is not in {place[0]}", f"agents there: {', '.join(known)}")
-        for agent, place, known in zip(chosen, places, there, strict=True)
+        for agent, place, known in zip(chosen, places, known_agents, strict=True)
         if agent not in known
     ]:
         raise SetupError(faults)
     if chosen[0] == chosen[1] and len(folders) == 1:
         raise SetupError(Fault("--agents", "both sides are the same agent of the same campaign", "name two agents"))
     labels = _labels(chosen, folders)
-    first, second = (Side(label, folder, agent, one) for label, (folder, one), agent in zip(labels, places, chosen, strict=True))
+    first, second = (
+        ComparedAgent(label, folder, agent, campaign)
+        for label, (folder, campaign), agent in zip(labels, places, chosen, strict=True)
+    )
     return first, second
 
 
 def _agents(data: ReportData) -> list[str]:
     flown = set(data.scores["agent"])
-    return [one for one in data.agents if one in flown]
+    return [agent for agent in data.agents if agent in flown]
 
 
-def _chosen(folders: Sequence[Path], there: Sequence[Sequence[str]]) -> tuple[str, ...]:
+def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str]]) -> tuple[str, ...]:
     if len(folders) == 1:
-        if len(there[0]) == 2:
-            return tuple(there[0])
-    elif len(there[0]) == len(there[1]) == 1:
-        return there[0][0], there[1][0]
-    elif len(shared := [one for one in there[0] if one in there[1]]) == 1:
+        if len(known_agents[0]) == 2:
+            return tuple(known_agents[0])
+    elif len(known_agents[0]) == len(known_agents[1]) == 1:
+        return known_agents[0][0], known_agents[1][0]
+    elif len(shared := [agent for agent in known_agents[0] if agent in known_agents[1]]) == 1:
         return shared[0], shared[0]
-    said = "; ".join(f"{folder} has {', '.join(known)}" for folder, known in zip(folders, there, strict=False))
-    raise SetupError(Fault("--agents", f"it is not plain which two are meant: {said}", "name them: --agents FIRST SECOND"))
+    agents_by_folder = "; ".join(f"{folder} has {', '.join(known)}" for folder, known in zip(folders, known_agents, strict=False))
+    raise SetupError(
+        Fault("--agents", f"it is not plain which two are meant: {agents_by_folder}", "name them: --agents FIRST SECOND")
+    )
 
 
 def _labels(agents: Sequence[str], folders: Sequence[Path]) -> tuple[str, str]:
@@ -127,7 +135,7 @@ def _labels(agents: Sequence[str], folders: Sequence[Path]) -> tuple[str, str]:
     return (names[0], names[1]) if names[0] != names[1] else (str(folders[0]), str(folders[1]))
 
 
-def _unlike(first: Side, second: Side) -> list[Fault]:
+def _decomposition_faults(first: ComparedAgent, second: ComparedAgent) -> list[Fault]:
     digests = first.data.decomposition_sha256, second.data.decomposition_sha256
     if digests[0] is not None and digests[0] == digests[1]:
         return []
@@ -140,7 +148,7 @@ def _unlike(first: Side, second: Side) -> list[Fault]:
     ]
 
 
-def _unknown(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
+def _unknown_node_faults(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
     return [
         Fault("--node", f"there is no node {node!r}", f"for example {', '.join(data.study)}")
         for node in nodes
@@ -148,27 +156,33 @@ def _unknown(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
     ]
 
 
-def _met(first: Side, second: Side) -> tuple[pl.DataFrame, pl.DataFrame]:
+def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Both sides' rows of the scenes that both flew, the second's named as the first's are."""
-    mine, other = (side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second))
-    here, there = _scenes(first, mine), _scenes(second, other)
-    shared = {there[scene]: here[scene] for scene in here if scene in there}
+    first_rows, second_rows = (side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second))
+    first_scenes, second_scenes = _realizations_by_scene(first, first_rows), _realizations_by_scene(second, second_rows)
+    shared = {second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes}
     key = pl.col("realization")
-    named = mine.unique("realization").filter(key.is_in(list(shared.values()))).select("realization", "design_point", "replicate")
-    renamed = other.with_columns(key.cast(pl.String).replace_strict(shared, default=None, return_dtype=pl.String)).drop_nulls(
-        "realization"
+    named = (
+        first_rows.unique("realization")
+        .filter(key.is_in(list(shared.values())))
+        .select("realization", "design_point", "replicate")
     )
+    renamed = second_rows.with_columns(
+        key.cast(pl.String).replace_strict(shared, default=None, return_dtype=pl.String)
+    ).drop_nulls("realization")
     return (
-        mine.filter(key.is_in(list(shared.values()))),
+        first_rows.filter(key.is_in(list(shared.values()))),
         renamed.drop("design_point", "replicate").join(named, on="realization", how="inner"),
     )
 
 
-def _scenes(side: Side, rows: pl.DataFrame) -> dict[str, str]:
+def _realizations_by_scene(side: ComparedAgent, rows: pl.DataFrame) -> dict[str, str]:
     """The realization that flew each scene, by a digest of everything that its SimSpec says but for name and agent."""
     flown = rows["realization"].unique(maintain_order=True)
-    return {_scene(side.data.simspecs[one]): one for one in flown if one in side.data.simspecs}
+    return {
+        _scene_digest(side.data.simspecs[realization]): realization for realization in flown if realization in side.data.simspecs
+    }
 
 
-def _scene(simspec: SimSpec) -> str:
+def _scene_digest(simspec: SimSpec) -> str:
     return hashlib.sha256(simspec.model_dump_json(exclude={"name", "agent"}).encode()).hexdigest()

@@ -15,67 +15,69 @@ from decompositions import Decomposition
 
 from .._campaign_data import ReportData
 
-Pairs = Sequence[tuple[DesignPoint, int]]
-MOST_NAMED = 20
+DesignPairs = Sequence[tuple[DesignPoint, int]]
+MAX_NAMED_CONFIGURATIONS = 20
 """Of more configurations than this hardly any has two points; they are counted by the tensions of their nodes instead."""
 
 
-def rating(decomposition: Decomposition, study: Sequence[str] = ()) -> Rating:
+def difficulty_rating(decomposition: Decomposition, study: Sequence[str] = ()) -> Rating:
     """The difficulties of the nodes under study in a situation, for a design that is drawn by difficulty."""
     nodes = studied_key_attributes(decomposition, study)
 
     def rate(simspec: SimSpec) -> Mapping[str, float]:
-        found = difficulty_of(decomposition, simspec)
-        return {node: found.of(node) for node in nodes}
+        difficulty = difficulty_of(decomposition, simspec)
+        return {node: difficulty.of(node) for node in nodes}
 
     return rate
 
 
 def measure_design(base: SimSpec, design: Design, decomposition: Decomposition, study: Sequence[str] = ()) -> DesignQuality:
     """A design over a base SimSpec, measured before anything is flown. Raises SetupError where the design does not fit the base."""
-    pairs = design_pairs(base, design, rating(decomposition, study))
-    rated = [difficulty_of(decomposition, one) for one in situations(base, design, _flown(pairs))]
-    configurations = [configuration_of(decomposition, one, study) for one in rated]
-    if len(set(configurations)) > MOST_NAMED:
+    pairs = design_pairs(base, design, difficulty_rating(decomposition, study))
+    difficulties = [difficulty_of(decomposition, difficulty) for difficulty in situations(base, design, _distinct_points(pairs))]
+    configurations = [configuration_of(decomposition, difficulty, study) for difficulty in difficulties]
+    if len(set(configurations)) > MAX_NAMED_CONFIGURATIONS:
         nodes = studied_key_attributes(decomposition, study)
-        configurations = [" ".join(f"{node}={tension_of(one.of(node))}" for node in nodes) + " (tensions)" for one in rated]
-    return _measured(design, pairs, configurations)
+        configurations = [
+            " ".join(f"{node}={tension_of(difficulty.of(node))}" for node in nodes) + " (tensions)" for difficulty in difficulties
+        ]
+    return _measure(design, pairs, configurations)
 
 
-def points_of(data: ReportData) -> list[DesignPoint] | None:
+def campaign_design_points(data: ReportData) -> list[DesignPoint] | None:
     """The design points of a campaign's folder; None where its design cannot be read, or drawn as it was."""
-    drawn = _drawn(data)
-    return _flown(drawn[1]) if drawn else None
+    drawn = _campaign_design(data)
+    return _distinct_points(drawn[1]) if drawn else None
 
 
-def quality_of(data: ReportData) -> DesignQuality | None:
+def campaign_design_quality(data: ReportData) -> DesignQuality | None:
     """The design of a campaign's folder, measured; None where it varies nothing, or cannot be read.
 
     Configurations are named as in the report, and are those of points that were flown.
     """
-    drawn = _drawn(data)
-    if drawn is None or not drawn[0].factors:
+    design = _campaign_design(data)
+    if design is None or not design[0].factors:
         return None
-    labels = {one.key: one.label for one in data.configurations}
+    labels = {configuration.key: configuration.label for configuration in data.configurations}
     rated = data.scores.filter(pl.col("configuration").is_in(list(labels))).unique("design_point").sort("design_point")
-    return _measured(*drawn, [labels[one] for one in rated["configuration"]])
+    return _measure(*design, [labels[configuration] for configuration in rated["configuration"]])
 
 
-def _measured(design: Design, pairs: Pairs, configurations: Sequence[str]) -> DesignQuality:
+def _measure(design: Design, pairs: DesignPairs, configurations: Sequence[str]) -> DesignQuality:
     return design_quality(
         design.space,
-        _flown(pairs),
+        _distinct_points(pairs),
         pairs=len(pairs),
         extendable=design.methods[-1].grows,
         configurations=configurations,
     )
 
 
-def _flown(pairs: Pairs) -> list[DesignPoint]:
+def _distinct_points(pairs: DesignPairs) -> list[DesignPoint]:
     return list({point.id: point for point, _ in pairs}.values())
 
 
-def _drawn(data: ReportData) -> tuple[Design, Pairs] | None:
+def _campaign_design(data: ReportData) -> tuple[Design, DesignPairs] | None:
     try:
         design = Design.model_validate(data.campaign.get("design") or {})
         if not design.rated:
@@ -83,6 +85,6 @@ def _drawn(data: ReportData) -> tuple[Design, Pairs] | None:
         if data.document is None:
             return None
         base = SimSpec.model_validate(data.campaign.get("base"))
-        return design, design_pairs(base, design, rating(data.document, data.study))
+        return design, design_pairs(base, design, difficulty_rating(data.document, data.study))
     except (ValidationError, SetupError):
         return None

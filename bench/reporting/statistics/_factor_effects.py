@@ -11,9 +11,9 @@ from bench.realization import INACTIVE
 from bench.statistics import FactorIndependence, FactorLevel, NodeFactorAnalysis, OddsRatio, factor_frame, node_factors
 
 from .._campaign_data import ReportData
-from ._design_quality import points_of
+from ._design_quality import campaign_design_points
 
-FOUND_BELOW = 0.05
+SIGNIFICANCE_LEVEL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +30,10 @@ class FactorRow:
     note: str
 
     @property
-    def found(self) -> tuple[str, ...]:
+    def significant_tests(self) -> tuple[str, ...]:
         """Where its tests find something: confidence, passes, score."""
         tests = (("confidence", self.confidence_p), ("passes", self.passes_p), ("score", self.score_p))
-        return tuple(name for name, p in tests if p is not None and p < FOUND_BELOW)
+        return tuple(name for name, p in tests if p is not None and p < SIGNIFICANCE_LEVEL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class FactorTable:
 
 
 @dataclass(frozen=True, slots=True)
-class FactorsMatter:
+class FactorEffects:
     """The whole section. `note` says why there is none, and is empty otherwise; `frame` holds every test (FACTOR_COLUMNS)."""
 
     tables: tuple[FactorTable, ...]
@@ -57,33 +57,36 @@ class FactorsMatter:
     note: str = ""
 
     @property
-    def found(self) -> list[tuple[FactorTable, FactorRow]]:
+    def significant_effects(self) -> list[tuple[FactorTable, FactorRow]]:
         """What was found in confidence or passes, over all nodes and agents."""
         rows = ((table, row) for table in self.tables for row in table.rows)
-        return [(table, row) for table, row in rows if {"confidence", "passes"} & set(row.found)]
+        return [(table, row) for table, row in rows if {"confidence", "passes"} & set(row.significant_tests)]
 
     @property
-    def found_in_scores(self) -> list[tuple[str, list[str]]]:
+    def score_only_effects(self) -> list[tuple[str, list[str]]]:
         """Factors that were found in scores alone, each with the nodes and agents; difficulty may be all that they move."""
         places: dict[str, list[str]] = {}
         for table in self.tables:
             for row in table.rows:
-                if row.found == ("score",):
+                if row.significant_tests == ("score",):
                     places.setdefault(row.factor, []).append(f"{table.node} of {table.agent}")
         return list(places.items())
 
 
-def factors_that_matter(data: ReportData) -> FactorsMatter:
+def factor_effects(data: ReportData) -> FactorEffects:
     """Every node under study, each agent for itself, over the factors of the campaign's design."""
     levels, note = _levels(data)
     analyses = [
-        one for node in data.study for agent in data.agents if (one := node_factors(data.scores, levels, agent, node)) is not None
+        analysis
+        for node in data.study
+        for agent in data.agents
+        if (analysis := node_factors(data.scores, levels, agent, node)) is not None
     ]
     if levels and not analyses:
         note = "No run was considered, so nothing can be said."
     frame = factor_frame(analyses)
-    return FactorsMatter(
-        tables=tuple(_table(one, frame) for one in analyses),
+    return FactorEffects(
+        tables=tuple(_table(analysis, frame) for analysis in analyses),
         independence=analyses[0].confidence.independence if analyses else None,
         frame=frame,
         note=note,
@@ -94,10 +97,10 @@ def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel | None
     stated = data.campaign.get("design")
     if not isinstance(stated, Mapping) or not stated.get("factors"):
         return {}, "The campaign's design varies no factor."
-    points = points_of(data)
+    points = campaign_design_points(data)
     if points is None:
         return {}, "The campaign's design cannot be read, so scores cannot be held against its factors."
-    switched = {one["name"] for one in stated["factors"] if one.get("when")}
+    switched = {factor["name"] for factor in stated["factors"] if factor.get("when")}
     return {point.id: _active(point.levels, switched) for point in points}, ""
 
 
@@ -106,12 +109,12 @@ def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, 
     return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
 
 
-def _table(one: NodeFactorAnalysis, frame: pl.DataFrame) -> FactorTable:
-    mine = frame.filter(pl.col("agent") == one.agent, pl.col("node") == one.node)
-    adjusted = {(row["of"], row["test"], row["factor"]): row["p_adjusted"] for row in mine.iter_rows(named=True)}
-    confidence = {effect.term: effect for effect in one.confidence.effects}
-    score = {effect.term: effect for effect in one.score.effects}
-    terms = dict.fromkeys([*confidence, *score, *(test.factor for test in one.passes.tests)])
+def _table(analysis: NodeFactorAnalysis, frame: pl.DataFrame) -> FactorTable:
+    tests = frame.filter(pl.col("agent") == analysis.agent, pl.col("node") == analysis.node)
+    adjusted = {(row["of"], row["test"], row["factor"]): row["p_adjusted"] for row in tests.iter_rows(named=True)}
+    confidence = {effect.term: effect for effect in analysis.confidence.effects}
+    score = {effect.term: effect for effect in analysis.score.effects}
+    terms = dict.fromkeys([*confidence, *score, *(test.factor for test in analysis.passes.tests)])
     rows = [
         FactorRow(
             factor=term,
@@ -119,30 +122,32 @@ def _table(one: NodeFactorAnalysis, frame: pl.DataFrame) -> FactorTable:
             confidence_p=adjusted.get(("confidence", "anova", term)),
             score_share=score[term].omega2 if term in score else None,
             score_p=adjusted.get(("score", "anova", term)),
-            odds=tuple(odds for odds in one.passes.odds if odds.factor == term),
+            odds=tuple(odds for odds in analysis.passes.odds if odds.factor == term),
             passes_p=adjusted.get(("passes", "logistic", term)),
             note=next((effects[term].note for effects in (confidence, score) if term in effects), ""),
         )
         for term in terms
     ]
     # Interactions are many and mostly nothing: only those that were found are shown, the frame holds the rest.
-    shown = tuple(row for row in rows if " x " not in row.factor or row.found)
-    return FactorTable(one.agent, one.node, one.confidence.n, shown, tuple(_notes(one)))
+    shown = tuple(row for row in rows if " x " not in row.factor or row.significant_tests)
+    return FactorTable(analysis.agent, analysis.node, analysis.confidence.n, shown, tuple(_notes(analysis)))
 
 
-def _notes(one: NodeFactorAnalysis) -> Iterable[str]:
-    for name, found in (("Confidence", one.confidence), ("Scores", one.score)):
-        if found.note:
-            yield f"{name}: {found.note}."
-        rough = [
+def _notes(analysis: NodeFactorAnalysis) -> Iterable[str]:
+    for name, variance in (("Confidence", analysis.confidence), ("Scores", analysis.score)):
+        if variance.note:
+            yield f"{name}: {variance.note}."
+        violations = [
             text
-            for p, text in ((found.normal_p, "not normal"), (found.equal_spread_p, "not equally spread"))
-            if p is not None and p < FOUND_BELOW
+            for p, text in ((variance.normal_p, "not normal"), (variance.equal_spread_p, "not equally spread"))
+            if p is not None and p < SIGNIFICANCE_LEVEL
         ]
-        if rough:
-            yield f"{name}: residuals are {' and '.join(rough)}, so p is rough."
-    if one.passes.note:
-        yield f"Passes: {one.passes.note}."
-    out = dict.fromkeys(f"{left.term} ({left.reason})" for left in (*one.confidence.left_out, *one.score.left_out))
-    if out:
-        yield f"Left out: {', '.join(out)}."
+        if violations:
+            yield f"{name}: residuals are {' and '.join(violations)}, so p is rough."
+    if analysis.passes.note:
+        yield f"Passes: {analysis.passes.note}."
+    exclusions = dict.fromkeys(
+        f"{exclusion.term} ({exclusion.reason})" for exclusion in (*analysis.confidence.left_out, *analysis.score.left_out)
+    )
+    if exclusions:
+        yield f"Left out: {', '.join(exclusions)}."

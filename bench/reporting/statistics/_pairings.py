@@ -1,4 +1,4 @@
-"""The agents on the same scenes, one to one: what differs there is the agent, not the luck of the scene."""
+"""Two agents compared scene by scene, so that differences come from the agents and not from the scenes."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def pair_agents(scores: pl.DataFrame, nodes: Sequence[str], first: str, second: 
 
 def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
     columns = ["design_point", "replicate", "score", "confidence"]
-    mine, other = (rows.filter(pl.col("agent") == agent).select(columns) for agent in (first, second))
-    met = mine.join(other, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
-    met = met.drop_nulls(["confidence", "confidence_second"])
-    passed = [(a >= 1.0, b >= 1.0) for a, b in zip(met["confidence"], met["confidence_second"], strict=True)]
+    first_rows, second_rows = (rows.filter(pl.col("agent") == agent).select(columns) for agent in (first, second))
+    shared = first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
+    shared = shared.drop_nulls(["confidence", "confidence_second"])
+    passed = [(a >= 1.0, b >= 1.0) for a, b in zip(shared["confidence"], shared["confidence_second"], strict=True)]
     only_first, only_second = passed.count((True, False)), passed.count((False, True))
-    scored = met.drop_nulls(["score", "score_second"])
+    scored = shared.drop_nulls(["score", "score_second"])
     return Pairing(
         node=node,
         first=first,
@@ -64,7 +64,7 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
         only_first=only_first,
         only_second=only_second,
         neither=passed.count((False, False)),
-        confidence_differences=tuple((met["confidence_second"] - met["confidence"]).to_list()),
+        confidence_differences=tuple((shared["confidence_second"] - shared["confidence"]).to_list()),
         score_differences=tuple((scored["score_second"] - scored["score"]).to_list()),
         p_value=float(binomtest(only_first, only_first + only_second).pvalue) if only_first + only_second else None,
     )

@@ -1,4 +1,4 @@
-"""What was run, in the words of its own documents: situation, factors, provenance."""
+"""What was run, line by line: situation, factors, provenance."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _SITUATION: tuple[tuple[str, Callable[[SimSpec], str]], ...] = (
 )
 
 
-def describe(data: ReportData) -> list[Fact]:
+def campaign_facts(data: ReportData) -> list[Fact]:
     """The campaign and its situation, line by line."""
     simulated_s = sum(run.simulated_s for run in data.runs)
     cpu_s = sum(run.cpu_s for run in data.runs)
@@ -56,10 +56,10 @@ def describe(data: ReportData) -> list[Fact]:
     specs = list(data.simspecs.values())
     if not specs:
         return [*facts, Fact("Situation", "no SimSpec is here")]
-    facts += [_over(name, [read(spec) for spec in specs]) for name, read in _SITUATION]
+    facts += [_fact_over_runs(name, [read(spec) for spec in specs]) for name, read in _SITUATION]
     groups = {group.id: None for spec in specs for group in spec.actors}
-    facts += [_over(f"Actors: {one}", [_group(spec, one) for spec in specs]) for one in groups]
-    return [*facts, _over("Intelligence", [intelligence_text(spec) for spec in specs])]
+    facts += [_fact_over_runs(f"Actors: {group_id}", [_group(spec, group_id) for spec in specs]) for group_id in groups]
+    return [*facts, _fact_over_runs("Intelligence", [intelligence_text(spec) for spec in specs])]
 
 
 def _design(data: ReportData) -> str:
@@ -72,13 +72,13 @@ def _design(data: ReportData) -> str:
     return f"{kind.replace('_', ' ')}, {points}, {plural(len({run.scene for run in data.runs}), 'scene')}, replicates included"
 
 
-def _over(name: str, texts: Sequence[str]) -> Fact:
-    different = sorted(set(texts), key=_natural)
+def _fact_over_runs(name: str, texts: Sequence[str]) -> Fact:
+    different = sorted(set(texts), key=_numeric_order)
     more = f" · and {len(different) - SHOWN_VALUES} more" if len(different) > SHOWN_VALUES else ""
     return Fact(name, " · ".join(different[:SHOWN_VALUES]) + more, len(different) > 1)
 
 
-def _natural(text: str) -> tuple[float, str]:
+def _numeric_order(text: str) -> tuple[float, str]:
     head = text.split(" ", 1)[0]
     try:
         return (float(head), text)
@@ -87,7 +87,7 @@ def _natural(text: str) -> tuple[float, str]:
 
 
 def _group(simspec: SimSpec, name: str) -> str:
-    found = next((group for group in simspec.actors if group.id == name), None)
+    found = next((candidate for candidate in simspec.actors if candidate.id == name), None)
     return "none" if found is None else group_text(found, simspec.world.area.area_m2)
 
 
@@ -95,13 +95,13 @@ def factor_rows(data: ReportData) -> list[dict[str, str]]:
     """The factors of the design, as the campaign states them."""
     design = data.campaign.get("design")
     stated = design.get("factors") if isinstance(design, Mapping) else None
-    return [_factor(one) for one in stated if isinstance(one, Mapping)] if isinstance(stated, list) else []
+    return [_factor(factor) for factor in stated if isinstance(factor, Mapping)] if isinstance(stated, list) else []
 
 
 def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
     levels, span, sets = stated.get("levels"), stated.get("range"), stated.get("sets")
     if isinstance(levels, list) and levels:
-        text = ", ".join(str(one) for one in levels)
+        text = ", ".join(str(level) for level in levels)
     else:
         text = f"{span.get('low')} to {span.get('high')}" if isinstance(span, Mapping) else str(stated.get("formula") or "–")
     text += f" when {stated['when']}" if stated.get("when") else ""

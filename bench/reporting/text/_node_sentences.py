@@ -11,33 +11,33 @@ from .._campaign_data import Tally
 from ..statistics._trials import Trials
 from ._format import number, percent, plural
 
-SHARES = {"50": "half", "90": "nine tenths"}
+PASS_SHARES = {"50": "half", "90": "nine tenths"}
 
 
-NO_CURVE = {
+NO_CURVE_REASONS = {
     CurveState.TOO_FEW: "No curve is drawn: fewer than ten runs considered the node.",
-    CurveState.ONE_DIFFICULTY: "No curve is drawn: all runs have one difficulty, so nothing shows how passing depends on it.",
+    CurveState.ONE_DIFFICULTY: "No curve is drawn: all runs have one difficulty, so they do not show how passing depends on it.",
 }
 
 
-DOUBTS = {
-    CurveState.ALL_PASSED: "All runs passed: the curve falls only as far as so few runs cannot exclude.",
-    CurveState.NONE_PASSED: "No run passed: the curve stands above 0 only as far as so few runs cannot exclude.",
-    CurveState.SEPARATED: "Passes and failures lie on either side of one difficulty: how steep the curve is there, nothing shows.",
+CURVE_CAVEATS = {
+    CurveState.ALL_PASSED: "All runs passed: the curve falls only where so few runs cannot exclude it.",
+    CurveState.NONE_PASSED: "No run passed: the curve is above 0 only where so few runs cannot exclude it.",
+    CurveState.SEPARATED: "All passes and failures are on either side of one difficulty, so the runs do not show how steep the curve is there.",
 }
 
 
-def sentences(tally: Tally | None, trials: Trials) -> list[str]:
+def node_sentences(tally: Tally | None, trials: Trials) -> list[str]:
     """What can be said of one node of one agent over all runs."""
-    return [one.replace(" %", "\u00a0%") for one in _sentences(tally, trials)]
+    return [sentence.replace(" %", "\u00a0%") for sentence in _sentences(tally, trials)]
 
 
 def _sentences(tally: Tally | None, trials: Trials) -> list[str]:
     if tally is None:
-        return ["Nothing is on record of it."]
+        return ["There is no record of it."]
     if not tally.considered:
         return [
-            f"Never considered: none of {plural(tally.runs, 'run')} offered anything that exercises it, so nothing is said of it."
+            f"Never considered: none of {plural(tally.runs, 'run')} offered anything that exercises it, so there is no result."
         ]
     return [
         *_score(tally),
@@ -50,7 +50,7 @@ def _sentences(tally: Tally | None, trials: Trials) -> list[str]:
 def _score(tally: Tally) -> Iterator[str]:
     considered = plural(tally.considered, "considered run")
     if tally.score is None:
-        yield f"Not scored: nothing under it was achieved in any of {considered}. That is no score of 0."
+        yield f"Not scored: nothing under it was achieved in any of {considered}. This is not a score of 0."
         return
     ends = ""
     if tally.score_low is not None and tally.score_high is not None:
@@ -58,26 +58,24 @@ def _score(tally: Tally) -> Iterator[str]:
     yield f"ARL score {number(tally.score)}{ends}, the mean of the {tally.scored} of {considered} that have a score."
     if tally.raised:
         yield (
-            f"Failures raised this score: what failed has none and leaves the mean. Had every failed observable passed exactly at "
-            f"its threshold, it would be {number(tally.passed_score)}."
+            f"Failures raised this score, because a failed observable has no score and does not count in the mean. If every failed "
+            f"observable had passed exactly at its threshold, the score would be {number(tally.passed_score)}."
         )
 
 
 def _competence(tally: Tally, rate: str) -> str:
-    found = tally.competence[rate]
-    if found.value <= 0.0:
-        return (
-            f"Competence {rate}: 0. The pass rate, fitted so that it never rises with difficulty, reaches {SHARES[rate]} nowhere."
-        )
-    value = f"at least {number(found.value)}, the highest flown" if found.at_least else number(found.value)
+    competence = tally.competence[rate]
+    if competence.value <= 0.0:
+        return f"Competence {rate}: 0. The pass rate, fitted so that it never rises with difficulty, never reaches {PASS_SHARES[rate]}."
+    value = (
+        f"at least {number(competence.value)}, the highest difficulty flown" if competence.at_least else number(competence.value)
+    )
     low = (
-        f"with 95 % confidence it is {number(found.low)} or more"
-        if found.low > 0
-        else "no lower bound above 0 follows from these runs"
+        f"with 95 % confidence it is {number(competence.low)} or more"
+        if competence.low > 0
+        else "these runs give no lower bound above 0"
     )
-    return (
-        f"Competence {rate}: {value}. Up to there the pass rate, fitted so that it never rises, is {SHARES[rate]} or more; {low}."
-    )
+    return f"Competence {rate}: {value}. Up to this difficulty the pass rate, fitted so that it never rises, is {PASS_SHARES[rate]} or more; {low}."
 
 
 def _confidence(tally: Tally) -> str:
@@ -88,29 +86,31 @@ def _confidence(tally: Tally) -> str:
 
 
 def _claim(tally: Tally, trials: Trials) -> str:
-    said = _claimed(trials.passes, len(trials.passed))
+    claim_sentences = _claim_text(trials.passes, len(trials.passed))
     if tally.design_points < len(trials.passed):
-        said += f" That takes the runs as independent; they come from {plural(tally.design_points, 'design point')}."
+        claim_sentences += (
+            f" This assumes that the runs are independent, but they come from {plural(tally.design_points, 'design point')}."
+        )
     if tally.method.startswith("anytime"):
-        said += " It takes their number as fixed beforehand; here it hung on how they went."
-    return said
+        claim_sentences += " It also assumes a fixed number of runs, but here the number depended on the results."
+    return claim_sentences
 
 
 @lru_cache(maxsize=4096)
-def _claimed(passed: int, tried: int) -> str:
-    """Hundreds of nodes share few counts, and an exact bound is dear."""
+def _claim_text(passed: int, tried: int) -> str:
+    # Cached: hundreds of nodes share a few counts, and an exact bound is slow to compute.
     return claim(passed, tried)
 
 
 def curve_remark(curve: Curve) -> str:
     """Why there is no curve, or what to keep in mind looking at the one that is drawn."""
     if not curve.drawn:
-        return NO_CURVE[curve.state]
-    if curve.state in DOUBTS:
-        return DOUBTS[curve.state]
+        return NO_CURVE_REASONS[curve.state]
+    if curve.state in CURVE_CAVEATS:
+        return CURVE_CAVEATS[curve.state]
     if curve.half_at is not None:
-        return f"The curve passes an even chance at difficulty {number(curve.half_at)}; that is no competence, for it rises when easy runs fail."
+        return f"The curve passes an even chance at difficulty {number(curve.half_at)}; this is not the competence, because it rises when easy runs fail."
     if curve.probability[-1] > curve.probability[0]:
-        return "The curve rises: harder runs passed no less often than easier ones, so rated difficulty does not tell where it fails."
+        return "The curve rises: harder runs passed at least as often as easier ones, so the rated difficulty does not explain the failures."
     side = "above" if curve.probability[-1] > 0.5 else "below"
     return f"The curve stays {side} an even chance at every difficulty flown."

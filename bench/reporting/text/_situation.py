@@ -1,4 +1,4 @@
-"""One situation in words, for who was not there: its groups, its rules, and what happens in it."""
+"""One situation in words: its groups, its rules and its events."""
 
 from __future__ import annotations
 
@@ -8,27 +8,31 @@ from bench.simspec import ActorGroup, CountRange, Motion, Placement, PlaceRefere
 
 
 def group_text(group: ActorGroup, area_m2: float) -> str:
-    """How many, what, where, how they move."""
-    stated = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
-    drawn = (
+    """A group in words: how many members, of what kind, where, and how they move."""
+    density = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
+    count = (
         f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.member_count(area_m2)}"
     )
-    said = [f"{drawn} {group.asset}{stated}", group.role.value, *_distances(group.placement), *_places(group.placement)]
-    said += [f"concealment {group.concealment:g}"] if group.concealment else []
-    return ", ".join([*said, *_motion(group.motion)])
+    parts = [f"{count} {group.asset}{density}", group.role.value, *_distances(group.placement), *_places(group.placement)]
+    parts += [f"concealment {group.concealment:g}"] if group.concealment else []
+    return ", ".join([*parts, *_motion(group.motion)])
 
 
 def _distances(place: Placement) -> Iterator[str]:
     if place.mean_distance:
-        yield f"{place.mean_distance.mean_m:g} m from {place.mean_distance.of} in the mean"
+        yield f"{place.mean_distance.mean_m:g} m from {place.mean_distance.of} on average"
     if place.near:
         yield f"{place.near.min_m:g} to {place.near.max_m:g} m from {place.near.of}"
     if place.away:
         yield f"{place.away.min_m:g} to {place.away.max_m:g} m from every {place.away.of}"
-    for one in place.distances:
-        whom = _point(one.point) if one.of is None else f"{'every' if one.whom == 'every' else 'some'} {one.of}"
-        span = f"{one.min_m:g} m or more" if one.max_m is None else f"{one.min_m:g} to {one.max_m:g} m"
-        yield f"{span} from {whom}"
+    for distance in place.distances:
+        target = (
+            _point_text(distance.point)
+            if distance.of is None
+            else f"{'every' if distance.whom == 'every' else 'some'} {distance.of}"
+        )
+        span = f"{distance.min_m:g} m or more" if distance.max_m is None else f"{distance.min_m:g} to {distance.max_m:g} m"
+        yield f"{span} from {target}"
 
 
 def _places(place: Placement) -> Iterator[str]:
@@ -47,24 +51,26 @@ def _places(place: Placement) -> Iterator[str]:
     elif place.between:
         yield f"between {place.between.first} and {place.between.second}"
     if place.bearing:
-        yield f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g}° from {_whom(place.bearing)}"
+        yield f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g}° from {_reference_text(place.bearing)}"
     if place.facing:
         yield (
-            f"heading {place.facing.heading_deg:g}°" if place.facing.heading_deg is not None else f"facing {_whom(place.facing)}"
+            f"heading {place.facing.heading_deg:g}°"
+            if place.facing.heading_deg is not None
+            else f"facing {_reference_text(place.facing)}"
         )
     if place.hidden_from:
-        yield f"hidden from {_whom(place.hidden_from)}"
+        yield f"hidden from {_reference_text(place.hidden_from)}"
     if place.visible_from:
-        yield f"visible from {_whom(place.visible_from)}"
+        yield f"visible from {_reference_text(place.visible_from)}"
     if place.spread_m:
         yield f"{place.spread_m:g} m apart or more"
 
 
-def _whom(seen: PlaceReference) -> str:
-    return seen.of if seen.of is not None else _point(seen.point)
+def _reference_text(reference: PlaceReference) -> str:
+    return reference.of if reference.of is not None else _point_text(reference.point)
 
 
-def _point(point: Point | None) -> str:
+def _point_text(point: Point | None) -> str:
     return "nowhere" if point is None else f"{point.east_m:g}, {point.north_m:g} m"
 
 
@@ -97,35 +103,35 @@ def _rules(rules: Rules) -> Iterator[str]:
     if rules.geofence is not None:
         yield "a geofence"
     if rules.no_fly:
-        yield f"no flight over {', '.join(one.id for one in rules.no_fly)}"
+        yield f"no flight over {', '.join(window.id for window in rules.no_fly)}"
     if rules.report_deadline_s is not None:
         yield f"reports within {rules.report_deadline_s:g} s of intelligence"
     if rules.report_windows:
-        yield f"reports only from {', '.join(f'{one.from_s:g} to {one.until_s:g} s' for one in rules.report_windows)}"
+        yield f"reports only from {', '.join(f'{window.from_s:g} to {window.until_s:g} s' for window in rules.report_windows)}"
     if rules.link_lost != "continue":
         yield f"{rules.link_lost} after {rules.link_lost_after_s:g} s without the operator"
 
 
 def events_text(simspec: SimSpec) -> str:
-    """What happens by itself: orders, outages, failures; `none` where nothing does."""
-    said = [(order.at_s, f"order {order.kind}") for order in simspec.orders]
-    said += [(outage.at_s, f"{outage.kind.replace('_', ' ')} away for {outage.duration_s:g} s") for outage in simspec.outages]
-    said += [
+    """Orders, outages and failures in words; `none` when there are none."""
+    events = [(order.at_s, f"order {order.kind}") for order in simspec.orders]
+    events += [(outage.at_s, f"{outage.kind.replace('_', ' ')} away for {outage.duration_s:g} s") for outage in simspec.outages]
+    events += [
         (
             failure.at_s,
             f"{failure.kind.replace('_', ' ')}{'' if failure.duration_s is None else f' for {failure.duration_s:g} s'}",
         )
         for failure in simspec.vehicle.failures
     ]
-    return "; ".join(f"{at_s:g} s {what}" for at_s, what in sorted(said)) or "none"
+    return "; ".join(f"{at_s:g} s {what}" for at_s, what in sorted(events)) or "none"
 
 
 def intelligence_text(simspec: SimSpec) -> str:
-    """What was reported to the agent beforehand or on the way."""
-    said = [
-        f"{one.id}: priority {one.priority}, within {one.uncertainty_m:g} m"
-        + (f", {one.latency_s:g} s old" if one.latency_s else "")
-        + (f", delivered at {one.delivered_s:g} s" if one.delivered_s else "")
-        for one in simspec.intelligence
+    """The intelligence reports in words; `none` when there are none."""
+    reports = [
+        f"{report.id}: priority {report.priority}, within {report.uncertainty_m:g} m"
+        + (f", {report.latency_s:g} s old" if report.latency_s else "")
+        + (f", delivered at {report.delivered_s:g} s" if report.delivered_s else "")
+        for report in simspec.intelligence
     ]
-    return "; ".join(said) or "none"
+    return "; ".join(reports) or "none"
