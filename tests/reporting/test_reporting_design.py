@@ -28,7 +28,7 @@ def test_report_measures_the_design(data: ReportData) -> None:
     assert sum(quality.configurations.values()) == len(flown)
     assert set(quality.configurations) == {one.label for one in data.configurations}
     page = render_report(data)
-    assert "How good the design is" in page
+    assert "Quality of the design" in page
     assert "6 of 6 that may occur" in page
 
 
@@ -39,7 +39,7 @@ def test_design_that_cannot_be_read_is_left_out(data: ReportData) -> None:
     for design in ({"factors": 3}, {}, rated):
         damaged = replace(data, campaign={**data.campaign, "design": design})
         assert campaign_design_quality(damaged) is None
-        assert "How good the design is" not in render_report(damaged)
+        assert "Quality of the design" not in render_report(damaged)
     assert campaign_design_points(replace(data, campaign={**data.campaign, "design": rated})) is None
 
 

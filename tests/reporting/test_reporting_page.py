@@ -267,7 +267,7 @@ def test_recordings_become_maps(tmp_path: Path) -> None:
     page, _ = page_of(folder)
     assert [name for name in page.scripts if name.startswith("data-map")] == ["data-map-1", "data-map-2"]
     assert page.text.count("The recording is cut off") == 1
-    assert "Messages that nobody could understand: 1 on /vehicle_1/agent/reports" in page.text
+    assert "Messages that could not be decoded: 1 on /vehicle_1/agent/reports" in page.text
     assert any("marked, against the rule" in row[3] for row in page.tables[""] if len(row) == 8)
 
 
@@ -303,7 +303,7 @@ def test_size_stays_small(made: Path) -> None:
 def test_each_studied_node_is_told_in_sentences(made: Path, page: Page) -> None:
     """Competence, its bound, the claim and the curve's remark stand beside every figure; the flag says what the mean would be."""
     data = load_report_data(made)
-    told = page.text.split("What is under study, one by one", 1)[1].split("What was run", 1)[0].replace("\u00a0", " ")
+    told = page.text.split("Results for each key attribute under study", 1)[1].split("What was run", 1)[0].replace("\u00a0", " ")
     for node in STUDY:
         for agent in AGENTS:
             tally = data.tally(agent, node)
@@ -341,7 +341,7 @@ def test_orders_outages_and_faults_of_a_drawn_run(made: Path) -> None:
     rows = [row for row in page.tables[""] if len(row) == 5 and row[2] in ("order", "outage", "fault")]
     assert rows == [
         ["30.0", "–", "order", "hold, within 5 s", "delivered at 30.0 s; not answered"],
-        ["40.0", "50.0", "outage", "the operator’s link is down", "the agent was told at 40.2 s"],
+        ["40.0", "50.0", "outage", "the operator’s link is down", "the agent was informed at 40.2 s"],
         ["45.0", "–", "order", "mark first, within 10 s", "delivered at 50.0 s; refused at 52.0 s: not near <people>"],
         ["70.0", "75.0", "outage", "the detector is silent", "–"],
         ["100.0", "110.0", "fault", "fixes drift by 0.5 m/s towards 90°", "–"],
