@@ -25,7 +25,7 @@ class Document(BaseModel):
 
 
 D = TypeVar("D", bound=BaseModel)
-Path_ = tuple[str | int, ...]
+DocumentPath = tuple[str | int, ...]
 MAX_BYTES = 16 * 1024 * 1024
 
 
@@ -53,14 +53,14 @@ def read_json_document(text: str, kind: type[D], source: str = "") -> D:
         return read_document(text, kind, source)  # the YAML reader knows lines, so its faults name them
 
 
-def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
+def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
     """Text of a file; SetupError when it is missing, too large or not UTF-8."""
     try:
-        if path.stat().st_size > most_bytes:
-            raise SetupError(Fault(str(path), f"the file is larger than {most_bytes} bytes", "split it"))
+        if path.stat().st_size > max_bytes:
+            raise SetupError(Fault(str(path), f"the file is larger than {max_bytes} bytes", "split it"))
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise SetupError(Fault(str(path), "there is no such file", near_miss(path))) from None
+        raise SetupError(Fault(str(path), "there is no such file", similar_files(path))) from None
     except (IsADirectoryError, PermissionError, UnicodeDecodeError) as error:
         raise SetupError(Fault(str(path), f"cannot be read: {error}", "give a readable UTF-8 file")) from error
 
@@ -71,17 +71,19 @@ def read_document(text: str, kind: type[D], source: str = "") -> D:
     return validate_document(value, kind, source=source, lines=lines)
 
 
-def validate_document(value: object, kind: type[D], source: str = "", lines: Mapping[Path_, int] | None = None) -> D:
+def validate_document(value: object, kind: type[D], source: str = "", lines: Mapping[DocumentPath, int] | None = None) -> D:
     """Make a document of plain values. Raises SetupError with every fault."""
     try:
         return kind.model_validate(value)
     except ValidationError as error:
         details = error.errors()
-        other = next((one for one in details if one["loc"] == ("format",) and one["type"] == "literal_error"), None)
-        if other and str(other["input"]).startswith("rebar."):  # every other fault would be one of mistaken identity
-            wanted = str(kind.model_fields["format"].default)
-            raise SetupError(Fault(source, f"is a {other['input']}", f"name a {wanted} here")) from None
-        raise SetupError([_fault(detail, kind, source, lines or {}) for detail in details]) from None
+        mismatch = next(
+            (problem for problem in details if problem["loc"] == ("format",) and problem["type"] == "literal_error"), None
+        )
+        if mismatch and str(mismatch["input"]).startswith("rebar."):  # every other fault would be one of mistaken identity
+            expected = str(kind.model_fields["format"].default)
+            raise SetupError(Fault(source, f"is a {mismatch['input']}", f"name a {expected} here")) from None
+        raise SetupError([_fault_of(detail, kind, source, lines or {}) for detail in details]) from None
 
 
 class _Loader(yaml.SafeLoader):
@@ -95,16 +97,16 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
+        keys: set[str] = set()
         for key, _ in node.value:
-            if key.value in seen:
+            if key.value in keys:
                 raise yaml.MarkedYAMLError(None, None, f"the key {key.value!r} stands here twice", key.start_mark)
-            seen.add(key.value)
+            keys.add(key.value)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
 
 
-def parse_text(text: str, source: str = "") -> tuple[Any, dict[Path_, int]]:
+def parse_text(text: str, source: str = "") -> tuple[Any, dict[DocumentPath, int]]:
     """Plain values of YAML or JSON text, and the line (from 1) of every path in them. Raises SetupError on bad syntax."""
     try:
         loader = _Loader(text)
@@ -140,16 +142,16 @@ def dump_json(document: BaseModel) -> str:
     return document.model_dump_json(indent=1) + "\n"
 
 
-def near_miss(path: Path) -> str:
+def similar_files(path: Path) -> str:
     """A hint naming files that look like the one that is missing."""
     if not path.parent.is_dir():
         return f"the folder {path.parent} does not exist"
-    names = [one.name for one in path.parent.iterdir()]
+    names = [entry.name for entry in path.parent.iterdir()]
     close = difflib.get_close_matches(path.name, names, n=3)
     return f"did you mean {', '.join(close)}?" if close else "check the name"
 
 
-def _lines(node: yaml.Node, path: Path_) -> Iterator[tuple[Path_, int]]:
+def _lines(node: yaml.Node, path: DocumentPath) -> Iterator[tuple[DocumentPath, int]]:
     yield path, node.start_mark.line + 1
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
@@ -160,7 +162,7 @@ def _lines(node: yaml.Node, path: Path_) -> Iterator[tuple[Path_, int]]:
             yield from _lines(value, (*path, index))
 
 
-def _fault(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[Path_, int]) -> Fault:
+def _fault_of(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[DocumentPath, int]) -> Fault:
     location = tuple(detail["loc"])
     known = location
     while known and known not in lines:
@@ -185,14 +187,14 @@ def _fault(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapp
             return Fault(where, f"{shown[:80]} is not valid", message)
 
 
-def _dotted(location: Path_) -> str:
+def _dotted(location: DocumentPath) -> str:
     text = ""
     for part in location:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
     return text
 
 
-def _fields_at(kind: type[BaseModel], location: Path_) -> list[str]:
+def _fields_at(kind: type[BaseModel], location: DocumentPath) -> list[str]:
     """Names of the fields of the model at a location, as far as annotations tell."""
     current: Any = kind
     for part in location:

@@ -12,7 +12,9 @@ import resource
 import signal
 import sys
 
+# From <linux/prctl.h>; Python's standard library has no name for it.
 PR_SET_PDEATHSIG = 1
+# The code by which shells report a command that cannot be started.
 NOT_FOUND = 127
 
 
@@ -20,7 +22,8 @@ def main() -> None:
     """Tie this process to its parent's life, bound what it can write, and become the agent."""
     parent, file_bytes, command = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
-    if os.getppid() != parent:  # it died before the line above took hold
+    # A parent that died before the line above sends no signal any more.
+    if os.getppid() != parent:
         sys.exit(1)
     resource.setrlimit(resource.RLIMIT_FSIZE, (file_bytes, file_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,4 +1,4 @@
-"""An agent as a local process: clean environment, bounded output, and an end that takes everything it started along."""
+"""An agent as a local process: clean environment, bounded output, and an end that includes every process it started."""
 
 from __future__ import annotations
 
@@ -23,13 +23,18 @@ from bench.simspec import seed_of
 
 from . import _launch
 
-LEAVE_S = 0.25  # host time for an agent that was told of the end over its tick socket to go by itself
-GRACE_S = 2.0  # host time between asking an agent to end and ending it
-FILE_BYTES = 256 * 1024 * 1024  # the largest file that an agent may write
-HEAD_BYTES = 256 * 1024  # kept of the beginning of its output
-TAIL_BYTES = 64 * 1024  # kept of the end of its output
+# Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and SIGKILL.
+LEAVE_S = 0.25
+GRACE_S = 2.0
+# The largest file that an agent may write: a run-away log must not fill the disk.
+FILE_BYTES = 256 * 1024 * 1024
+# Kept of the beginning and of the end of its output: the start shows the set-up, the end shows why it stopped.
+HEAD_BYTES = 256 * 1024
+TAIL_BYTES = 64 * 1024
 LAST_WORDS_BYTES = 4000
-LAST_READS = 64  # of 64 KiB: more than a pipe holds
+# Of 64 KiB each, which is more than a pipe of Linux holds.
+LAST_READS = 64
+READ_BYTES = 65536
 OUTPUT_FILE = "agent.log"
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -48,6 +53,7 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     environment = environment_of(plan)
     plan.scratch.mkdir(parents=True, exist_ok=True)
     with _open_output(plan.scratch / OUTPUT_FILE) as output:
+        # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
         started = subprocess.Popen(
             [sys.executable, "-I", "-S", _launch.__file__, str(os.getpid()), str(FILE_BYTES), *command],
             cwd=plan.scratch,
@@ -71,7 +77,7 @@ def expand_command(plan: AgentPlan) -> tuple[str, ...]:
 
 
 def environment_of(plan: AgentPlan) -> dict[str, str]:
-    """The agent's whole environment: nothing of the bench's own leaks into it."""
+    """The agent's whole environment. Nothing of the bench's environment leaks into it."""
     ends = plan.endpoints
     spec = plan.simspec
     environment = {
@@ -100,18 +106,18 @@ def _expanded(plan: AgentPlan, texts: Mapping[str, str]) -> dict[str, str]:
     options = plan.simspec.agent.options
     faults = []
 
-    def value(where: str, found: re.Match[str]) -> str:
-        if found[1] == "python":
+    def value(where: str, match: re.Match[str]) -> str:
+        if match[1] == "python":
             return sys.executable
-        if found[1] == "folder":
+        if match[1] == "folder":
             return str(plan.folder)
-        if found[2] in options:
-            return _as_text(options[found[2]])
+        if match[2] in options:
+            return _as_text(options[match[2]])
         known = ", ".join(sorted(options)) or "none"
         faults.append(
             Fault(
                 f"{plan.manifest.name}: {where}",
-                f"needs the option {found[2]!r}, which the SimSpec does not give",
+                f"needs the option {match[2]!r}, which the SimSpec does not give",
                 f"add it under agent.options (there now: {known})",
             )
         )
@@ -176,14 +182,15 @@ class _Output:
                     return
                 if len(self._head) >= HEAD_BYTES:
                     self._ending.wait(0.02)
-        for _ in range(LAST_READS):  # what an agent wrote last still lies in the pipe
+        # What the agent wrote last is still in the pipe. Bounded, because a process that it left behind may go on writing.
+        for _ in range(LAST_READS):
             if not self._read():
                 return
 
     def _read(self) -> bytes | None:
         """Take in what waits; empty at the end of the stream, None when nothing waits."""
         try:
-            data = os.read(self._read_end, 65536)
+            data = os.read(self._read_end, READ_BYTES)
         except BlockingIOError:
             return None
         if data:
@@ -199,9 +206,9 @@ class _Output:
                 self._tail.append(rest)
                 self._tail_bytes += len(rest)
             while self._tail_bytes > TAIL_BYTES and len(self._tail) > 1:
-                gone = self._tail.popleft()
-                self._tail_bytes -= len(gone)
-                self._dropped += len(gone)
+                dropped = self._tail.popleft()
+                self._tail_bytes -= len(dropped)
+                self._dropped += len(dropped)
 
 
 @contextmanager
@@ -219,7 +226,8 @@ class LocalProcess:
     def __init__(self, started: subprocess.Popen[bytes], output: _Output) -> None:
         self._started = started
         self._output = output
-        self._cpu_s: float | None = None  # known for good once it has ended
+        # Set once the process has ended.
+        self._cpu_s: float | None = None
 
     @property
     def pid(self) -> int:
@@ -241,7 +249,7 @@ class LocalProcess:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
 
     def end(self, home: str) -> None:
-        """Let it go, ask its group to end, make it; then end what left the group but still carries the agent's HOME."""
+        """Wait for the agent, ask its process group to end, kill it; then kill what left the group but has the agent's HOME."""
         self._wait(LEAVE_S)
         self._signal(signal.SIGTERM)
         self._wait(GRACE_S)
@@ -266,7 +274,8 @@ class LocalProcess:
         try:
             pid, status, usage = os.wait4(self.pid, options)
         except ChildProcessError:
-            self._started.returncode = -signal.SIGKILL  # somebody else waited for it: how it ended is lost
+            # Another thread reaped the process, so its exit code is lost.
+            self._started.returncode = -signal.SIGKILL
             return
         if pid:
             self._cpu_s = usage.ru_utime + usage.ru_stime

@@ -105,7 +105,7 @@ def _description(text: str | None, file: Path | None) -> str:
             Fault("prose", "give either a description or --file", "for example rebar prose 'a radar vehicle and 5 civilians'")
         )
     # UTF-8 takes up to four bytes for a character.
-    return text if text is not None else read_text(file or Path(), most_bytes=4 * MAX_CHARACTERS)
+    return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)
 
 
 def _remarks(base_simspec: BaseSimSpec, proposed: ProposedResult | None) -> Iterator[str]:

@@ -85,8 +85,8 @@ class Tape:
         """What `make` works out of this tape, worked out once for all measures that ask by the same key."""
         if key not in self._cache:
             self._cache[key] = make()
-        found: T = self._cache[key]
-        return found
+        value: T = self._cache[key]
+        return value
 
     def actors_at(self, time_s: float) -> NDArray[np.float64]:
         """(k, 3) ENU positions of the cast at `time_s`, linear between samples, held beyond the ends."""

@@ -54,9 +54,9 @@ class TapeBuilder:
 
     def __init__(self, simspec: SimSpec) -> None:
         topics = VehicleTopics(simspec.vehicle.name)
-        self._motion = _Motion()
-        self._actors = _Actors()
-        self._estimate = _Estimate(f"{simspec.vehicle.name}/base_link")
+        self._motion = _MotionColumns()
+        self._actors = _ActorColumns()
+        self._estimate = _EstimateColumns(f"{simspec.vehicle.name}/base_link")
         self._cast: list[Timed[CastDocument]] = []
         self._frames: list[CameraFrame] = []
         self._detections: list[DetectionFrame] = []
@@ -136,7 +136,10 @@ class TapeBuilder:
         view = _document(ViewDocument, record)
         if view is None:
             return False
-        sightings = tuple(Sighting(one.actor, one.range_m, one.height_px, one.visible, one.box) for one in view.sightings)
+        sightings = tuple(
+            Sighting(sighting.actor, sighting.range_m, sighting.height_px, sighting.visible, sighting.box)
+            for sighting in view.sightings
+        )
         self._frames.append(CameraFrame(view.frame, view.camera, record.time, sightings))
         return True
 
@@ -145,12 +148,12 @@ class TapeBuilder:
         if message is None:
             return False
         stamp = message.header.stamp
-        detections = tuple(_detection(one) for one in message.detections if one.results)
+        detections = tuple(_detection(detection) for detection in message.detections if detection.results)
         self._detections.append(DetectionFrame(SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections))
         return True
 
 
-class _Motion:
+class _MotionColumns:
     """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes (3)."""
 
     WIDTH = 11
@@ -180,7 +183,7 @@ class _Motion:
         return table[:, 0].copy(), table[:, 1:4].copy(), _rotated(turns, table[:, 8:11]), _tilts(turns)
 
 
-class _Estimate:
+class _EstimateColumns:
     """Where the vehicle believes to be: map -> base_link of /tf as flat columns, time and position (3)."""
 
     def __init__(self, base: str) -> None:
@@ -191,9 +194,9 @@ class _Estimate:
         message = decode(TFMessage, record.data)
         if message is None:
             return False
-        for one in message.transforms:
-            if one.child_frame_id == self._base:
-                place = one.transform.translation
+        for transform in message.transforms:
+            if transform.child_frame_id == self._base:
+                place = transform.transform.translation
                 self._values += (record.time.s, place.x, place.y, place.z)
         return True
 
@@ -203,7 +206,7 @@ class _Estimate:
         return table[:, 0].copy(), table[:, 1:].copy()
 
 
-class _Actors:
+class _ActorColumns:
     """Truth positions of the cast."""
 
     def __init__(self) -> None:
@@ -231,13 +234,13 @@ def _document(kind: type[Any], record: Record) -> Any:
     return None if message is None else parse_document(kind, message.data)
 
 
-def _documents(kind: type[Document], said: list[Any]) -> Callable[[Record], bool]:
+def _documents(kind: type[Document], documents: list[Any]) -> Callable[[Record], bool]:
     """A taker that keeps the documents of one topic with the moment of their arrival."""
 
     def take(record: Record) -> bool:
         value = _document(kind, record)
         if value is not None:
-            said.append(Timed(record.time, value))
+            documents.append(Timed(record.time, value))
         return value is not None
 
     return take

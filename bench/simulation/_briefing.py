@@ -1,4 +1,4 @@
-"""What the agent is told, beat by beat: the clock first, then where the vehicle believes to be, then what is new."""
+"""What the agent may know, tick by tick: the clock first, then the vehicle's estimated pose, then what is new."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ _NOWHERE = PoseWithCovariance(
 
 
 class MissionInformation:
-    """Says on the air network what is due: `/clock`, the mission, `/tf`, the operator's link, intelligence, orders, camera info and
-    detections, in that order."""
+    """Publishes on the air network what is due: `/clock`, the mission, `/tf`, the operator's link, intelligence, orders, camera
+    info and detections, in that order."""
 
     def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
         self._air = air
@@ -73,24 +73,24 @@ class MissionInformation:
         self._outages = simspec.outages
         self._link_up: bool | None = None
         self._exposures: deque[SimTime] = deque()
-        self._briefed = False
+        self._mission_published = False
         self._deactivated = False
 
     @property
     def deactivated(self) -> bool:
-        """Whether the agent has been ordered to deactivate."""
+        """Whether the order to deactivate was delivered to the agent."""
         return self._deactivated
 
     def record_exposure(self, time: SimTime) -> None:
-        """A frame was exposed: its camera info goes out with the next beat."""
+        """Note an exposure; its camera info is published with the next tick."""
         self._exposures.append(time)
 
     def publish(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
-        """Everything that the agent may know at `now` and has not been told."""
+        """Publish everything that the agent may know at `now` and that was not published before."""
         air = self._air
         air.clock.publish(now, Clock(clock=Time.of(now.ns)))
-        if not self._briefed:
-            self._briefed = True
+        if not self._mission_published:
+            self._mission_published = True
             if not self._gimbal:
                 air.tf_static.publish(now, TFMessage(transforms=(self._mount(now),)))
             air.mission.publish_document(now, self._order)
@@ -98,15 +98,15 @@ class MissionInformation:
         self._publish_operator_messages(now)
         while self._exposures:
             air.camera_info.publish(now, self._camera_info(self._exposures.popleft()))
-        silent = self._out("detections", now)
+        silent = self._in_outage("detections", now)
         for frame in detector.due(now):
-            # A result that came out while the detector was silent is lost, also when the beat comes after the silence.
-            if not silent and not self._out("detections", frame.published):
+            # A result that came out during an outage is lost, also when the tick comes after the outage.
+            if not silent and not self._in_outage("detections", frame.published):
                 air.detections.publish(now, self._detections(frame))
 
     def _publish_operator_messages(self, now: SimTime) -> None:
-        """What the operator says, when it can be heard: reports before the orders that may be about them."""
-        up = not self._out("operator_link", now)
+        """Publish what the operator has sent while the link is up: reports before the orders that may refer to them."""
+        up = not self._in_outage("operator_link", now)
         if up is not self._link_up:
             self._link_up = up
             self._air.operator_link.publish_document(now, OperatorLinkDocument(up=up))
@@ -117,23 +117,23 @@ class MissionInformation:
             self._air.orders.publish_document(now, order)
             self._deactivated |= order.kind == "deactivate"
 
-    def _out(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:
-        return any(one.kind == kind and one.at_s <= time.s < one.until_s for one in self._outages)
+    def _in_outage(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:
+        return any(outage.kind == kind and outage.at_s <= time.s < outage.until_s for outage in self._outages)
 
     def _pose(self, now: SimTime, state: VehicleState) -> TFMessage:
         east, north, up = state.position_enu_m
-        header, place = Header(stamp=Time.of(now.ns), frame_id="map"), Vector3(x=east, y=north, z=up)
-        turned = Transform(translation=place, rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad))
-        poses: tuple[TransformStamped, ...] = (TransformStamped(header=header, child_frame_id=self._base, transform=turned),)
+        header, translation = Header(stamp=Time.of(now.ns), frame_id="map"), Vector3(x=east, y=north, z=up)
+        transform = Transform(translation=translation, rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad))
+        poses: tuple[TransformStamped, ...] = (TransformStamped(header=header, child_frame_id=self._base, transform=transform),)
         if self._carrier != self._base:
-            level = Transform(translation=place, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
+            level = Transform(translation=translation, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
             poses = (*poses, TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
         if self._gimbal:
             poses = (*poses, self._mount(now, state.camera_pan_rad or 0.0, state.camera_tilt_rad))
         return TFMessage(transforms=poses)
 
     def _mount(self, now: SimTime, pan_rad: float = 0.0, tilt_rad: float | None = None) -> TransformStamped:
-        """What the camera hangs on -> its optical frame: fixed, or where the gimbal holds it."""
+        """The transform from the camera's carrier to its optical frame: fixed, or as the gimbal holds it."""
         x, y, z, w = self._camera.mount_quaternion(pan_rad, tilt_rad)
         transform = Transform(translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w))
         header = Header(stamp=Time.of(now.ns), frame_id=self._carrier)
@@ -154,23 +154,23 @@ class MissionInformation:
 
     def _detections(self, frame: DetectionFrame) -> Detection2DArray:
         header = Header(stamp=Time.of(frame.exposed.ns), frame_id=self._optical)
-        return Detection2DArray(header=header, detections=tuple(_detection(header, one) for one in frame.detections))
+        return Detection2DArray(header=header, detections=tuple(_detection(header, detection) for detection in frame.detections))
 
 
 def _detection(header: Header, detection: Detection) -> Detection2D:
-    left, top, right, bottom = detection.box
+    x_min, y_min, x_max, y_max = detection.box
     hypothesis = ObjectHypothesis(class_id=detection.class_label, score=detection.score)
-    center = Pose2D(position=Point2D(x=(left + right) / 2.0, y=(top + bottom) / 2.0), theta=0.0)
+    center = Pose2D(position=Point2D(x=(x_min + x_max) / 2.0, y=(y_min + y_max) / 2.0), theta=0.0)
     return Detection2D(
         header=header,
         results=(ObjectHypothesisWithPose(hypothesis=hypothesis, pose=_NOWHERE),),
-        bbox=BoundingBox2D(center=center, size_x=right - left, size_y=bottom - top),
+        bbox=BoundingBox2D(center=center, size_x=x_max - x_min, size_y=y_max - y_min),
         id=detection.track,
     )
 
 
 def mission_order(simspec: SimSpec) -> MissionOrder:
-    """What the agent is asked to do: the SimSpec's mission and rules, and nothing of its actors but their classes."""
+    """The mission and rules of the SimSpec as the agent gets them; of the actors, only their classes."""
 
     def classes(role: Role) -> tuple[str, ...]:
         return tuple(sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role is role}))
@@ -190,7 +190,8 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         max_altitude_m=rules.max_altitude_m,
         geofence=None if rules.geofence is None else rules.geofence.corners,
         no_fly=tuple(
-            NoFlyDocument(id=one.id, corners=one.area.corners, from_s=one.from_s, until_s=one.until_s) for one in rules.no_fly
+            NoFlyDocument(id=area.id, corners=area.area.corners, from_s=area.from_s, until_s=area.until_s)
+            for area in rules.no_fly
         ),
         min_altitude_m=rules.min_altitude_m,
         max_speed_mps=rules.max_speed_mps,

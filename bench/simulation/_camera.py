@@ -80,10 +80,10 @@ class PinholeCamera:
 
     def project(self, points_enu_m: NDArray[np.float64], state: VehicleState) -> NDArray[np.float64]:
         """(..., 2) pixels of (..., 3) ENU points; NaN for what does not lie in front of the camera."""
-        seen = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(state).T
-        depth = np.where(seen[..., 2] > 0.0, seen[..., 2], np.nan)
+        in_camera = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(state).T
+        depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
         pixels: NDArray[np.float64] = np.stack(
-            (self.cx + self.fx * seen[..., 0] / depth, self.cy + self.fy * seen[..., 1] / depth), axis=-1
+            (self.cx + self.fx * in_camera[..., 0] / depth, self.cy + self.fy * in_camera[..., 1] / depth), axis=-1
         )
         return pixels
 

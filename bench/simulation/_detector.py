@@ -1,7 +1,7 @@
 """The truth-based detector: what perception makes of a frame. docs/detection.md gives the formulas and their sources.
 
 All randomness of a frame is drawn in one block for the whole cast, keyed by the frame's number; row i is actor i's. So the
-draws do not depend on who is in view or how well: two configurations that differ in fog alone see the same luck.
+draws do not depend on which actors are in view or how well: two configurations that differ in fog alone get the same draws.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from bench.contracts import (
 from bench.simspec import ASSETS, DetectionModel, SimSpec, generator, seed_of, sun_of
 
 LABEL_PERSISTENCE = 5.0
-"""A wrong label hangs together this many times longer than a miss does."""
+"""A wrong label persists this many times longer than a miss does."""
 
 TRACK_GAP_S = 2.0
 """An object out of the detections for longer than this comes back under a new track id."""
 
 PERFECT_VISIBLE = 0.2
 PERFECT_SIZE_PX = 4.0
-"""What perfect perception needs to see of an actor."""
+"""Least visible share and apparent size of an actor that perfect perception reports."""
 
 LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
 """Range of the sides of a false detection's box."""
@@ -61,7 +61,7 @@ class Clarity:
 
 @dataclass(frozen=True, slots=True)
 class DetectionOdds:
-    """The stated model without its luck: clarity of a sighting under one weather and light."""
+    """The stated model without its random draws: clarity of a sighting under one weather and light."""
 
     model: DetectionModel
     extinction_per_m: float
@@ -81,7 +81,7 @@ class DetectionOdds:
         contrast *= 1.0 - model.concealment_weight * concealment
         above = max(0.0, (contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST))
         size_px = sighting.height_px * above * sighting.visible
-        share = _rise(size_px / model.half_height_px, model.slope)
+        share = _logistic(size_px / model.half_height_px, model.slope)
         return Clarity(contrast, model.ceiling * share, min(1.0, 2.0 * model.mislabel * (1.0 - share)))
 
 
@@ -93,95 +93,99 @@ def open_detector(simspec: SimSpec, cast: Sequence[CastMember]) -> Detector:
 
 
 class PerfectDetector:
-    """Reports everybody who shows enough, rightly, surely and at once."""
+    """Reports every actor that is visible enough, with the right label, full confidence and no delay."""
 
     def __init__(self, cast: Sequence[CastMember]) -> None:
         self._cast = cast
-        self._tracks = _Tracks(len(cast))
-        self._outbox = _Outbox(0.0)
+        self._tracks = _TrackNames(len(cast))
+        self._results = _DelayedResults(0.0)
 
     def process(self, frame: CameraFrame) -> None:
-        found = [
-            _Found(Detection(self._cast[one.actor].class_label, 1.0, one.box), one.actor)
-            for one in frame.sightings
-            if one.visible >= PERFECT_VISIBLE and one.height_px >= PERFECT_SIZE_PX
+        detections = [
+            _UntrackedDetection(Detection(self._cast[sighting.actor].class_label, 1.0, sighting.box), sighting.actor)
+            for sighting in frame.sightings
+            if sighting.visible >= PERFECT_VISIBLE and sighting.height_px >= PERFECT_SIZE_PX
         ]
-        self._outbox.put(frame.exposed, self._tracks.name(found, frame.exposed))
+        self._results.put(frame.exposed, self._tracks.name(detections, frame.exposed))
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
-        return self._outbox.due(now)
+        return self._results.due(now)
 
 
 class DegradedDetector:
-    """Misses, mislabels, displaces, invents and delays, as DetectionModel says."""
+    """Misses, mislabels, displaces, invents and delays detections as the DetectionModel states."""
 
     def __init__(self, simspec: SimSpec, cast: Sequence[CastMember]) -> None:
         self._cast = cast
-        # With the stream's own seed given, it is not worked out anew for every frame.
+        # Deriving the stream's seed from the root takes a hash: done once here, not for every frame.
         self._seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
         self._model = simspec.perception.model
         self._odds = DetectionOdds.of(simspec)
         self._width_px = float(simspec.vehicle.camera.width_px)
         self._height_px = float(simspec.vehicle.camera.height_px)
-        self._luck = _Luck(len(cast), self._model.correlation_s)
-        self._tracks = _Tracks(len(cast))
-        self._outbox = _Outbox(self._model.latency_s)
+        self._noise = _CorrelatedNoise(len(cast), self._model.correlation_s)
+        self._tracks = _TrackNames(len(cast))
+        self._results = _DelayedResults(self._model.latency_s)
         self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm})
 
     def process(self, frame: CameraFrame) -> None:
-        fresh = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))
-        self._luck.advance(frame.exposed, fresh)
-        found = [one for sighting in frame.sightings if (one := self._detect(sighting, fresh[sighting.actor])) is not None]
-        found += self._invented(frame.number)
-        self._outbox.put(frame.exposed, self._tracks.name(found, frame.exposed))
+        draws = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))
+        self._noise.advance(frame.exposed, draws)
+        detections = [
+            detection for sighting in frame.sightings if (detection := self._detect(sighting, draws[sighting.actor])) is not None
+        ]
+        detections += self._false_detections(frame.number)
+        self._results.put(frame.exposed, self._tracks.name(detections, frame.exposed))
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
-        return self._outbox.due(now)
+        return self._results.due(now)
 
-    def _detect(self, sighting: Sighting, fresh: NDArray[np.float64]) -> _Found | None:
+    def _detect(self, sighting: Sighting, draws: NDArray[np.float64]) -> _UntrackedDetection | None:
         member = self._cast[sighting.actor]
         clarity = self._odds.clarity(sighting, member.concealment)
-        if self._luck.uniform(_SEEN, sighting.actor) >= clarity.detection:
+        if self._noise.uniform(_SEEN, sighting.actor) >= clarity.detection:
             return None
-        others = ASSETS[member.asset].confused_with
-        doubt = clarity.mislabel if others else 0.0
-        wrong = self._luck.uniform(_CONFUSED, sighting.actor) < doubt
+        confusable = ASSETS[member.asset].confused_with
+        mislabel = clarity.mislabel if confusable else 0.0
+        wrong = self._noise.uniform(_CONFUSED, sighting.actor) < mislabel
         label = member.class_label
         if wrong:
-            label = others[min(int(self._luck.uniform(_CHOICE, sighting.actor) * len(others)), len(others) - 1)]
-        score = _score(doubt, wrong, float(fresh[_EVIDENCE]))
-        return _Found(Detection(label, score, self._displaced(sighting.box, fresh[_BOX:].tolist())), sighting.actor)
+            label = confusable[min(int(self._noise.uniform(_CHOICE, sighting.actor) * len(confusable)), len(confusable) - 1)]
+        score = _score(mislabel, wrong, float(draws[_EVIDENCE]))
+        return _UntrackedDetection(Detection(label, score, self._displaced(sighting.box, draws[_BOX:].tolist())), sighting.actor)
 
     def _displaced(self, box: Box, noise: Sequence[float]) -> Box:
-        left, top, right, bottom = (edge + self._model.jitter_px * by for edge, by in zip(box, noise, strict=True))
-        left, right = _ordered(left, right, self._width_px)
-        top, bottom = _ordered(top, bottom, self._height_px)
-        return left, top, right, bottom
+        x_min, y_min, x_max, y_max = (
+            edge + self._model.jitter_px * deviation for edge, deviation in zip(box, noise, strict=True)
+        )
+        x_min, x_max = _ordered(x_min, x_max, self._width_px)
+        y_min, y_max = _ordered(y_min, y_max, self._height_px)
+        return x_min, y_min, x_max, y_max
 
-    def _invented(self, number: int) -> list[_Found]:
+    def _false_detections(self, number: int) -> list[_UntrackedDetection]:
         if self._model.false_per_frame == 0.0:
             return []
         rng = generator(self._seeds, "perception", _FALSE_DRAWS, number)
-        return [self._invention(rng) for _ in range(int(rng.poisson(self._model.false_per_frame)))]
+        return [self._false_detection(rng) for _ in range(int(rng.poisson(self._model.false_per_frame)))]
 
-    def _invention(self, rng: np.random.Generator) -> _Found:
-        wide, high = np.exp(rng.uniform(math.log(LEAST_FALSE_PX), math.log(MOST_FALSE_PX), 2)).tolist()
+    def _false_detection(self, rng: np.random.Generator) -> _UntrackedDetection:
+        width, height = np.exp(rng.uniform(math.log(LEAST_FALSE_PX), math.log(MOST_FALSE_PX), 2)).tolist()
         x, y = (rng.random(2) * (self._width_px, self._height_px)).tolist()
-        left, right = _ordered(x - wide / 2.0, x + wide / 2.0, self._width_px)
-        top, bottom = _ordered(y - high / 2.0, y + high / 2.0, self._height_px)
+        x_min, x_max = _ordered(x - width / 2.0, x + width / 2.0, self._width_px)
+        y_min, y_max = _ordered(y - height / 2.0, y + height / 2.0, self._height_px)
         label = self._labels[int(rng.integers(len(self._labels)))]
-        return _Found(Detection(label, float(rng.beta(*FALSE_SCORE)), (left, top, right, bottom)), None)
+        return _UntrackedDetection(Detection(label, float(rng.beta(*FALSE_SCORE)), (x_min, y_min, x_max, y_max)), None)
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
-    """A detection that has no track yet, and the actor behind it, None for an invention."""
+class _UntrackedDetection:
+    """A detection that has no track yet, and its actor; None for a false detection."""
 
     detection: Detection
     actor: int | None
 
 
-class _Luck:
+class _CorrelatedNoise:
     """Standard normal processes of every actor, first-order Markov in time: exactly normal at any moment, alike in near ones."""
 
     def __init__(self, actors: int, correlation_s: float) -> None:
@@ -189,33 +193,33 @@ class _Luck:
         self._state = np.zeros((actors, 3))
         self._moment: SimTime | None = None
 
-    def advance(self, to: SimTime, fresh: NDArray[np.float64]) -> None:
+    def advance(self, to: SimTime, draws: NDArray[np.float64]) -> None:
         keep = np.zeros(3)
         if self._moment is not None:
             keep = np.exp(-to.since(self._moment) / np.maximum(self._memory_s, 1e-9))
-        self._state = keep * self._state + np.sqrt(1.0 - keep * keep) * fresh[:, :3]
+        self._state = keep * self._state + np.sqrt(1.0 - keep * keep) * draws[:, :3]
         self._moment = to
 
     def uniform(self, process: int, actor: int) -> float:
         return 0.5 * math.erfc(-float(self._state[actor, process]) * math.sqrt(0.5))
 
 
-class _Tracks:
-    """A simulated tracker: names what it sees in the order in which it reports it, which tells nothing about the cast."""
+class _TrackNames:
+    """A simulated tracker. Track ids follow the order of the reports, so they reveal nothing about the cast."""
 
     def __init__(self, actors: int) -> None:
         self._last: list[SimTime | None] = [None] * actors
         self._name = [""] * actors
         self._count = 0
 
-    def name(self, found: list[_Found], exposed: SimTime) -> tuple[Detection, ...]:
+    def name(self, detections: list[_UntrackedDetection], exposed: SimTime) -> tuple[Detection, ...]:
         """The detections, surest first, each with its track."""
-        found.sort(key=lambda one: (-one.detection.score, one.detection.box))
-        return tuple(self._named(one, exposed) for one in found)
+        detections.sort(key=lambda detection: (-detection.detection.score, detection.detection.box))
+        return tuple(self._with_track(detection, exposed) for detection in detections)
 
-    def _named(self, found: _Found, exposed: SimTime) -> Detection:
-        seen = found.detection
-        return Detection(seen.class_label, seen.score, seen.box, self._track(found.actor, exposed))
+    def _with_track(self, untracked: _UntrackedDetection, exposed: SimTime) -> Detection:
+        detection = untracked.detection
+        return Detection(detection.class_label, detection.score, detection.box, self._track(untracked.actor, exposed))
 
     def _track(self, actor: int | None, exposed: SimTime) -> str:
         if actor is None:
@@ -231,8 +235,8 @@ class _Tracks:
         return f"t{self._count}"
 
 
-class _Outbox:
-    """Results on their way, all equally late, so they arrive in the order of exposure."""
+class _DelayedResults:
+    """Results on their way. All have the same latency, so they arrive in the order of exposure."""
 
     def __init__(self, latency_s: float) -> None:
         self._latency_s = latency_s
@@ -248,7 +252,7 @@ class _Outbox:
         return ready
 
 
-def _rise(ratio: float, slope: float) -> float:
+def _logistic(ratio: float, slope: float) -> float:
     """ratio^slope / (1 + ratio^slope), without overflow for absurd slopes; 0 at 0."""
     if ratio <= 0.0:
         return 0.0
@@ -256,9 +260,9 @@ def _rise(ratio: float, slope: float) -> float:
     return 1.0 / (1.0 + math.exp(-exponent)) if exponent > -700.0 else 0.0
 
 
-def _score(doubt: float, wrong: bool, noise: float) -> float:
+def _score(mislabel: float, wrong: bool, noise: float) -> float:
     """Posterior probability that the label is right, after one piece of noisy evidence: calibrated by construction."""
-    prior = min(1.0 - LEAST_DOUBT, max(LEAST_DOUBT, doubt))
+    prior = min(1.0 - LEAST_DOUBT, max(LEAST_DOUBT, mislabel))
     evidence = (-0.5 if wrong else 0.5) * LABEL_EVIDENCE + noise
     return 1.0 / (1.0 + prior / (1.0 - prior) * math.exp(-LABEL_EVIDENCE * evidence))
 

@@ -1,4 +1,4 @@
-"""The end of a session, thrown from wherever it is noticed."""
+"""The end of a session, raised wherever it is noticed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from bench.contracts import Outcome
 
 
 class StopSession(Exception):
-    """Carries the outcome and its reason to the one place that turns it into a result. Not an error."""
+    """Carries an outcome and its reason to `run_session`, which makes a result of it. Not an error."""
 
     def __init__(self, outcome: Outcome, reason: str) -> None:
         super().__init__(reason)

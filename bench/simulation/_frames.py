@@ -1,4 +1,4 @@
-"""Between the two conventions of the field: autopilots (NED, FRD) and ROS (ENU, FLU; REP 103)."""
+"""Conversions between the axes of autopilots (NED, FRD) and those of ROS (ENU, FLU; REP 103)."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ from ._slab import crosses_box
 Place = tuple[float, float]
 
 MAX_ATTEMPTS = 8
-"""Waypoints drawn for one wandering leg; when none can be walked to, the walker rests and tries again later."""
+"""Waypoints drawn for one wandering leg. If none can be reached, the walker rests and tries again later."""
 
 MIN_STAY_S = 0.25
 """Arrivals are at least this far apart, so that a tiny radius or a route of equal points cannot stop time."""
 
 MIN_BLOCKED_REST_S = 1.0
-"""Least rest of a walker that found no way."""
+"""Least rest of a walker that found no reachable waypoint."""
 
 INSET_M = 0.5
 """How far beyond the border route points are drawn that lie outside the area."""
@@ -64,15 +64,15 @@ class WalkableGround:
         return cls(corners, centres_m, np.stack((np.sin(headings_rad), np.cos(headings_rad)), axis=-1), half_m)
 
     def around(self, start: Place, reach_m: float, margin_m: float) -> WalkableGround:
-        """The part that matters to one mover. One that starts outside the area is not held by it."""
+        """The part that matters to one mover. A mover that starts outside the area is not bound by it."""
         distance = np.hypot(*(self.centres_m - start).T)
-        near = distance <= reach_m + margin_m + np.hypot(*self.half_m.T)
-        bound = self if self._inside(np.array([start]))[0] else replace(self, corners_m=self.corners_m[:0])
+        in_reach = distance <= reach_m + margin_m + np.hypot(*self.half_m.T)
+        ground = self if self._inside(np.array([start]))[0] else replace(self, corners_m=self.corners_m[:0])
         return replace(
-            bound,
-            centres_m=self.centres_m[near],
-            forward=self.forward[near],
-            half_m=self.half_m[near],
+            ground,
+            centres_m=self.centres_m[in_reach],
+            forward=self.forward[in_reach],
+            half_m=self.half_m[in_reach],
             margin_m=margin_m,
         )
 
@@ -127,7 +127,7 @@ class WalkableGround:
         begin = self._beside(np.array(start) - self.centres_m)
         finish = self._beside(ends[:, None, :] - self.centres_m)
         wide = self.half_m + self.margin_m
-        # Whoever was placed closer than its margin may walk away, though never through the solid itself.
+        # A mover that was placed closer than its margin may walk away, though never through the solid itself.
         touching = np.all(np.abs(begin) <= wide, axis=-1, keepdims=True)
         meets: NDArray[np.bool_] = np.any(crosses_box(begin, finish, np.where(touching, self.half_m, wide)), axis=1)
         return meets
@@ -152,60 +152,60 @@ def wander(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.
 
     Every leg takes the same number of draws, whether or not a way was found.
     """
-    here = start
+    position = start
     while True:
         draws = rng.random((MAX_ATTEMPTS, 2))
         pause_s = motion.pause_s * float(rng.standard_exponential())
         distance = motion.radius_m * np.sqrt(draws[:, 0])
         bearing = 2.0 * math.pi * draws[:, 1]
         points = np.array(start) + np.stack((distance * np.sin(bearing), distance * np.cos(bearing)), axis=-1)
-        free = np.flatnonzero(ground.open_to(here, points))
-        if len(free):
-            there = (float(points[free[0], 0]), float(points[free[0], 1]))
-            yield from _walk(here, there, motion.speed_mps, pause_s)
-            here = there
+        reachable = np.flatnonzero(ground.open_to(position, points))
+        if len(reachable):
+            target = (float(points[reachable[0], 0]), float(points[reachable[0], 1]))
+            yield from _walk(position, target, motion.speed_mps, pause_s)
+            position = target
         else:
-            yield WalkLeg(max(pause_s, MIN_BLOCKED_REST_S), here)
+            yield WalkLeg(max(pause_s, MIN_BLOCKED_REST_S), position)
 
 
 def patrol(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator) -> Iterator[WalkLeg]:
     """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk to.
 
-    Stands still for good when it can reach none: the ground does not change.
+    Stands still for the rest of the session when it can reach none, because the ground does not change.
     """
     route = ground.drawn_inside(np.array([(point.east_m, point.north_m) for point in motion.route]))
     count = len(route)
-    at = int(np.argmin(np.hypot(*(route - start).T)))
-    here = start
+    next_index = int(np.argmin(np.hypot(*(route - start).T)))
+    position = start
     while True:
         pause_s = motion.pause_s * float(rng.standard_exponential())
-        order = (at + skipped for skipped in range(count))
-        reachable = next((one % count for one in order if ground.open_to(here, route[one % count][None, :])[0]), None)
+        order = (next_index + skipped for skipped in range(count))
+        reachable = next((index % count for index in order if ground.open_to(position, route[index % count][None, :])[0]), None)
         if reachable is None:
             return
-        there = (float(route[reachable, 0]), float(route[reachable, 1]))
-        yield from _walk(here, there, motion.speed_mps, pause_s)
-        here, at = there, reachable + 1
+        target = (float(route[reachable, 0]), float(route[reachable, 1]))
+        yield from _walk(position, target, motion.speed_mps, pause_s)
+        position, next_index = target, reachable + 1
 
 
-def _walk(here: Place, there: Place, speed_mps: float, pause_s: float) -> Iterator[WalkLeg]:
-    walk_s = math.dist(here, there) / speed_mps
+def _walk(start: Place, end: Place, speed_mps: float, pause_s: float) -> Iterator[WalkLeg]:
+    walk_s = math.dist(start, end) / speed_mps
     if walk_s > 0.0:
-        yield WalkLeg(walk_s, there)
+        yield WalkLeg(walk_s, end)
     rest_s = max(pause_s, MIN_STAY_S - walk_s)
     if rest_s > 0.0:
-        yield WalkLeg(rest_s, there)
+        yield WalkLeg(rest_s, end)
 
 
 class ActorMotion:
-    """Everybody's place at one moment, as arrays; those without a plan stand still."""
+    """Positions and headings of all actors at one moment, as arrays. Actors without a plan stand still."""
 
     def __init__(
         self, starts_enu_m: NDArray[np.float64], headings_rad: NDArray[np.float64], plans: Mapping[int, Iterator[WalkLeg]]
     ) -> None:
         self._plans = plans
-        self._from = starts_enu_m.copy()
-        self._along = np.zeros_like(starts_enu_m)
+        self._leg_start = starts_enu_m.copy()
+        self._leg_vector = np.zeros_like(starts_enu_m)
         self._begin_s = np.zeros(len(starts_enu_m))
         self._end_s = np.full(len(starts_enu_m), np.inf)
         self._heading = headings_rad.copy()
@@ -213,36 +213,36 @@ class ActorMotion:
         self.advance(0.0)
 
     def advance(self, to_s: float) -> None:
-        """Move everybody to `to_s` seconds, which never lies before the present moment."""
+        """Move all actors to `to_s` seconds, which is never before the present moment."""
         for index in np.flatnonzero(self._end_s <= to_s):
             self._catch_up(int(index), to_s)
-        share = (to_s - self._begin_s) / (self._end_s - self._begin_s)
-        self._places = self._from + share[:, None] * self._along
-        self._facing = self._heading.copy()
-        self._places.flags.writeable = self._facing.flags.writeable = False
+        progress = (to_s - self._begin_s) / (self._end_s - self._begin_s)
+        self._positions = self._leg_start + progress[:, None] * self._leg_vector
+        self._headings = self._heading.copy()
+        self._positions.flags.writeable = self._headings.flags.writeable = False
 
-    def places_m(self) -> NDArray[np.float64]:
+    def positions_m(self) -> NDArray[np.float64]:
         """(n, 2) east, north at the present moment; read only, and never changed afterwards."""
-        return self._places
+        return self._positions
 
     def headings_rad(self) -> NDArray[np.float64]:
-        """(n,) clockwise from north; who rests keeps the heading it came with."""
-        return self._facing
+        """(n,) clockwise from north. A resting actor keeps the heading of its last leg."""
+        return self._headings
 
     def _catch_up(self, index: int, to_s: float) -> None:
         begin_s = self._begin_s[index]
         end_s = self._end_s[index]
-        here = self._from[index] + self._along[index]
+        position = self._leg_start[index] + self._leg_vector[index]
         heading = self._heading[index]
         along = np.zeros(2)
         while end_s <= to_s:
-            here, begin_s = here + along, end_s
+            position, begin_s = position + along, end_s
             leg = next(self._plans[index], None)
             if leg is None:
                 along, end_s = np.zeros(2), math.inf
                 break
-            along, end_s = leg.end_enu_m - here, begin_s + leg.duration_s
+            along, end_s = leg.end_enu_m - position, begin_s + leg.duration_s
             if along[0] or along[1]:
                 heading = math.atan2(along[0], along[1]) % (2.0 * math.pi)
-        self._from[index], self._along[index], self._heading[index] = here, along, heading
+        self._leg_start[index], self._leg_vector[index], self._heading[index] = position, along, heading
         self._begin_s[index], self._end_s[index] = begin_s, end_s

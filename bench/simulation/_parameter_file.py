@@ -12,14 +12,14 @@ from bench.errors import Fault, SetupError
 
 
 class ParameterFile:
-    """A file of names and numbers; one that is not there yet is an empty one."""
+    """A file of parameter names and numbers. A file that does not exist yet counts as empty."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._saved: Mapping[str, float] | None = None
 
     def load(self) -> dict[str, float]:
-        """The values kept. Raises SetupError for a file that holds something else."""
+        """The saved values. Raises SetupError for a file that holds anything else."""
         try:
             text = self._path.read_text(encoding="utf-8")
         except FileNotFoundError:
@@ -27,24 +27,24 @@ class ParameterFile:
         except (OSError, UnicodeDecodeError) as error:
             raise SetupError(Fault(str(self._path), f"cannot be read: {error}", "name a file of parameters")) from None
         try:
-            content = json.loads(text)
+            parameters = json.loads(text)
         except ValueError as error:
-            raise SetupError(Fault(str(self._path), f"is no JSON: {error}", "fix or remove it")) from None
-        numbers = isinstance(content, dict) and all(
-            isinstance(number, int | float) and not isinstance(number, bool) for number in content.values()
+            raise SetupError(Fault(str(self._path), f"is not JSON: {error}", "fix or remove it")) from None
+        numbers = isinstance(parameters, dict) and all(
+            isinstance(number, int | float) and not isinstance(number, bool) for number in parameters.values()
         )
         if not numbers:
-            raise SetupError(Fault(str(self._path), "holds something else than names and numbers", "fix or remove it"))
-        return {name: float(value) for name, value in content.items()}
+            raise SetupError(Fault(str(self._path), "holds more than names and numbers", "fix or remove it"))
+        return {name: float(value) for name, value in parameters.items()}
 
     def save(self, values: Mapping[str, float]) -> None:
-        """Write the values, when they have changed, all of them or none. Raises SetupError where that cannot be."""
+        """Write the values if they have changed, all of them or none. Raises SetupError when the file cannot be written."""
         if values == self._saved:
             return
-        new_file = self._path.with_name(f"{self._path.name}.new")
+        temporary = self._path.with_name(f"{self._path.name}.new")
         try:
-            new_file.write_text(json.dumps(dict(values), indent=1, sort_keys=True) + "\n", encoding="utf-8")
-            os.replace(new_file, self._path)
+            temporary.write_text(json.dumps(dict(values), indent=1, sort_keys=True) + "\n", encoding="utf-8")
+            os.replace(temporary, self._path)
         except OSError as error:
             raise SetupError(Fault(str(self._path), f"cannot be written: {error}", "name a file in a folder of yours")) from None
         self._saved = dict(values)
@@ -52,7 +52,7 @@ class ParameterFile:
 
 @runtime_checkable
 class HasParameters(Protocol):
-    """A vehicle whose parameters can be kept."""
+    """A vehicle whose parameters can be saved."""
 
     def changed_parameters(self) -> Mapping[str, float]:
         """What differs from the defaults."""

@@ -1,4 +1,4 @@
-"""UDP ports that an agent will bind: kept apart between sessions until their end, though nobody holds the socket yet."""
+"""UDP ports that agents will bind: no two sessions get the same one, though no socket holds them yet."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench.errors import Fault, SetupError
 
-# Below the range from which Linux picks ports by itself, so that no client of anything takes one in passing.
+# Below the range from which Linux picks ephemeral ports (32768 on), so that no other program's client takes one by chance.
 PORTS = range(14600, 30000)
 
 
@@ -21,7 +21,8 @@ def reserved_udp_port(host: str = "127.0.0.1") -> Generator[int]:
     """A UDP port that is free now and that no other session of this user reserves while the block lasts."""
     folder = Path(tempfile.gettempdir(), f"rebar-ports-{os.getuid()}")
     folder.mkdir(mode=0o700, exist_ok=True)
-    start = os.getpid() * 7 % len(PORTS)  # sessions of different processes begin to look at different places
+    # Sessions start their search at different ports, so that many of them do not try the same locks.
+    start = os.getpid() * 7 % len(PORTS)
     for offset in range(len(PORTS)):
         port = PORTS[(start + offset) % len(PORTS)]
         handle = os.open(folder / str(port), os.O_CREAT | os.O_RDWR, 0o600)

@@ -21,15 +21,15 @@ def open_plain_scene(simspec: SimSpec) -> Scene:
 
 
 class PlainScene:
-    """The contract's scene over arrays; see docs/scene.md."""
+    """The `Scene` contract over arrays. docs/scene.md describes it."""
 
     def __init__(self, simspec: SimSpec) -> None:
         self._cast = cast_of(simspec)
         self._bodies = Bodies.of(self._cast)
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
-        self._crowd = _crowd(simspec, self._bodies)
+        self._motion = _actor_motion(simspec, self._bodies)
         self._now = START
-        self._foot_enu_m = self._feet()
+        self._foot_points_enu_m = self._foot_points()
 
     @property
     def cast(self) -> tuple[CastMember, ...]:
@@ -37,45 +37,45 @@ class PlainScene:
 
     def advance(self, to: SimTime) -> None:
         if to < self._now:
-            raise ValueError(f"the scene stands at {self._now.s} s and cannot go back to {to.s} s")
+            raise ValueError(f"the scene is at {self._now.s} s and cannot go back to {to.s} s")
         self._now = to
-        self._crowd.advance(to.s)
-        self._foot_enu_m = self._feet()
+        self._motion.advance(to.s)
+        self._foot_points_enu_m = self._foot_points()
 
     def positions(self) -> NDArray[np.float64]:
-        return self._foot_enu_m
+        return self._foot_points_enu_m
 
     def headings(self) -> NDArray[np.float64]:
-        return self._crowd.headings_rad()
+        return self._motion.headings_rad()
 
     def observe(self, state: VehicleState, number: int) -> CameraFrame:
-        seen = sightings(self._camera, state, self._bodies, self._foot_enu_m, self._crowd.headings_rad())
-        return CameraFrame(number, self._camera.name, self._now, seen)
+        visible = sightings(self._camera, state, self._bodies, self._foot_points_enu_m, self._motion.headings_rad())
+        return CameraFrame(number, self._camera.name, self._now, visible)
 
-    def _feet(self) -> NDArray[np.float64]:
-        feet = np.zeros((len(self._cast), 3))
-        feet[:, :2] = self._crowd.places_m()
-        feet.flags.writeable = False
-        return feet
+    def _foot_points(self) -> NDArray[np.float64]:
+        foot_points = np.zeros((len(self._cast), 3))
+        foot_points[:, :2] = self._motion.positions_m()
+        foot_points.flags.writeable = False
+        return foot_points
 
 
-def _crowd(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
-    placed = realized_of(simspec).actors
+def _actor_motion(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
+    actors = realized_of(simspec).actors
     motions = {group.id: group.motion for group in simspec.actors}
-    starts = np.array([(actor.east_m, actor.north_m) for actor in placed], dtype=np.float64).reshape(-1, 2)
-    headings = np.radians(np.array([actor.heading_deg for actor in placed], dtype=np.float64))
+    starts = np.array([(actor.east_m, actor.north_m) for actor in actors], dtype=np.float64).reshape(-1, 2)
+    headings = np.radians(np.array([actor.heading_deg for actor in actors], dtype=np.float64))
     # Only what stands still and is solid closes the ground: plans must not depend on where others are just now.
-    walls = bodies.solid & np.array([motions[actor.group].kind == "still" for actor in placed], dtype=np.bool_)
+    walls = bodies.solid & np.array([motions[actor.group].kind == "still" for actor in actors], dtype=np.bool_)
     ground = WalkableGround.of(simspec.world.area, starts[walls], headings[walls], bodies.half_m[walls, :2])
     plans: dict[int, Iterator[WalkLeg]] = {}
-    for index, actor in enumerate(placed):
+    for index, actor in enumerate(actors):
         motion = motions[actor.group]
         if motion.kind == "still":
             continue
         start = (actor.east_m, actor.north_m)
         # A patrol may lead anywhere; a wanderer stays in its disc, and so do the solids that can matter to it.
         reach_m = motion.radius_m if motion.kind == "wander" else np.inf
-        own = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
+        reachable_ground = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
         walk = wander if motion.kind == "wander" else patrol
-        plans[index] = walk(start, motion, own, generator(simspec.seeds, "motion", index))
+        plans[index] = walk(start, motion, reachable_ground, generator(simspec.seeds, "motion", index))
     return ActorMotion(starts, headings, plans)

@@ -165,17 +165,17 @@ class Session:
 
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
-        self._truth.event(self._progress.now, "started", self._spec.name)
-        self._truth.cast(self._progress.now, self._scene)
-        self._truth.sample(self._progress.now, self._vehicle, self._scene)
+        self._truth.write_event(self._progress.now, "started", self._spec.name)
+        self._truth.write_cast(self._progress.now, self._scene)
+        self._truth.write_due(self._progress.now, self._vehicle, self._scene)
         try:
             if self._ticks is not None:
                 self._run_lockstep(self._ticks)
             else:
                 self._run_realtime()
         except StopSession as end:
-            self._truth.sample(self._progress.now, self._vehicle, self._scene)
-            self._truth.event(self._progress.now, "ended", f"{end.outcome}")
+            self._truth.write_due(self._progress.now, self._vehicle, self._scene)
+            self._truth.write_event(self._progress.now, "ended", f"{end.outcome}")
             raise
         finally:
             self._progress.counters = {**self._vehicle.counters(), **self._air.counters()}
@@ -185,7 +185,7 @@ class Session:
         waiting_since_s = self._clock.now()
         hello = ticks.hello(budgets.connect_s)
         self._agent_took_s += self._clock.now() - waiting_since_s
-        self._truth.event(self._progress.now, "agent connected", hello.agent)
+        self._truth.write_event(self._progress.now, "agent connected", hello.agent)
         self._air.open_for(hello.subscribes)
         number = 0
         while True:
@@ -222,10 +222,10 @@ class Session:
             previous = self._progress.now
             self._vehicle.step()
             self._progress.now = now = self._vehicle.time
-            self._truth.wire(previous, now)
+            self._truth.write_mavlink(previous, now)
             if now.ns >= self._next_frame_ns:
                 self._capture_frame(now)
-            self._truth.sample(now, self._vehicle, self._scene)
+            self._truth.write_due(now, self._vehicle, self._scene)
         self._check_end()
 
     def _capture_frame(self, now: SimTime) -> None:
@@ -234,7 +234,7 @@ class Session:
         self._scene.advance(now)
         frame = self._scene.observe(self._vehicle.truth(), self._frame)
         self._frame += 1
-        self._truth.frame(frame)
+        self._truth.write_frame(frame)
         if self._carries_camera is not None:
             self._carries_camera.record_exposure(frame.number, now)
         self._information.record_exposure(now)
@@ -318,7 +318,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         links = tuple(_link(need, stack) for need in manifest.mavlink)
         scene = open_scene(spec)
         detector = open_detector(spec, scene.cast)
-        vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.mavlink))
+        vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.keep_mavlink))
         step_ns = round(vehicle.step_s * 1e9)
         if round(spec.pace.tick_s * 1e9) % step_ns:
             raise SetupError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+# Far below any length that a scene has, and far above the smallest float, so that the division stays finite.
 _PARALLEL = 1e-12
 
 

@@ -1,4 +1,4 @@
-"""A vehicle by itself in real time: a drop-in for an autopilot's SITL, where no session is wanted."""
+"""A vehicle by itself in real time, without a session: a drop-in replacement for an autopilot's SITL."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
     ),
     "ardupilot": tuple(LinkSpec(f"serial{number}", "tcp_in", port=port) for number, port in enumerate((5760, 5762, 5763))),
 }
-_LATE_S = 0.25  # behind by more than this, lost time is let go instead of being flown in a burst
+# A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not measured.
+_LATE_S = 0.25
 
 
 def run_standalone(
@@ -43,9 +44,9 @@ def run_standalone(
 
     `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees). Without
     links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762, 5763 for ardupilot. `say`
-    gets a line for each link. `parameter_file` keeps what differs from the defaults from one start to the next.
+    gets a line for each link. `parameter_file` saves what differs from the defaults from one start to the next.
     `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything that cannot be opened or does not exist.
-    `camera` hangs a camera on a gimbal below it, both on the links. True motion is told to whoever asks, as a SITL does.
+    `camera` adds a camera on a gimbal, both on the links. True motion is sent on request, as a SITL does.
     """
     file = ParameterFile(parameter_file) if parameter_file else None
     saved = file.load() if file else {}
@@ -72,7 +73,7 @@ def run_standalone(
 
 
 class Shutter:
-    """Exposes frames of nothing, where no scene does it."""
+    """Triggers the vehicle's camera at its rate where no scene does it. The frames have no content."""
 
     def __init__(self, camera: CarriesCamera, rate_hz: float) -> None:
         self._camera = camera
@@ -130,8 +131,8 @@ def fly(
 ) -> None:
     """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start, not added up.
 
-    When the host cannot keep up for a quarter of a second, the lost time is let go. `clock` and `wait` are the host's;
-    `each_second` is called once in a simulated second.
+    When the host falls behind by a quarter of a second, the lost time is dropped. `clock` and `wait` are the host's;
+    `each_second` is called once each simulated second.
     """
     pause = wait or stop.wait
     start, start_sim_s = clock(), vehicle.time.s

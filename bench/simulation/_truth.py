@@ -1,4 +1,4 @@
-"""The bench network: what is true, in records that never leave the session's process but for the recording."""
+"""The bench network: the truth, in records that leave the session's process only in the recording."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ from bench.streams import (
 
 from ._frames import body_in_map, velocity_in_body
 
+# Rates of the truth, in whole simulated hertz. Chosen, not measured.
 ODOMETRY_HZ = 10
 ACTORS_HZ = 2
 CONDITION_HZ = 1
@@ -56,7 +57,7 @@ _PLAIN_LAYOUT = MultiArrayLayout(dim=(), data_offset=0)
 
 
 class TruthRecorder:
-    """Writes the truth about one session as records. Rates are whole numbers of simulated hertz."""
+    """Writes the truth about one session as records."""
 
     def __init__(self, vehicle_name: str, tap: Tap) -> None:
         self._tap = tap
@@ -66,44 +67,44 @@ class TruthRecorder:
         self._failures: tuple[str, ...] = ()
         self._wire: dict[tuple[str, str], bytearray] = {}
 
-    def event(self, time: SimTime, name: str, text: str = "") -> None:
-        """One line of the session's own log."""
+    def write_event(self, time: SimTime, name: str, text: str = "") -> None:
+        """Write one line of the session's log."""
         self._document(time, SESSION_EVENTS, EventDocument(name=name, text=text))
 
-    def cast(self, time: SimTime, scene: Scene) -> None:
-        """Who the actors are."""
+    def write_cast(self, time: SimTime, scene: Scene) -> None:
+        """Write who the actors are."""
         self._document(time, TRUTH_CAST, CastDocument(members=scene.cast))
 
-    def frame(self, frame: CameraFrame) -> None:
-        """What could be seen in one exposure. Numbers are rounded: a hundredth of a pixel is below any meaning."""
+    def write_frame(self, frame: CameraFrame) -> None:
+        """Write what could be seen in one exposure. Numbers are rounded: a hundredth of a pixel carries no information."""
         sightings = tuple(
             SightingDocument(
-                actor=one.actor,
-                range_m=round(one.range_m, 3),
-                height_px=round(one.height_px, 2),
-                visible=round(one.visible, 4),
-                box=(round(one.box[0], 2), round(one.box[1], 2), round(one.box[2], 2), round(one.box[3], 2)),
+                actor=sighting.actor,
+                range_m=round(sighting.range_m, 3),
+                height_px=round(sighting.height_px, 2),
+                visible=round(sighting.visible, 4),
+                box=(round(sighting.box[0], 2), round(sighting.box[1], 2), round(sighting.box[2], 2), round(sighting.box[3], 2)),
             )
-            for one in frame.sightings
+            for sighting in frame.sightings
         )
         self._document(frame.exposed, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings))
 
-    def mavlink(self, link: str, direction: str, frames: bytes) -> None:
-        """Keep raw MAVLink of the step under way; `wire` writes it."""
+    def keep_mavlink(self, link: str, direction: str, frames: bytes) -> None:
+        """Keep raw MAVLink of the present step for `write_mavlink`."""
         self._wire.setdefault((link, direction), bytearray()).extend(frames)
 
-    def wire(self, began: SimTime, ended: SimTime) -> None:
+    def write_mavlink(self, began: SimTime, ended: SimTime) -> None:
         """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its end."""
         if not self._wire:
             return
         for direction, time in (("from_agent", began), ("to_agent", ended)):
-            for link, way in sorted(self._wire):
-                if way == direction:
-                    data = encode(UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, way])))
-                    self._tap(Record(time, mavlink_topic(link, way), UInt8MultiArray.TYPE, data))
+            for link, link_direction in sorted(self._wire):
+                if link_direction == direction:
+                    data = encode(UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, link_direction])))
+                    self._tap(Record(time, mavlink_topic(link, link_direction), UInt8MultiArray.TYPE, data))
         self._wire.clear()
 
-    def sample(self, time: SimTime, vehicle: Vehicle, scene: Scene) -> None:
+    def write_due(self, time: SimTime, vehicle: Vehicle, scene: Scene) -> None:
         """Write whatever is due at `time`; the vehicle's condition also whenever it has changed."""
         if self._due(time, "odometry", ODOMETRY_HZ):
             self._odometry(time, vehicle.truth())
@@ -120,12 +121,12 @@ class TruthRecorder:
 
     def _failure_events(self, time: SimTime, failures: tuple[str, ...]) -> None:
         """What broke and what works again since the sample before, in the session's log."""
-        for one in failures:
-            if one not in self._failures:
-                self.event(time, "failure", one)
-        for one in self._failures:
-            if one not in failures:
-                self.event(time, "repaired", one)
+        for failure in failures:
+            if failure not in self._failures:
+                self.write_event(time, "failure", failure)
+        for failure in self._failures:
+            if failure not in failures:
+                self.write_event(time, "repaired", failure)
         self._failures = failures
 
     def _due(self, time: SimTime, name: str, rate_hz: int) -> bool:
@@ -136,7 +137,7 @@ class TruthRecorder:
 
     def _odometry(self, time: SimTime, state: VehicleState) -> None:
         east, north, up = state.position_enu_m
-        forward, left, above = velocity_in_body(state)
+        forward, leftward, upward = velocity_in_body(state)
         roll, pitch, yaw = state.rates_body_radps
         message = Odometry(
             header=Header(stamp=Time.of(time.ns), frame_id="map"),
@@ -148,7 +149,7 @@ class TruthRecorder:
                 covariance=_UNKNOWN_COVARIANCE,
             ),
             twist=TwistWithCovariance(
-                twist=Twist(linear=Vector3(x=forward, y=left, z=above), angular=Vector3(x=roll, y=-pitch, z=-yaw)),
+                twist=Twist(linear=Vector3(x=forward, y=leftward, z=upward), angular=Vector3(x=roll, y=-pitch, z=-yaw)),
                 covariance=_UNKNOWN_COVARIANCE,
             ),
         )
@@ -157,9 +158,9 @@ class TruthRecorder:
     def _actors(self, time: SimTime, scene: Scene) -> None:
         positions = scene.positions()
         half = (np.pi / 2.0 - scene.headings()) / 2.0
-        turned = np.zeros((len(positions), 4))
-        turned[:, 2], turned[:, 3] = np.sin(half), np.cos(half)
-        data = encode_pose_array(Time.of(time.ns), "map", positions, turned)
+        quaternions = np.zeros((len(positions), 4))
+        quaternions[:, 2], quaternions[:, 3] = np.sin(half), np.cos(half)
+        data = encode_pose_array(Time.of(time.ns), "map", positions, quaternions)
         self._tap(Record(time, TRUTH_ACTORS, PoseArray.TYPE, data))
 
     def _document(self, time: SimTime, topic: str, document: Document) -> None:
@@ -167,7 +168,7 @@ class TruthRecorder:
 
 
 def _shape(condition: VehicleCondition) -> tuple[object, ...]:
-    """What makes a condition a different one: everything but the battery's steady drain."""
+    """What makes a condition new: everything but the charge, which changes all the time, and failures, which have events."""
     return condition.armed, condition.landed, condition.crashed, condition.mode, condition.failsafe
 
 

@@ -1,7 +1,7 @@
-"""Who is in the picture, how large, and how much of them shows.
+"""Which actors are in the picture, how large, and how much of them is visible.
 
-Bodies are cuboids, upright on flat ground. All is computed for the whole cast at once: a cheap cull by spheres, then the
-corners of what is left, then lines of sight to what is in the picture. Solid bodies hide; others do not.
+Bodies are cuboids, upright on flat ground. Each step works on the whole cast at once: a cheap cull by spheres, then the
+corners of the candidates, then lines of sight to what is in the picture. Only solid bodies hide others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_RANGE_M = 2000.0
 LEAST_DEPTH_M = 0.1
 LEAST_SIZE_PX = 1.0
 LEAST_VISIBLE = 0.05
-"""Less than these is no sighting: farther, smaller, or more hidden."""
+"""An actor that is farther, smaller or more hidden than these is not a sighting."""
 
 SAMPLE_SPREAD = 0.8
 """How far from the middle of the silhouette towards its edges the outer sample points lie."""
@@ -70,35 +70,45 @@ class _Posed:
 def sightings(
     camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: Floats, headings_rad: Floats
 ) -> tuple[Sighting, ...]:
-    """Truth about everybody in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of each footprint."""
+    """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of each footprint."""
     axes = camera.axes_enu(state)
     relative = foot_enu_m - state.position_enu_m
     relative[:, 2] += bodies.half_m[:, 2]
     centre = relative @ axes.T
-    near = np.flatnonzero(_may_be_in_sight(camera, centre, bodies.radius_m))
-    if not len(near):
+    candidates = np.flatnonzero(_may_be_in_sight(camera, centre, bodies.radius_m))
+    if not len(candidates):
         return ()
-    posed = _Posed(near, centre[near], _body_axes(axes, headings_rad[near]), bodies.half_m[near], bodies.radius_m[near])
+    posed = _Posed(
+        candidates,
+        centre[candidates],
+        _body_axes(axes, headings_rad[candidates]),
+        bodies.half_m[candidates],
+        bodies.radius_m[candidates],
+    )
     whole = _boxes(camera, posed)
     size = whole[:, 2:] - whole[:, :2]
     limit = (camera.width_px, camera.height_px)
     clipped = np.concatenate((np.clip(whole[:, :2], 0.0, limit), np.clip(whole[:, 2:], 0.0, limit)), axis=1)
-    share = (clipped[:, 2:] - clipped[:, :2]).prod(axis=1) / np.maximum(size.prod(axis=1), 1e-9)
+    inside_share = (clipped[:, 2:] - clipped[:, :2]).prod(axis=1) / np.maximum(size.prod(axis=1), 1e-9)
     apparent = size.max(axis=1)
-    kept = np.flatnonzero((share >= LEAST_VISIBLE) & (apparent >= LEAST_SIZE_PX))
-    if not len(kept):
+    large_enough = np.flatnonzero((inside_share >= LEAST_VISIBLE) & (apparent >= LEAST_SIZE_PX))
+    if not len(large_enough):
         return ()
-    shown = posed.only(kept)
-    visible = share[kept] * (1.0 - _hidden(shown, posed.only(bodies.solid[near])))
+    in_picture = posed.only(large_enough)
+    visible = inside_share[large_enough] * (1.0 - _hidden(in_picture, posed.only(bodies.solid[candidates])))
     columns = zip(
-        shown.index.tolist(),
-        np.sqrt((shown.centre * shown.centre).sum(axis=1)).tolist(),
-        apparent[kept].tolist(),
+        in_picture.index.tolist(),
+        np.sqrt((in_picture.centre * in_picture.centre).sum(axis=1)).tolist(),
+        apparent[large_enough].tolist(),
         np.minimum(visible, 1.0).tolist(),
-        clipped[kept].tolist(),
+        clipped[large_enough].tolist(),
         strict=True,
     )
-    return tuple(Sighting(who, far, high, seen, tuple(box)) for who, far, high, seen, box in columns if seen >= LEAST_VISIBLE)
+    return tuple(
+        Sighting(actor, range_m, height_px, visible_share, tuple(box))
+        for actor, range_m, height_px, visible_share, box in columns
+        if visible_share >= LEAST_VISIBLE
+    )
 
 
 def _may_be_in_sight(camera: PinholeCamera, centre: Floats, radius_m: Floats) -> NDArray[np.bool_]:
@@ -140,15 +150,15 @@ def _hidden(shown: _Posed, solids: _Posed) -> Floats:
 
 
 def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
-    who, by = np.nonzero(_may_hide(shown, solids))
+    body, solid = np.nonzero(_may_hide(shown, solids))
     blocked = np.zeros((len(shown.index), len(_SAMPLES)), dtype=np.bool_)
-    if not len(who):
+    if not len(body):
         return np.zeros(len(shown.index))
-    points = _sample_points(shown)[who]
-    eye = -solids.centre[by][:, None, :]
-    turn = solids.axes[by].transpose(0, 2, 1)
-    hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[by][:, None, :])
-    np.logical_or.at(blocked, who, hits)
+    points = _sample_points(shown)[body]
+    eye = -solids.centre[solid][:, None, :]
+    turn = solids.axes[solid].transpose(0, 2, 1)
+    hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[solid][:, None, :])
+    np.logical_or.at(blocked, body, hits)
     hidden: Floats = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
     return hidden
 

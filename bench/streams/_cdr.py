@@ -110,18 +110,18 @@ def _phased(formats: str, order: str = _LITTLE) -> tuple[struct.Struct, ...]:
     return tuple(_padded(formats, order, (offset - len(HEADER)) % 8) for offset in range(8))
 
 
-def _padded(formats: str, order: str, at: int) -> struct.Struct:
+def _padded(formats: str, order: str, offset: int) -> struct.Struct:
     text = order
-    for one in formats:
-        gap = -at % _SIZES[one]
-        text += "x" * gap + one
-        at += gap + _SIZES[one]
+    for code in formats:
+        gap = -offset % _SIZES[code]
+        text += "x" * gap + code
+        offset += gap + _SIZES[code]
     return struct.Struct(text)
 
 
 @cache
-def _many(count: int, one: str, order: str = _LITTLE) -> struct.Struct:
-    return struct.Struct(f"{order}{count}{one}")
+def _many(count: int, code: str, order: str = _LITTLE) -> struct.Struct:
+    return struct.Struct(f"{order}{count}{code}")
 
 
 _U32 = _phased("I")
@@ -184,8 +184,8 @@ def _write_octets(get: Callable[[Any], bytes]) -> _Write:
     return write
 
 
-def _write_array(get: Callable[[Any], tuple[float, ...]], one: str, size: int) -> _Write:
-    structs = _phased(one * size)
+def _write_array(get: Callable[[Any], tuple[float, ...]], code: str, size: int) -> _Write:
+    structs = _phased(code * size)
 
     def write(out: bytearray, message: Any) -> None:
         out += structs[len(out) & 7].pack(*get(message))
@@ -193,15 +193,15 @@ def _write_array(get: Callable[[Any], tuple[float, ...]], one: str, size: int) -
     return write
 
 
-def _write_numbers(get: Callable[[Any], tuple[float, ...]], one: str) -> _Write:
-    size = _SIZES[one]
+def _write_numbers(get: Callable[[Any], tuple[float, ...]], code: str) -> _Write:
+    size = _SIZES[code]
 
     def write(out: bytearray, message: Any) -> None:
         values = get(message)
         out += _U32[len(out) & 7].pack(len(values))
         if values:
             out += bytes((4 - len(out)) % size)
-            out += struct.pack(f"<{len(values)}{one}", *values)
+            out += struct.pack(f"<{len(values)}{code}", *values)
 
     return write
 
@@ -236,7 +236,7 @@ def _reader(kind: type[RosMessage], order: str) -> tuple[_Read, _Build]:
 
 @cache
 def _builder(kind: type[RosMessage]) -> _Build:
-    parts = [None if isinstance(one.of, str) or one.count == "sequence" else _builder(one.of) for one in fields_of(kind)]
+    parts = [None if isinstance(field.of, str) or field.count == "sequence" else _builder(field.of) for field in fields_of(kind)]
     if not any(parts):
         size = len(parts)
         return lambda values: kind(*islice(values, size))
@@ -244,31 +244,31 @@ def _builder(kind: type[RosMessage]) -> _Build:
 
 
 def _step(run: list[tuple[str, Field]], order: str) -> _Read:
-    _, field = run[0]
-    if _is_fixed(field):
-        return _read_run("".join(_FORMATS[str(one.of)] for _, one in run), order)
-    if isinstance(field.of, str):
-        if field.of == "string":
+    _, first = run[0]
+    if _is_fixed(first):
+        return _read_run("".join(_FORMATS[str(leaf.of)] for _, leaf in run), order)
+    if isinstance(first.of, str):
+        if first.of == "string":
             return _read_string(order)
-        if field.count == "array":
-            return _read_array(_FORMATS[field.of], field.size, order)
-        return _read_octets(order) if field.of == "uint8" else _read_numbers(_FORMATS[field.of], order)
-    return _read_messages(field.of, order)
+        if first.count == "array":
+            return _read_array(_FORMATS[first.of], first.size, order)
+        return _read_octets(order) if first.of == "uint8" else _read_numbers(_FORMATS[first.of], order)
+    return _read_messages(first.of, order)
 
 
 def _read_run(formats: str, order: str) -> _Read:
     structs = _phased(formats, order)
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
-        one = structs[at & 7]
-        values += one.unpack_from(data, at)
-        return at + one.size
+        layout = structs[at & 7]
+        values += layout.unpack_from(data, at)
+        return at + layout.size
 
     return read
 
 
-def _read_array(one: str, size: int, order: str) -> _Read:
-    structs = _phased(one * size, order)
+def _read_array(code: str, size: int, order: str) -> _Read:
+    structs = _phased(code * size, order)
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
         layout = structs[at & 7]
@@ -283,8 +283,8 @@ def _counter(order: str) -> Callable[[bytes, int], tuple[int, int]]:
     structs = _phased("I", order)
 
     def count(data: bytes, at: int) -> tuple[int, int]:
-        one = structs[at & 7]
-        return one.unpack_from(data, at)[0], at + one.size
+        layout = structs[at & 7]
+        return layout.unpack_from(data, at)[0], at + layout.size
 
     return count
 
@@ -317,9 +317,9 @@ def _read_octets(order: str) -> _Read:
     return read
 
 
-def _read_numbers(one: str, order: str) -> _Read:
+def _read_numbers(code: str, order: str) -> _Read:
     count = _counter(order)
-    size = _SIZES[one]
+    size = _SIZES[code]
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
         length, at = count(data, at)
@@ -330,7 +330,7 @@ def _read_numbers(one: str, order: str) -> _Read:
         end = at + length * size
         if end > len(data):  # before the format is built: its size is the sender's
             raise _Malformed
-        values.append(struct.unpack_from(f"{order}{length}{one}", data, at))
+        values.append(struct.unpack_from(f"{order}{length}{code}", data, at))
         return end
 
     return read

@@ -171,20 +171,20 @@ def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
         yield _rule("write-match", "egress", ["declare_subscriber"], writes)
     yield _rule("graph-ask", "ingress", ["declare_liveliness_subscriber", "liveliness_query"], graph)
     yield _rule("graph", "egress", ["liveliness_token"], graph)
-    yield _rule("graph-tell", "ingress", ["liveliness_token"], _own_tokens(plan))
+    yield _rule("graph-tell", "ingress", ["liveliness_token"], _agent_tokens(plan))
 
 
 def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
     return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
 
 
-def _own_tokens(plan: AirPlan) -> list[str]:
+def _agent_tokens(plan: AirPlan) -> list[str]:
     """The tokens that the agent may show: nodes of any name, and endpoints of exactly the topics that it may use.
 
     So it cannot appear as a publisher of what the bench publishes.
     """
     node = f"{GRAPH}/{plan.domain}/*/*/*"
-    ends = [("MS", one) for one in plan.agent_reads] + [("MP", one) for one in plan.agent_writes]
+    ends = [("MS", endpoint) for endpoint in plan.agent_reads] + [("MP", endpoint) for endpoint in plan.agent_writes]
     tokens = {
         f"{node}/{kind}/*/*/*/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/**"
         for kind, (topic, type_name) in ends

@@ -407,7 +407,7 @@ class Field:
 def fields_of(kind: type[RosMessage]) -> tuple[Field, ...]:
     """The fields of a message class in the order of the wire."""
     type_name_of(kind)  # a dataclass that is no message stops here
-    return tuple(_field(one.name, one.type) for one in fields(kind))  # type: ignore[arg-type]
+    return tuple(_field(field.name, field.type) for field in fields(kind))  # type: ignore[arg-type]
 
 
 def _field(name: str, annotation: Any) -> Field:
@@ -445,8 +445,11 @@ def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
 def type_hash(type_name: str) -> str:
     """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when unknown."""
     kind = _BY_NAME[type_name]
-    inside = sorted(dependencies(kind), key=lambda one: one.TYPE)
-    whole = {"type_description": _description(kind), "referenced_type_descriptions": [_description(one) for one in inside]}
+    inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
+    whole = {
+        "type_description": _description(kind),
+        "referenced_type_descriptions": [_description(message) for message in inside],
+    }
     return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
 
 
@@ -455,7 +458,10 @@ _COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
 
 
 def _description(kind: type[RosMessage]) -> dict[str, Any]:
-    return {"type_name": kind.TYPE, "fields": [{"name": one.name, "type": _type_description(one)} for one in fields_of(kind)]}
+    return {
+        "type_name": kind.TYPE,
+        "fields": [{"name": field.name, "type": _type_description(field)} for field in fields_of(kind)],
+    }
 
 
 def _type_description(field: Field) -> dict[str, Any]:
@@ -474,7 +480,7 @@ def schema_text(type_name: str) -> str:
     """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it. KeyError when unknown."""
     kind = _BY_NAME[type_name]
     parts = [_definition(kind)]
-    parts += [f"MSG: {short_name(one.TYPE)}\n{_definition(one)}" for one in dependencies(kind)]
+    parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]
     return ("=" * 80 + "\n").join(parts)
 
 

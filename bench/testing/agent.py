@@ -85,11 +85,11 @@ def finish(number: int, phase: Literal["complete", "searching"] = "complete", ti
         publisher = node.publisher(topic, String)
         for _ in range(times):
             publisher.put(String(AgentStatus(time_s=0.0, phase=phase).model_dump_json()))
-        _kept.append(client)
+        _open_clients.append(client)
     return {topic: times}
 
 
-_kept: list[object] = []
+_open_clients: list[object] = []
 
 
 def say(connection: socket.socket, message: dict[str, object]) -> None:
