@@ -262,7 +262,7 @@ def test_asked_to_stop(tmp_path: Path, number: signal.Signals) -> None:
         for _ in range(11):  # all but the one that hangs
             assert process.stdout.readline().endswith("-fake\n")
         process.send_signal(number)
-        assert process.stdout.readline() == f"stopped: ended by {number.name}\n"
+        assert process.stdout.readline() == f"stopped: received {number.name}\n"
         assert process.wait() == 0
 
     assert not is_alive(int((tmp_path / "agent.pid").read_text()))

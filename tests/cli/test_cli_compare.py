@@ -83,7 +83,7 @@ def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path],
     assert changed.nodes[0].counts.pairs == 17
 
 
-def test_the_same_agent_in_two_campaigns_is_told_apart_by_folder(made: Path, tmp_path: Path) -> None:
+def test_the_same_agent_in_two_campaigns_is_named_by_folder(made: Path, tmp_path: Path) -> None:
     """A campaign against its copy: no difference anywhere, and labels that say which is which."""
     other = tmp_path / "copy"
     shutil.copytree(made, other)

@@ -1,4 +1,4 @@
-"""What the command line says of a design before anything is flown."""
+"""What the command line shows about a design before anything is flown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a dry run foretells: outcomes, cost and power by surrogates, or why it cannot."""
+"""What a dry run estimates: outcomes, cost and power by surrogates, or why it cannot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bench.cli._app import run
 DEMO = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
 
-def test_dry_run_foretells_outcome_cost_and_power(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run_estimates_outcome_cost_and_power(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     campaign = tmp_path / "some.yaml"
     campaign.write_text(DEMO.read_text().replace("take: 12", "take: 5"))
 

@@ -1,4 +1,4 @@
-"""`rebar score` as a user meets it: tables from elsewhere, one document for every target, and why a number is what it is."""
+"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained scores."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert "83" in shown
 
 
-def test_runs_are_told_one_by_one_only_when_asked(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_are_listed_only_on_request(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Without --per-run the document has none; absent rows are counted, and their difficulty is null."""
     table = Path(worked[2])
     table.write_text("run,observable,difficulty,x,considered\n007,OBS1,30,1,\n7,OBS3,50,,no\n")
@@ -189,7 +189,7 @@ def test_a_decomposition_may_begin_anywhere(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_an_unknown_node_is_answered_with_those_near_it(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """A slip of the finger costs a sentence."""
+    """A mistyped node is answered with a sentence."""
     assert run([*worked, "--explain", "KA2"]) == 2
     assert "did you mean KA1" in capsys.readouterr().err
 

@@ -37,7 +37,7 @@ def open_stop_request() -> Iterator[StopRequest]:
 
     def handler(number: int, frame: FrameType | None) -> None:
         del frame
-        stop.request(f"ended by {signal.Signals(number).name}")
+        stop.request(f"received {signal.Signals(number).name}")
 
     # Python runs signal handlers in the main thread only, and refuses to install them from another.
     is_main_thread = threading.current_thread() is threading.main_thread()
