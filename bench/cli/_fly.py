@@ -36,7 +36,7 @@ def fly(
     signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = "",
     signing: Annotated[str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")] = "require",
     params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None,
-    camera: Annotated[bool, typer.Option("--camera", help="Carry a camera on a gimbal; both speak on the links")] = False,
+    camera: Annotated[bool, typer.Option("--camera", help="Carry a camera on a gimbal; both answer on the links")] = False,
     duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None,
 ) -> None:
     """Run a simulated flight controller by itself, in place of a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""

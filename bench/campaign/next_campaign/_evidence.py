@@ -43,7 +43,7 @@ class Evidence:
     """Tests of every factor, and the runs with their levels.
 
     `runs` has the columns agent, node, design_point, confidence and passed. `open_differences` has those of each factor,
-    the largest first. `aliases` has the interactions that cannot be told from the main effect of a factor.
+    the largest first. `aliases` has the interactions that cannot be separated from the main effect of a factor.
     """
 
     tests: pl.DataFrame
