@@ -37,7 +37,7 @@ def yard(side_m: float, *groups: tuple[str, str, int, dict[str, Any]], seed: int
     return validate_document(document, SimSpec)
 
 
-def told(simspec: SimSpec) -> str:
+def outcome(simspec: SimSpec) -> str:
     """How placement ended."""
     try:
         placed = place(simspec)
@@ -59,18 +59,18 @@ def timed(name: str, work: Callable[[int], str], times: int) -> None:
 
 def sixty(side_m: float) -> Callable[[int], str]:
     """Sixty crates in a square."""
-    return lambda seed: told(yard(side_m, ("crates", "crate", 60, {"separation_m": 0.0}), seed=seed))
+    return lambda seed: outcome(yard(side_m, ("crates", "crate", 60, {"separation_m": 0.0}), seed=seed))
 
 
 def mixed(seed: int) -> str:
     """Houses, sheds and trees over 60 % of their ground."""
     kinds = (("houses", "house"), ("sheds", "shed"), ("trees", "tree"))
-    return told(yard(69.3, *((name, asset, 20, {"separation_m": 0.0}) for name, asset in kinds), seed=seed))
+    return outcome(yard(69.3, *((name, asset, 20, {"separation_m": 0.0}) for name, asset in kinds), seed=seed))
 
 
 def at_home(seed: int) -> str:
     """Half of a yard under houses, people in them near a post at its edge, and others between two of the houses."""
-    return told(
+    return outcome(
         yard(
             66.0,
             ("houses", "house", 20, {"separation_m": 0.2}),
@@ -86,12 +86,12 @@ def north_of_the_north(seed: int) -> str:
     """People who would have to stand outside the area."""
     house = ("house", "house", 1, {"region": square(40, 80, 20)})
     sector = {"bearing": {"of": "house", "from_deg": 315, "to_deg": 45}, "near": {"of": "house", "min_m": 25, "max_m": 60}}
-    return told(yard(100.0, house, ("people", "civilian", 5, sector), seed=seed))
+    return outcome(yard(100.0, house, ("people", "civilian", 5, sector), seed=seed))
 
 
 def overfull(seed: int) -> str:
     """Two groups that fit their regions each, and not both."""
-    return told(
+    return outcome(
         yard(
             100.0,
             ("a", "house", 10, {"region": square(0, 0, 40)}),
@@ -111,7 +111,7 @@ def main(count: int) -> None:
     paper = load_campaign(PAPER)
     print(f"{'scene':58} {'mean':>12}  {'worst':>12}")
     base = paper.situation
-    told(base)
+    outcome(base)
     seeds = [base.model_copy(update={"seeds": base.seeds.model_copy(update={"root": seed})}) for seed in range(30)]
     timed("the paper's experiment, some 90 actors", lambda seed: _placed(seeds[seed]), 30)
     timed("60 crates at 60 % fill, no gap asked for", sixty(24.0), 5)
@@ -120,8 +120,8 @@ def main(count: int) -> None:
     timed("20 houses at 50 % fill, 40 people in some, 4 between two", at_home, 5)
     timed("impossible by bearing and distance", north_of_the_north, 5)
     timed("impossible by areas that regions share", overfull, 5)
-    timed("1000 people in a yard of 20 by 20 m", lambda seed: told(yard(20, ("p", "civilian", 1000, {}), seed=seed)), 5)
-    timed("1000 people in a yard of 40 by 40 m", lambda seed: told(yard(40, ("p", "civilian", 1000, {}), seed=seed)), 2)
+    timed("1000 people in a yard of 20 by 20 m", lambda seed: outcome(yard(20, ("p", "civilian", 1000, {}), seed=seed)), 5)
+    timed("1000 people in a yard of 40 by 40 m", lambda seed: outcome(yard(40, ("p", "civilian", 1000, {}), seed=seed)), 2)
     _many(paper.design, base, paper.agents[:1], count)
 
 

@@ -42,14 +42,14 @@ class RealizationPlan:
 
 
 Rating = Callable[[SimSpec], Mapping[str, float]]
-"""Difficulties of the studied nodes in a situation; handed in, for what is asked of an agent is not known here."""
+"""Rates a situation: the difficulty of each studied node. Callers hand it in, because this package knows no decompositions."""
 
 
 def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Rating | None = None) -> list[RealizationPlan]:
     """Every realization of a design, agents of one scene next to each other.
 
-    Raises SetupError naming factor, path and mend where a factor's path leads nowhere or a level does not fit. `rate` is asked
-    where the design is drawn by difficulty (`Design.rated`).
+    Raises SetupError naming factor, path and remedy when a factor's path leads nowhere or a level does not fit. `rate` is used
+    when the design is drawn by difficulty (`Design.rated`).
     """
     labels = _labels(agents)
     patches = _Patches.of(base, design)
@@ -63,9 +63,9 @@ def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Ra
 
 
 def design_pairs(base: SimSpec, design: Design, rate: Rating | None = None) -> list[tuple[DesignPoint, int]]:
-    """The (point, replicate) pairs of a design over a base SimSpec, drawn by difficulty where it asks for that.
+    """The (point, replicate) pairs of a design over a base SimSpec, drawn by difficulty if the design says so.
 
-    Raises as `realize` does, but looks at levels only where the design is drawn by difficulty.
+    Raises as `realize` does, but checks levels only when the design is drawn by difficulty.
     """
     return _pairs(_Patches.of(base, design), rate) if design.rated else design.pairs()
 
@@ -80,14 +80,14 @@ def _pairs(patches: _Patches, rate: Rating | None) -> list[tuple[DesignPoint, in
     design = patches.design
     if not design.rated:
         return design.pairs()
-    return _said(lambda: design.pairs(patches.rated(rate)))
+    return _as_setup_error(lambda: design.pairs(patches.rated(rate)))
 
 
 T = TypeVar("T")
 
 
-def _said(draw: Callable[[], T]) -> T:
-    """What a design that is drawn only now cannot do is the author's to mend, as it is when a document is read."""
+def _as_setup_error(draw: Callable[[], T]) -> T:
+    """Run a draw; a ValueError becomes a SetupError, because the author of the design can fix it."""
     try:
         return draw()
     except ValueError as error:
@@ -95,7 +95,7 @@ def _said(draw: Callable[[], T]) -> T:
 
 
 def scene_seed(seed: int, design_point: str, replicate: int) -> int:
-    """The 63-bit root seed of one scene; depends on nothing else, so runs added later change none that exist."""
+    """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing scene."""
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
@@ -109,7 +109,7 @@ def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, ag
 
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
     if not agents:
-        raise SetupError(Fault("agents", "no agent is named", "add at least one, for example manifest: reference-naive"))
+        raise SetupError(Fault("agents", "no agent is given", "add at least one, for example manifest: reference-naive"))
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
     twice = [label for label, times in Counter(labels).items() if times > 1]
     if twice:
@@ -124,7 +124,7 @@ def _labels(agents: Sequence[AgentSpec]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Patches:
-    """The factors of a design, bound to a base SimSpec whose paths were all found."""
+    """The factors of a design, bound to a base SimSpec in which all their paths exist."""
 
     design: Design
     text: str
@@ -172,7 +172,7 @@ class _Patches:
         return validate_document(document, SimSpec)
 
     def _alone(self, point: DesignPoint) -> list[Fault]:
-        """Faults of the factors that are wrong by themselves."""
+        """Faults of factors that are invalid on their own."""
         faults: list[Fault] = []
         for factor in self.design.factors:
             level = point.levels[factor.name]
@@ -181,25 +181,33 @@ class _Patches:
             except SetupError as error:
                 sets = ", ".join(factor.changes(level))
                 faults += [
-                    Fault(f"design: factor {factor.name!r}: level {level!r} for {sets}", f"{one.where}: {one.what}", one.remedy)
-                    for one in error.faults
+                    Fault(
+                        f"design: factor {factor.name!r}: level {level!r} for {sets}",
+                        f"{inner.where}: {inner.what}",
+                        inner.remedy,
+                    )
+                    for inner in error.faults
                 ]
         return faults
 
     def _together(self, point: DesignPoint, error: SetupError) -> list[Fault]:
         levels = ", ".join(f"{name}={level}" for name, level in point.levels.items())
         return [
-            Fault(f"design point {point.id} ({levels})", f"{one.where}: {one.what}", one.remedy or "change one of these levels")
-            for one in error.faults
+            Fault(
+                f"design point {point.id} ({levels})",
+                f"{inner.where}: {inner.what}",
+                inner.remedy or "change one of these levels",
+            )
+            for inner in error.faults
         ]
 
 
 def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | None:
-    """A factor's unit is its field's; a field without one takes none that a field could have."""
+    """The fault of a factor whose unit is not its field's. A field without a unit accepts no unit that other fields have."""
     if factor.unit is None or path.unit == factor.unit or path.open:
         return None
     if path.unit is not None:
-        return Fault(where, f"the factor's unit is {factor.unit!r}, the field's {path.unit!r}", f"give {path.unit}")
+        return Fault(where, f"the factor's unit is {factor.unit!r}, the field's unit is {path.unit!r}", f"give {path.unit}")
     if factor.unit in UNITS.values():
         return Fault(
             where, f"the factor's unit is {factor.unit!r}, but the field has none", "leave the unit out, or name another field"
@@ -208,17 +216,17 @@ def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | Non
 
 
 def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Fault]:
-    """One number cannot be metres in one field and seconds in another."""
+    """The fault of a factor that sets fields of different units with one number."""
     stated = {paths[text].unit: text for text in factor.sets if text in paths and paths[text].unit}
     if factor.unit is not None or len(stated) < 2:
         return []
-    told = ", ".join(f"{text} ({unit})" for unit, text in stated.items())
-    what = f"sets fields of different units: {told}"
+    fields = ", ".join(f"{text} ({unit})" for unit, text in stated.items())
+    what = f"sets fields of different units: {fields}"
     return [Fault(f"design: factor {factor.name!r}", what, "let a factor with a formula set the other one")]
 
 
 def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
-    """Two factors on one field, or on one within what the other sets whole, would silently undo each other."""
+    """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo the other."""
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
     for factor in design.factors:
         for text in [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]:

@@ -66,7 +66,7 @@ def test_judge_and_places_that_disagree_are_a_fault_of_the_bench(tmp_path: Path,
     monkeypatch.setattr(placement, "check_placement", lambda _: [Fault("realized: people-1", "stands outside its region")])
     plans = realize(base(), validate_document({"factors": [], "seed": 1}, Design), [AgentSpec()])
 
-    with pytest.raises(PlacementUnsound, match=r"broke its own rules in .*people-1: stands outside its region"):
+    with pytest.raises(PlacementUnsound, match=r"broke its rules in .*people-1: stands outside its region"):
         write_scenes(plans, CampaignFolder(tmp_path), 1)
     assert not (tmp_path / "simspecs").exists()
 
@@ -79,5 +79,5 @@ def test_judge_answers_for_actors_of_no_group() -> None:
     known = placed.realized.actors
     more = placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": (*known, stray)})})
 
-    assert "realized: group stray: has 1 members (0 are asked for)" in [str(fault) for fault in check_placement(more)]
+    assert "realized: group stray: has 1 members (0 are required)" in [str(fault) for fault in check_placement(more)]
     assert dump_json(more)

@@ -1,8 +1,8 @@
-"""Covering arrays: few points in which every combination of levels of any t factors occurs, as far as it may.
+"""Covering arrays: few points in which every allowed combination of levels of any t factors occurs.
 
-In parameter order: Lei, Y., Kacker, R., Kuhn, D. R., Okun, V. and Lawrence, J. (2008), "IPOG/IPOG-D: efficient test generation for
-multi-way combinatorial testing", Software Testing, Verification and Reliability 18(3), 125-148. What is forbidden, and which
-conditional factors are active, decides what can occur at all: Yu, L., Lei, Y., Nourozborazjany, M., Kacker, R. and Kuhn, D. R.
+Built in parameter order: Lei, Y., Kacker, R., Kuhn, D. R., Okun, V. and Lawrence, J. (2008), "IPOG/IPOG-D: efficient test generation for
+multi-way combinatorial testing", Software Testing, Verification and Reliability 18(3), 125-148. Constraints and conditional factors decide which
+combinations can occur: Yu, L., Lei, Y., Nourozborazjany, M., Kacker, R. and Kuhn, D. R.
 (2013), "An efficient algorithm for constraint handling in combinatorial test generation", ICST 2013.
 """
 
@@ -23,18 +23,18 @@ from ._factor_space import FactorSpace, LevelRule
 from ._factors import FactorLevel, FactorLevels
 
 UNSET = -1
-"""A place of a row that nothing has asked for yet."""
+"""A factor of a row that has no level yet."""
 
 
 MAX_COMBINATIONS = 500_000
 
 
 MAX_ASSIGNMENTS = 200_000
-"""Assignments that are tried before what is forbidden is said to be too tangled."""
+"""Assignments that are tried before the rules count as too complex. Chosen, not measured."""
 
 
 class CoveringArray(Document):
-    """Every combination of levels of any `strength` factors at least once, in few points; forbidden ones in none."""
+    """Every allowed combination of levels of any `strength` factors at least once, in few points."""
 
     grows: ClassVar[bool] = False
     kind: Literal["covering_array"] = "covering_array"
@@ -43,8 +43,8 @@ class CoveringArray(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         choices = {factor.name: space.choices(factor) for factor in space.free}
         strength = min(self.strength, len(choices))
-        sizes = [len(one) for one in choices.values()]
-        count = sum(math.prod(some) for some in itertools.combinations(sizes, strength))
+        sizes = [len(levels) for levels in choices.values()]
+        count = sum(math.prod(chosen_sizes) for chosen_sizes in itertools.combinations(sizes, strength))
         if count > MAX_COMBINATIONS:
             raise ValueError(
                 f"there are {count} combinations of {strength} levels to cover, more than {MAX_COMBINATIONS}; lower strength"
@@ -54,7 +54,7 @@ class CoveringArray(Document):
 
 
 class PartialAssignments:
-    """Whether a partial choice of levels, as numbers into `choices`, can be made whole without breaking a rule."""
+    """Decides whether a partial choice of levels, as indices into `choices`, can be completed without breaking a rule."""
 
     def __init__(self, choices: Mapping[str, Sequence[FactorLevel]], rules: Sequence[LevelRule]) -> None:
         self._names = list(choices)
@@ -67,38 +67,40 @@ class PartialAssignments:
         self._looked_at = 0
 
     def __call__(self, row: Sequence[int]) -> bool:
-        """`row` has a number or FREE for each factor. Raises ValueError where it takes too long to say."""
+        """`row` has an index or UNSET for each factor. Raises ValueError when the search takes too long."""
         key = tuple(row[at] for at in self.bound)
         if key not in self._known:
             self._known[key] = self.filled(row) is not None
         return self._known[key]
 
     def filled(self, row: Sequence[int], draws: np.random.Generator | None = None) -> list[int] | None:
-        """The row with nothing free, its levels drawn where a generator is given; None where it cannot be."""
-        found = list(row)
-        if not self._legal(found):
+        """The row completed, with random levels if a generator is given; None when impossible."""
+        completed = list(row)
+        if not self._legal(completed):
             return None
-        return self._filled(found, [at for at in self.bound if row[at] == UNSET], draws)
+        return self._filled(completed, [at for at in self.bound if row[at] == UNSET], draws)
 
     def levels(self, row: Sequence[int]) -> FactorLevels:
-        """The levels of a row with nothing free."""
+        """The levels of a complete row."""
         return {name: levels[at] for name, levels, at in zip(self._names, self._choices, row, strict=True)}
 
-    def _filled(self, row: list[int], waiting: list[int], draws: np.random.Generator | None) -> list[int] | None:
-        if not waiting:
+    def _filled(self, row: list[int], unset: list[int], draws: np.random.Generator | None) -> list[int] | None:
+        if not unset:
             free = [at for at, number in enumerate(row) if number == UNSET]
             for at in free:
                 row[at] = int(draws.integers(len(self._choices[at]))) if draws else 0
             return row
         self._looked_at += 1
         if self._looked_at > MAX_ASSIGNMENTS:
-            raise ValueError("what is forbidden is too tangled for a covering_array; use full_factorial, sobol or halton")
-        at, *rest = waiting
+            raise ValueError(
+                "the forbidden combinations are too complex for a covering_array; use full_factorial, sobol or halton"
+            )
+        at, *rest = unset
         numbers = range(len(self._choices[at]))
         for number in draws.permutation(len(numbers)).tolist() if draws else numbers:
             row[at] = number
-            if self._legal(row, at) and (found := self._filled(row, rest, draws)) is not None:
-                return found
+            if self._legal(row, at) and (completed := self._filled(row, rest, draws)) is not None:
+                return completed
         row[at] = UNSET
         return None
 
@@ -114,17 +116,17 @@ class PartialAssignments:
 def _covering_rows(
     choices: Mapping[str, Sequence[FactorLevel]], strength: int, possible: PartialAssignments, draws: np.random.Generator
 ) -> list[FactorLevels]:
-    sizes = [len(one) for one in choices.values()]
+    sizes = [len(levels) for levels in choices.values()]
     if not possible([UNSET] * len(sizes)):
         raise ValueError("everything is forbidden")
-    # Factors with many levels first keeps the array short.
+    # IPOG gives shorter arrays when factors with many levels come first.
     order = sorted(range(len(sizes)), key=lambda at: (-sizes[at], at))
     first = order[:strength]
     rows = [
         row for numbers in itertools.product(*(range(sizes[at]) for at in first)) if possible(row := _row(sizes, first, numbers))
     ]
-    for done in range(strength, len(order)):
-        _extend_rows(rows, _UncoveredCombinations(order[:done], order[done], sizes, strength, possible), possible)
+    for count in range(strength, len(order)):
+        _extend_rows(rows, _UncoveredCombinations(order[:count], order[count], sizes, strength, possible), possible)
     filled = [possible.filled(row, draws) for row in rows]
     return [possible.levels(row) for row in filled if row is not None]
 
@@ -139,7 +141,7 @@ def _row(sizes: Sequence[int], places: Sequence[int], numbers: Sequence[int]) ->
 class _UncoveredCombinations:
     """Combinations of one new factor with any t - 1 earlier ones that no row has yet.
 
-    `open` is (sets of earlier factors, their levels as one number, the new factor's level).
+    `open` has the shape (sets of earlier factors, their levels as one number, levels of the new factor).
     """
 
     def __init__(
@@ -149,38 +151,38 @@ class _UncoveredCombinations:
         sets = list(itertools.combinations(earlier, strength - 1))
         self.sets = np.array(sets, dtype=np.int64).reshape(len(sets), strength - 1)
         self._size_of = np.array(sizes, dtype=np.int64)
-        widest = max(math.prod(sizes[at] for at in some) for some in self.sets.tolist())
+        widest = max(math.prod(sizes[at] for at in factors) for factors in self.sets.tolist())
         self.open = np.zeros((len(self.sets), widest, sizes[new]), dtype=np.bool_)
         bound = set(possible.bound)
-        for place, some in enumerate(self.sets.tolist()):
-            asks = bool(bound & {*some, new})
-            for code, numbers in enumerate(itertools.product(*(range(sizes[at]) for at in some))):
+        for place, factors in enumerate(self.sets.tolist()):
+            constrained = bool(bound & {*factors, new})
+            for code, numbers in enumerate(itertools.product(*(range(sizes[at]) for at in factors))):
                 for level in range(sizes[new]):
-                    row = _row(sizes, [*some, new], [*numbers, level]) if asks else None
+                    row = _row(sizes, [*factors, new], [*numbers, level]) if constrained else None
                     self.open[place, code, level] = row is None or possible(row)
         self._every = np.arange(len(self.sets))
 
     def gains(self, row: Sequence[int]) -> NDArray[np.int64]:
-        """For each level of the new factor, how many missing combinations it would bring to this row."""
+        """The number of uncovered combinations that each level of the new factor would cover in this row."""
         codes, known = self._codes(row)
         return np.asarray(self.open[self._every[known], codes[known]].sum(axis=0), dtype=np.int64)
 
     def strike(self, row: Sequence[int]) -> None:
-        """What this row has is missing no more."""
+        """Mark the combinations of this row as covered."""
         if row[self.new] != UNSET:
             codes, known = self._codes(row)
             self.open[self._every[known], codes[known], row[self.new]] = False
 
-    def left(self) -> Iterator[list[int]]:
-        """What is missing still, each as a row that holds nothing else; struck ones that come up meanwhile are skipped."""
+    def remaining(self) -> Iterator[list[int]]:
+        """Each combination still uncovered, as a row with nothing else set. Those covered during the iteration are skipped."""
         for place, code, level in np.argwhere(self.open).tolist():
             if self.open[place, code, level]:
-                some = self.sets[place].tolist()
+                factors = self.sets[place].tolist()
                 numbers = []
-                for at in reversed(some):
+                for at in reversed(factors):
                     code, number = divmod(code, self._sizes[at])
                     numbers.append(number)
-                yield _row(self._sizes, [*some, self.new], [*reversed(numbers), level])
+                yield _row(self._sizes, [*factors, self.new], [*reversed(numbers), level])
 
     def _codes(self, row: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         numbers = np.array(row, dtype=np.int64)
@@ -192,29 +194,29 @@ class _UncoveredCombinations:
 
 
 def _extend_rows(rows: list[list[int]], missing: _UncoveredCombinations, possible: PartialAssignments) -> None:
-    """Give every row the new factor's level that covers most, then add rows for what is missing still."""
+    """Give every row the level of the new factor that covers most, then add rows for what is still uncovered."""
     for row in rows:
         gains = missing.gains(row)
         for level in np.argsort(-gains, kind="stable").tolist():
             if not gains[level]:
-                break  # left free, for a combination that needs the place
+                break  # left unset, so that a later combination can use this row
             row[missing.new] = level
             if possible(row):
                 missing.strike(row)
                 break
             row[missing.new] = UNSET
-    for wanted in missing.left():
-        home = next((row for row in rows if _fits(row, wanted) and possible(_merged(row, wanted))), None)
-        if home is None:
+    for wanted in missing.remaining():
+        host = next((row for row in rows if _fits(row, wanted) and possible(_merged(row, wanted))), None)
+        if host is None:
             rows.append(wanted)
-            home = wanted
-        home[:] = _merged(home, wanted)
-        missing.strike(home)
+            host = wanted
+        host[:] = _merged(host, wanted)
+        missing.strike(host)
 
 
 def _fits(row: Sequence[int], wanted: Sequence[int]) -> bool:
-    return all(one in (UNSET, other) or other == UNSET for one, other in zip(row, wanted, strict=True))
+    return all(level in (UNSET, wanted_level) or wanted_level == UNSET for level, wanted_level in zip(row, wanted, strict=True))
 
 
 def _merged(row: Sequence[int], wanted: Sequence[int]) -> list[int]:
-    return [other if one == UNSET else one for one, other in zip(row, wanted, strict=True)]
+    return [wanted_level if level == UNSET else level for level, wanted_level in zip(row, wanted, strict=True)]

@@ -1,4 +1,4 @@
-"""The design of an experiment: factors, the combinations of their levels, and how often each is repeated.
+"""The design of an experiment: factors, the combinations of their levels, and the number of repetitions.
 
 Three ids are kept apart: a *design point* (`p017`, one combination of levels), a *replicate* (its n-th repetition, with
 seeds of its own) and a *realization* (the one SimSpec that one agent flies, `p017-r1-reference-naive`).
@@ -29,15 +29,15 @@ from ._stratified import Difficulties, Stratified
 
 
 class Combines(Protocol):
-    """A way to combine levels; a document, so that a campaign names it by its `kind` and gives its options."""
+    """A method that combines levels. Methods are documents: a campaign gives the `kind` and its options."""
 
     grows: ClassVar[bool]
     """Whether more points leave the earlier ones as they were, number and levels."""
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
-        """The points in their own order, all factors' levels in each; the same for the same factors, options and seed.
+        """The points in order, each with the levels of all factors; the same for the same factors, options and seed.
 
-        Raises ValueError with a sentence where these factors cannot be combined so.
+        Raises ValueError with a sentence when the method cannot combine these factors.
         """
 
 
@@ -61,9 +61,9 @@ Method = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class DesignPoint:
-    """One combination of levels; `id` is its place in the design, from p001.
+    """One combination of levels; `id` numbers the points of a design from p001.
 
-    `scene` is the id of the point whose seeds it takes: its own, but for a point at high fidelity that of its twin.
+    `scene` is the id of the point whose seeds it takes: its own, or for a point at high fidelity that of its low-fidelity twin.
     """
 
     id: str
@@ -76,7 +76,7 @@ class DesignPoint:
 
 
 class Design(Document):
-    """Which situations are flown: factors, the method that combines them, replicates, and the seed of all of it."""
+    """The situations that are flown: factors, the method that combines them, replicates, and the seed."""
 
     factors: tuple[DesignFactor, ...] = ()
     forbid: Annotated[
@@ -97,9 +97,9 @@ class Design(Document):
         if twice:
             raise ValueError(f"two factors are called {twice[0]!r}")
         if not self.factors and (self.forbid or self.then or not isinstance(self.method, FullFactorial)):
-            raise ValueError("there are no factors to combine")
+            raise ValueError("the design has no factors to combine")
         if self.factors and not self.space.free:
-            raise ValueError("every factor follows from others; give one levels or a range")
+            raise ValueError("every factor has a formula; give at least one levels or a range")
         counts = [self._count(method, place) * self.replicates for place, method in enumerate(self.methods)]
         for method, pairs in zip(self.methods, counts, strict=True):
             take = method.take if isinstance(method, FullFactorial) else None
@@ -115,7 +115,7 @@ class Design(Document):
 
     @property
     def methods(self) -> tuple[Method, ...]:
-        """The method and those that came after it."""
+        """The first method and those of `then`."""
         return (self.method, *self.then)
 
     @property
@@ -125,8 +125,8 @@ class Design(Document):
 
     @property
     def rated(self) -> bool:
-        """Whether its points depend on how difficult situations are, so that `points` must be told."""
-        return any(isinstance(one, Stratified) for one in self.methods)
+        """Whether the points depend on difficulties, so that `points` needs them."""
+        return any(isinstance(method, Stratified) for method in self.methods)
 
     def points(self, difficulties: Difficulties | None = None) -> list[DesignPoint]:
         """Every design point, in the design's own order; the same for the same document (and difficulties, where it is `rated`)."""
@@ -135,8 +135,8 @@ class Design(Document):
     def pairs(self, difficulties: Difficulties | None = None) -> list[tuple[DesignPoint, int]]:
         """The (point, replicate) pairs to fly, ordered by point and replicate, replicates from 1.
 
-        Where `take` draws some of them, each pair's place in the draw depends on nothing but the seed and the pair:
-        a larger `take` keeps those already drawn.
+        When `take` draws some of them, a pair's rank in the draw depends on the seed and the pair alone: a larger `take` keeps
+        those already drawn.
         """
         blocks = zip(self.methods, self._blocks(difficulties), strict=True)
         return [pair for method, block in blocks for pair in self._pairs(method, block)]
@@ -149,7 +149,7 @@ class Design(Document):
         for place, method in enumerate(self.methods):
             if isinstance(method, Stratified):
                 if difficulties is None:
-                    raise ValueError("a stratified design is drawn by difficulty, which was not told")
+                    raise ValueError("a stratified design is drawn by difficulty, and no rating was given")
                 combinations = method.chosen(space, self._seed(place), difficulties)
             else:
                 combinations = method.combinations(space, self._seed(place))
@@ -171,7 +171,7 @@ class Design(Document):
         return len(method.combinations(self.space, self._seed(place))) if self.factors else 1
 
     def _seed(self, place: int) -> int:
-        """The design's own for its first method; for each that came after another one."""
+        """The design's seed for its first method, and a derived seed for each further one."""
         return (
             self.seed if place == 0 else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
         )
@@ -182,9 +182,9 @@ class Design(Document):
 
 
 def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:
-    """Points from the one after `before`. Those whose places are among `twins` share the scene of the one in front of them.
+    """Points numbered from `before` + 1. Those at places in `twins` share the scene of the point before them.
 
-    Points that merely have the same levels do not: two flights of one scene are one, and would count as two.
+    Other points with equal levels get scenes of their own: two flights of one scene would count as two trials.
     """
     names = [f"p{number:03d}" for number in range(before + 1, before + 1 + len(combinations))]
     return [

@@ -1,9 +1,9 @@
 """Small expressions over factors: `crowd * 0.05 + 2`, `gps == 'degraded' and not night`.
 
 Numbers, quoted texts, true and false, factors by name; `+ - * / % **`, comparisons, `and`, `or`, `not`, `a if b else c`, brackets,
-and min, max, abs, round, floor, ceil, sqrt. Nothing else can be reached from here: no attribute, no call of anything else, no loop,
-so that an expression from a stranger's file ends, soon, and touches nothing. A name takes its hyphens with it: `fog-level` is one
-name, `fog - level` a difference.
+and min, max, abs, round, floor, ceil, sqrt. There are no attributes, other calls or loops, so an
+expression from an untrusted file always ends and has no side effects. Names may contain hyphens: `fog-level` is one name,
+`fog - level` is a difference.
 """
 
 from __future__ import annotations
@@ -66,19 +66,19 @@ _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "ceil": (1, math.ceil),
     "sqrt": (1, math.sqrt),
 }
-"""By name: how many arguments (0: one or more), and what is worked out."""
+"""By name: the number of arguments (0 means one or more) and the function."""
 
 
 Evaluate = Callable[[Mapping[str, object]], Value]
 
 
 class InactiveFactor(Exception):
-    """A factor that an expression came to is inactive, so the expression says nothing."""
+    """The expression reads an inactive factor and therefore has no value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """An expression that was read, the names that stand in it, and the texts, true or false that names are compared with."""
+    """A parsed expression, the names in it, and the texts and truth values that names are compared with."""
 
     text: str
     names: frozenset[str]
@@ -88,8 +88,8 @@ class Expression:
     def value(self, levels: Mapping[str, object]) -> Value:
         """The value at these levels; every number is a float.
 
-        Raises ValueError with a sentence where it has none (a division by zero, a text among numbers), and Absent where it
-        comes to a name that `levels` does not hold.
+        Raises ValueError with a sentence when there is none (division by zero, a text among numbers), and InactiveFactor when it
+        reads a name that `levels` lacks.
         """
         try:
             return self._evaluate(levels)
@@ -97,7 +97,7 @@ class Expression:
             raise ValueError(f"{self.text!r} has no value at {_shown(self.names, levels)}: {error}") from None
 
     def holds(self, levels: Mapping[str, object]) -> bool:
-        """Whether it is true; raises as `value` does, and ValueError where it is neither true nor false."""
+        """Whether it is true; raises as `value` does, and ValueError when the value is not a truth value."""
         value = self.value(levels)
         if not isinstance(value, bool):
             raise ValueError(f"{self.text!r} is {value!r}, neither true nor false; compare it with something")
@@ -105,7 +105,7 @@ class Expression:
 
 
 def parse_expression(text: str) -> Expression:
-    """Read an expression. Raises ValueError saying what stands wrong, and where."""
+    """Parse an expression. Raises ValueError that says what is wrong, and where."""
     if len(text) > MAX_CHARACTERS:
         raise ValueError(f"an expression has at most {MAX_CHARACTERS} characters, this one {len(text)}")
     reader = _Reader(text)
@@ -118,7 +118,7 @@ def _shown(names: frozenset[str], levels: Mapping[str, object]) -> str:
 
 
 class _Reader:
-    """Reads by recursive descent, loosest binding first; `names` and `compared` fill up as it goes."""
+    """A recursive-descent parser, loosest binding first; fills `names` and `compared` while it parses."""
 
     def __init__(self, text: str) -> None:
         self.names: set[str] = set()
@@ -129,17 +129,17 @@ class _Reader:
         self._depth = 0
 
     def whole(self) -> Evaluate:
-        found = self._choice()
+        evaluate = self._conditional()
         if self._kind():
-            self._wrong(f"{self._word()!r} stands where the expression should end")
-        return found
+            self._fail(f"{self._word()!r} is after the end of the expression")
+        return evaluate
 
     def _split(self) -> Iterator[tuple[str, str]]:
         place, text = 0, self._text.rstrip()
         while place < len(text):
             match = _TOKEN.match(text, place)
             if match is None:
-                raise ValueError(f"{self._text!r}: {text[place:].strip()[:1]!r} means nothing in an expression")
+                raise ValueError(f"{self._text!r}: {text[place:].strip()[:1]!r} is not allowed in an expression")
             place = match.end()
             kind = str(match.lastgroup)
             word = match[kind]
@@ -151,61 +151,61 @@ class _Reader:
     def _word(self) -> str:
         return self._tokens[self._place][1] if self._place < len(self._tokens) else "the end"
 
-    def _next(self, *words: str) -> str | None:
-        """Step over one of these words or signs and return it; None where something else stands here."""
+    def _accept(self, *words: str) -> str | None:
+        """Consume one of these words or signs and return it; None if the next token is another."""
         if self._kind() not in ("word", "sign") or self._word() not in words:
             return None
         self._place += 1
         return self._tokens[self._place - 1][1]
 
-    def _need(self, word: str) -> None:
-        if self._next(word) is None:
-            self._wrong(f"{word!r} is missing before {self._word()!r}")
+    def _expect(self, word: str) -> None:
+        if self._accept(word) is None:
+            self._fail(f"{word!r} is missing before {self._word()!r}")
 
-    def _wrong(self, what: str) -> NoReturn:
+    def _fail(self, what: str) -> NoReturn:
         raise ValueError(f"{self._text!r}: {what}")
 
-    def _choice(self) -> Evaluate:
+    def _conditional(self) -> Evaluate:
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            self._wrong(f"is nested deeper than {MAX_DEPTH}")
-        first = self._either()
-        if self._next("if"):
-            condition = self._either()
-            self._need("else")
-            other = self._choice()
-            yes = first
-            found: Evaluate = lambda levels: yes(levels) if _truth(condition(levels)) else other(levels)  # noqa: E731
+            self._fail(f"is nested deeper than {MAX_DEPTH}")
+        first = self._disjunction()
+        if self._accept("if"):
+            condition = self._disjunction()
+            self._expect("else")
+            other = self._conditional()
+            chosen = first
+            evaluate: Evaluate = lambda levels: chosen(levels) if _truth(condition(levels)) else other(levels)  # noqa: E731
         else:
-            found = first
+            evaluate = first
         self._depth -= 1
-        return found
+        return evaluate
 
-    def _either(self) -> Evaluate:
-        found = self._both()
-        while self._next("or"):
-            found = _or(found, self._both())
-        return found
+    def _disjunction(self) -> Evaluate:
+        evaluate = self._conjunction()
+        while self._accept("or"):
+            evaluate = _or(evaluate, self._conjunction())
+        return evaluate
 
-    def _both(self) -> Evaluate:
-        found = self._denied()
-        while self._next("and"):
-            found = _and(found, self._denied())
-        return found
+    def _conjunction(self) -> Evaluate:
+        evaluate = self._negation()
+        while self._accept("and"):
+            evaluate = _and(evaluate, self._negation())
+        return evaluate
 
-    def _denied(self) -> Evaluate:
+    def _negation(self) -> Evaluate:
         times = 0
-        while self._next("not"):
+        while self._accept("not"):
             times += 1
-        found = self._compared()
+        evaluate = self._comparison()
         if not times:
-            return found
-        return lambda levels: _truth(found(levels)) is (times % 2 == 0)
+            return evaluate
+        return lambda levels: _truth(evaluate(levels)) is (times % 2 == 0)
 
-    def _compared(self) -> Evaluate:
+    def _comparison(self) -> Evaluate:
         places = [self._place]
         terms, signs = [self._sum()], []
-        while sign := self._next(*_EQUALITY, *_COMPARISONS):
+        while sign := self._accept(*_EQUALITY, *_COMPARISONS):
             signs.append(sign)
             places.append(self._place)
             terms.append(self._sum())
@@ -213,79 +213,79 @@ class _Reader:
         return _chain(terms, signs) if signs else terms[0]
 
     def _note_compared(self, places: list[int], signs: list[str]) -> None:
-        """Remember names beside a text, true or false. `places` are where terms begin; a term ends a token before the next."""
+        """Record names that are compared with a text, true or false. `places` are the first tokens of terms; the sign lies between."""
         ends = [*(place - 1 for place in places[1:]), self._place]
-        alone = [self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)]
-        for sign, one, other in zip(signs, alone, alone[1:], strict=False):
-            for (kind, name), (beside, word) in ((one, other), (other, one)):
-                if sign in _EQUALITY and kind == "name" and beside in ("text", "word"):
-                    self.compared.add((name, word[1:-1] if beside == "text" else word == "true"))
+        single_tokens = [self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)]
+        for sign, term, next_term in zip(signs, single_tokens, single_tokens[1:], strict=False):
+            for (kind, name), (other_kind, other_word) in ((term, next_term), (next_term, term)):
+                if sign in _EQUALITY and kind == "name" and other_kind in ("text", "word"):
+                    self.compared.add((name, other_word[1:-1] if other_kind == "text" else other_word == "true"))
 
     def _sum(self) -> Evaluate:
-        found = self._product()
-        while sign := self._next("+", "-"):
-            found = _combined(sign, found, self._product())
-        return found
+        evaluate = self._product()
+        while sign := self._accept("+", "-"):
+            evaluate = _combined(sign, evaluate, self._product())
+        return evaluate
 
     def _product(self) -> Evaluate:
-        found = self._signed()
-        while sign := self._next("*", "/", "%"):
-            found = _combined(sign, found, self._signed())
-        return found
+        evaluate = self._signed()
+        while sign := self._accept("*", "/", "%"):
+            evaluate = _combined(sign, evaluate, self._signed())
+        return evaluate
 
     def _signed(self) -> Evaluate:
         negative, signed = False, False
-        while sign := self._next("-", "+"):
+        while sign := self._accept("-", "+"):
             negative, signed = negative ^ (sign == "-"), True
-        found = self._power()
+        evaluate = self._power()
         if not signed:
-            return found
-        return lambda levels: -_number(found(levels)) if negative else _number(found(levels))
+            return evaluate
+        return lambda levels: -_number(evaluate(levels)) if negative else _number(evaluate(levels))
 
     def _power(self) -> Evaluate:
-        found = self._atom()
-        if not self._next("**"):
-            return found
+        evaluate = self._atom()
+        if not self._accept("**"):
+            return evaluate
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            self._wrong(f"is nested deeper than {MAX_DEPTH}")
-        power = _combined("**", found, self._signed())
+            self._fail(f"is nested deeper than {MAX_DEPTH}")
+        power = _combined("**", evaluate, self._signed())
         self._depth -= 1
         return power
 
     def _atom(self) -> Evaluate:
-        if self._next("("):
-            inner = self._choice()
-            self._need(")")
+        if self._accept("("):
+            inner = self._conditional()
+            self._expect(")")
             return inner
-        if word := self._next("true", "false"):
+        if word := self._accept("true", "false"):
             return lambda _: word == "true"
         kind, word = self._kind(), self._word()
         if kind not in ("number", "text", "name"):
-            self._wrong(f"a number, a text or a factor is missing before {word!r}")
+            self._fail(f"a number, a text or a factor is missing before {word!r}")
         self._place += 1
         if kind == "number":
             number = float(word)
             return lambda _: number
         if kind == "text":
             return lambda _: word[1:-1]
-        if self._next("("):
+        if self._accept("("):
             return self._call(word)
         self.names.add(word)
         return lambda levels: _level(levels, word)
 
     def _call(self, name: str) -> Evaluate:
         if name not in _FUNCTIONS:
-            self._wrong(f"there is no function {name!r}; there are {', '.join(_FUNCTIONS)}")
-        arguments = [self._choice()]
-        while self._next(","):
-            arguments.append(self._choice())
-        self._need(")")
+            self._fail(f"there is no function {name!r}; there are {', '.join(_FUNCTIONS)}")
+        arguments = [self._conditional()]
+        while self._accept(","):
+            arguments.append(self._conditional())
+        self._expect(")")
         takes, function = _FUNCTIONS[name]
         if takes and len(arguments) != takes:
-            self._wrong(f"{name} takes one number, not {len(arguments)}")
+            self._fail(f"{name} takes one number, not {len(arguments)}")
         if name in ("min", "max"):
-            return lambda levels: function([_number(one(levels)) for one in arguments])
+            return lambda levels: function([_number(argument(levels)) for argument in arguments])
         return lambda levels: float(function(_number(arguments[0](levels))))
 
 
@@ -325,12 +325,16 @@ def _combined(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
 
 def _chain(terms: list[Evaluate], signs: list[str]) -> Evaluate:
     def holds(levels: Mapping[str, object]) -> bool:
-        left = terms[0](levels)
+        first_value = terms[0](levels)
         for sign, term in zip(signs, terms[1:], strict=True):
-            right = term(levels)
-            if not (_EQUALITY[sign](left, right) if sign in _EQUALITY else _COMPARISONS[sign](_number(left), _number(right))):
+            second_value = term(levels)
+            if not (
+                _EQUALITY[sign](first_value, second_value)
+                if sign in _EQUALITY
+                else _COMPARISONS[sign](_number(first_value), _number(second_value))
+            ):
                 return False
-            left = right
+            first_value = second_value
         return True
 
     return holds

@@ -19,28 +19,30 @@ MIN_POINTS_FOR_LIMIT = 10
 
 @dataclass(frozen=True, slots=True)
 class LevelRule:
-    """Something that must not be: `names` are the free factors on which it rests, `broken` is asked once all are known."""
+    """A condition on a point: `names` are the free factors it depends on; `broken` may be called once all of them have levels."""
 
     names: frozenset[str]
     broken: Callable[[Mapping[str, FactorLevel]], bool]
 
 
 class FactorSpace:
-    """The factors of a design as a whole: what is free to be chosen, what follows, and what is forbidden.
+    """The factors of a design as a whole: free factors, derived factors, and forbidden combinations.
 
-    Raises ValueError for expressions that name no factor or run in a circle.
+    Raises ValueError for expressions with unknown names or circular formulas.
     """
 
     def __init__(self, factors: Sequence[DesignFactor], forbid: Sequence[str] = ()) -> None:
         self.factors = tuple(factors)
-        self.free = tuple(one for one in factors if one.formula is None)
-        known = {one.name: one for one in factors}
-        texts = {one.name: one.formula or one.when for one in factors if one.formula or one.when}
-        self._rests = {name: _parsed(f"factor {name!r}", str(text), known) for name, text in texts.items()}
+        self.free = tuple(factor for factor in factors if factor.formula is None)
+        known = {factor.name: factor for factor in factors}
+        texts = {factor.name: factor.formula or factor.when for factor in factors if factor.formula or factor.when}
+        self._expressions = {name: _parsed(f"factor {name!r}", str(text), known) for name, text in texts.items()}
         self._forbidden = [_parsed("forbid", text, known) for text in forbid]
         try:
-            order = TopologicalSorter({name: self._rests[name].names if name in self._rests else () for name in known})
-            self._following = [known[name] for name in order.static_order() if name in self._rests]
+            order = TopologicalSorter(
+                {name: self._expressions[name].names if name in self._expressions else () for name in known}
+            )
+            self._derived_factors = [known[name] for name in order.static_order() if name in self._expressions]
         except CycleError as error:
             circle = " -> ".join(map(str, reversed(error.args[1])))
             raise ValueError(f"factors follow from each other in a circle: {circle}") from None
@@ -53,54 +55,54 @@ class FactorSpace:
     @property
     def plain(self) -> bool:
         """Whether nothing is forbidden and nothing is conditional."""
-        return not self._forbidden and not any(one.when for one in self.factors)
+        return not self._forbidden and not any(factor.when for factor in self.factors)
 
     def complete(self, chosen: Mapping[str, FactorLevel]) -> FactorLevels:
         """Levels of all factors, in the design's order, from those of the free ones. Raises ValueError where a formula fails."""
         levels = dict(chosen)
-        for factor in self._following:
+        for factor in self._derived_factors:
             levels[factor.name] = self._level(factor, levels)
         return {factor.name: levels[factor.name] for factor in self.factors}
 
     def allows(self, levels: Mapping[str, FactorLevel]) -> bool:
-        """Whether nothing forbidden holds of a whole point; what comes to an inactive factor forbids nothing."""
-        return not any(_holds(one, self._active(levels)) for one in self._forbidden)
+        """Whether no `forbid` expression holds of a complete point. An expression that reads an inactive factor forbids nothing."""
+        return not any(_holds(ban, self._active(levels)) for ban in self._forbidden)
 
     def choices(self, factor: DesignFactor) -> tuple[FactorLevel, ...]:
-        """What a free factor may be in a design that counts levels, `inactive` included."""
+        """The levels of a free factor in a design that counts levels, `inactive` included."""
         return (*factor.counted(), INACTIVE) if factor.when else factor.counted()
 
     def rules(self) -> tuple[LevelRule, ...]:
-        """Everything that a choice of levels, `inactive` included, must not break."""
-        switches = [LevelRule(self._support([one.name]), self._misplaced(one)) for one in self.free if one.when]
-        bans = [LevelRule(self._support(one.names), self._banned(one)) for one in self._forbidden]
+        """All rules for a choice of levels, `inactive` included."""
+        switches = [LevelRule(self._support([factor.name]), self._switch_broken(factor)) for factor in self.free if factor.when]
+        bans = [LevelRule(self._support(factor.names), self._ban_broken(factor)) for factor in self._forbidden]
         return (*switches, *bans)
 
     def whole(self, chosen: Iterable[Mapping[str, FactorLevel]]) -> Iterator[FactorLevels]:
-        """Each choice completed, in order; what is forbidden is left out."""
+        """Each choice completed, in order, without the forbidden ones."""
         return (levels for levels in map(self.complete, chosen) if self.allows(levels))
 
     def first(self, chosen: Iterable[Mapping[str, FactorLevel]], count: int) -> list[FactorLevels]:
-        """The first so many allowed points of an endless sequence. Raises ValueError where they are too rare."""
-        found: list[FactorLevels] = []
+        """The first `count` allowed points of an endless sequence. Raises ValueError when they are too rare."""
+        allowed: list[FactorLevels] = []
         for drawn, levels in enumerate(map(self.complete, chosen), start=1):
             if self.allows(levels):
-                found.append(levels)
-            if len(found) == count:
+                allowed.append(levels)
+            if len(allowed) == count:
                 break
-            if drawn >= MAX_DRAWS_PER_POINT * (len(found) + min(count, MIN_POINTS_FOR_LIMIT)):
-                raise ValueError(f"what is forbidden leaves {len(found)} of {drawn} points drawn; {count} were asked for")
-        return found
+            if drawn >= MAX_DRAWS_PER_POINT * (len(allowed) + min(count, MIN_POINTS_FOR_LIMIT)):
+                raise ValueError(f"`forbid` leaves {len(allowed)} of {drawn} points drawn; {count} are required")
+        return allowed
 
     def every(self, chosen: Sequence[Mapping[str, FactorLevel]], kind: str) -> list[FactorLevels]:
-        """All of these points. Raises ValueError where one is forbidden: a balanced design is worth nothing in part."""
-        found = list(self.whole(chosen))
-        if len(found) < len(chosen):
+        """All of these points. Raises ValueError when one is forbidden: part of a balanced design is not balanced."""
+        allowed = list(self.whole(chosen))
+        if len(allowed) < len(chosen):
             raise ValueError(
-                f"{len(chosen) - len(found)} of the {len(chosen)} points of the {kind} are forbidden, and it needs them all; "
+                f"{len(chosen) - len(allowed)} of the {len(chosen)} points of the {kind} are forbidden, and it needs them all; "
                 "use full_factorial, covering_array, sobol or halton"
             )
-        return found
+        return allowed
 
     def at(self, shares: Iterable[float]) -> FactorLevels:
         """The free factors' levels at shares in [0, 1], one for each."""
@@ -111,65 +113,65 @@ class FactorSpace:
         return {factor.name: factor.ranked(int(rank), count) for factor, rank in zip(self.free, ranks, strict=True)}
 
     def _level(self, factor: DesignFactor, levels: FactorLevels) -> FactorLevel:
-        expression = self._rests[factor.name]
+        expression = self._expressions[factor.name]
         if factor.formula is None:
             return levels[factor.name] if _holds(expression, self._active(levels)) else INACTIVE
         try:
             value = expression.value(self._active(levels))
         except InactiveFactor as absent:
             raise ValueError(
-                f"factor {factor.name!r}: {factor.formula!r} comes to {absent}, which is inactive there; "
-                "say what it is then: `a if condition else b`"
+                f"factor {factor.name!r}: {factor.formula!r} reads {absent}, which is inactive at this point; "
+                "give a value for that case: `a if condition else b`"
             ) from None
         return round(value) if factor.integer and isinstance(value, float) else value
 
     def _active(self, levels: Mapping[str, FactorLevel]) -> dict[str, FactorLevel]:
-        off = {one.name for one in self.factors if one.when and levels.get(one.name) == INACTIVE}
-        return {name: level for name, level in levels.items() if name not in off}
+        inactive = {factor.name for factor in self.factors if factor.when and levels.get(factor.name) == INACTIVE}
+        return {name: level for name, level in levels.items() if name not in inactive}
 
     def _support(self, names: Iterable[str]) -> frozenset[str]:
-        """The free factors on which these rest, themselves included."""
-        waiting, found = list(names), set[str]()
-        while waiting:
-            name = waiting.pop()
-            if name not in found:
-                found.add(name)
-                waiting += self._rests[name].names if name in self._rests else ()
-        return frozenset(found & {one.name for one in self.free})
+        """The free factors on which these depend, themselves included."""
+        pending, support = list(names), set[str]()
+        while pending:
+            name = pending.pop()
+            if name not in support:
+                support.add(name)
+                pending += self._expressions[name].names if name in self._expressions else ()
+        return frozenset(support & {factor.name for factor in self.free})
 
     def _derived(self, levels: Mapping[str, FactorLevel], expression: Expression) -> dict[str, FactorLevel]:
         """Levels with those that a formula gives, as far as this expression needs them."""
         known = dict(levels)
-        for factor in self._following:
+        for factor in self._derived_factors:
             if factor.formula is not None and self._support([factor.name]) <= known.keys():
                 known[factor.name] = self._level(factor, known)
         return self._active(known)
 
-    def _misplaced(self, factor: DesignFactor) -> Callable[[Mapping[str, FactorLevel]], bool]:
-        condition = self._rests[factor.name]
+    def _switch_broken(self, factor: DesignFactor) -> Callable[[Mapping[str, FactorLevel]], bool]:
+        condition = self._expressions[factor.name]
         return lambda levels: _holds(condition, self._derived(levels, condition)) is (levels[factor.name] == INACTIVE)
 
-    def _banned(self, expression: Expression) -> Callable[[Mapping[str, FactorLevel]], bool]:
+    def _ban_broken(self, expression: Expression) -> Callable[[Mapping[str, FactorLevel]], bool]:
         return lambda levels: _holds(expression, self._derived(levels, expression))
 
 
 def _parsed(where: str, text: str, known: Mapping[str, DesignFactor]) -> Expression:
     expression = parse_expression(text)
-    strange = sorted(expression.names - known.keys())
-    if strange:
-        raise ValueError(f"{where}: {text!r} names {strange[0]!r}, which is no factor (there are: {', '.join(known)})")
+    unknown = sorted(expression.names - known.keys())
+    if unknown:
+        raise ValueError(f"{where}: {text!r} names {unknown[0]!r}, which is not a factor (there are: {', '.join(known)})")
     for name, value in sorted(expression.compared, key=str):
         _check_compared(where, text, known[name], value)
     return expression
 
 
 def _check_compared(where: str, text: str, factor: DesignFactor, value: str | bool) -> None:
-    """A text that a factor never takes is a slip of the pen, by which something would silently not be forbidden."""
+    """Raise ValueError for a text that the factor never takes: a typing error would silently forbid nothing."""
     if factor.formula is not None or any(level == value and isinstance(level, str | bool) for level in factor.levels):
         return
-    told = "true" if value is True else "false" if value is False else repr(value)
+    value_text = "true" if value is True else "false" if value is False else repr(value)
     levels = ", ".join(map(str, factor.levels)) if factor.range is None else f"{factor.range.low:g} ... {factor.range.high:g}"
-    raise ValueError(f"{where}: {text!r} compares {factor.name!r} with {told}, which it never is (it has: {levels})")
+    raise ValueError(f"{where}: {text!r} compares {factor.name!r} with {value_text}, which it never is (it has: {levels})")
 
 
 def _holds(expression: Expression, levels: Mapping[str, FactorLevel]) -> bool:

@@ -1,4 +1,4 @@
-"""Designs that go through levels: all combinations, and one factor at a time."""
+"""Factorial designs: all combinations of levels, and one factor at a time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class FullFactorial(Document):
                 f"the full factorial has {size} points, more than {MAX_POINTS}; use a latin_hypercube or fewer levels"
             )
         names = [factor.name for factor in space.free]
-        return _distinct(space, [dict(zip(names, one, strict=True)) for one in itertools.product(*counted)])
+        return _distinct(space, [dict(zip(names, levels, strict=True)) for levels in itertools.product(*counted)])
 
 
 class OneByOne(Document):
@@ -49,6 +49,6 @@ class OneByOne(Document):
 
 
 def _distinct(space: FactorSpace, chosen: list[FactorLevels]) -> list[FactorLevels]:
-    """What is allowed, each point once: combinations that differ in inactive factors alone are one."""
-    found = {tuple(map(repr, levels.values())): levels for levels in reversed(list(space.whole(chosen)))}
-    return list(reversed(found.values()))
+    """The allowed points without repetition: combinations that differ in inactive factors alone are equal."""
+    distinct = {tuple(map(repr, levels.values())): levels for levels in reversed(list(space.whole(chosen)))}
+    return list(reversed(distinct.values()))

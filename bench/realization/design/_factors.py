@@ -51,12 +51,12 @@ class FactorRange(Document):
         return self
 
     def at(self, share: float) -> float | int:
-        """The value at a share of the way, 0 at low and 1 at high."""
+        """The value at a share of the range: 0 is low, 1 is high."""
         value = self.low + share * (self.high - self.low)
         return round(value) if self.integer else value
 
     def drawn(self, share: float) -> float | int:
-        """As `at` for a share that was drawn; whole numbers have equal parts, the first and the last one too."""
+        """As `at`, for a random share: all whole numbers are equally likely, the ends included."""
         if not self.integer:
             return self.at(share)
         count = int(self.high - self.low) + 1
@@ -64,7 +64,7 @@ class FactorRange(Document):
 
 
 class DesignFactor(Document):
-    """Something that is varied: levels, a range or a formula, and the fields of the SimSpec that take its value.
+    """A factor of a design: levels, a range or a formula, and the fields of the SimSpec that take its value.
 
     `sets` are paths that all take the level's value itself; `patches` give, for a level by name, other values for paths
     (an approach of N, E, S or W that moves the vehicle's home).
@@ -146,5 +146,5 @@ class DesignFactor(Document):
 
 
 def _rounded(value: float | int) -> float | int:
-    """Without the noise of rounding: 0.3 and not 0.30000000000000004, which no prohibition of 0.3 would meet."""
+    """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` expressions with 0.3 match it."""
     return float(f"{value:.12g}") if isinstance(value, float) else value

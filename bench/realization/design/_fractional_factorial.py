@@ -54,7 +54,9 @@ class FractionalFactorial(Document):
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
-        return space.every(two_level_points(space.free, _runs_of(self._columns([one.name for one in space.free]))), self.kind)
+        return space.every(
+            two_level_points(space.free, _runs_of(self._columns([factor.name for factor in space.free]))), self.kind
+        )
 
     def _columns(self, names: Sequence[str]) -> tuple[int, ...]:
         """Each factor's column as the set of base factors whose product it is, a bit each."""
@@ -69,16 +71,16 @@ class FractionalFactorial(Document):
                 f"{len(names)} factors have {2 ** len(names)} combinations, no more than runs {self.runs}; use full_factorial"
             )
         for resolution in range(8, 2, -1):
-            if found := _search(len(names), bases, resolution):
-                return found
+            if columns := _search(len(names), bases, resolution):
+                return columns
         raise ValueError(f"{self.runs} runs carry at most {self.runs - 1} factors, not {len(names)}")
 
 
 def fraction(factors: int, resolution: int) -> tuple[int, ...]:
     """The columns of the smallest fraction found with at least this resolution; all base factors where only the whole has it."""
     for bases in range(2, factors):
-        if found := _search(factors, bases, resolution):
-            return found
+        if columns := _search(factors, bases, resolution):
+            return columns
     return tuple(1 << place for place in range(factors))
 
 
@@ -91,7 +93,7 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     """
     if factors > 2**bases - 1:
         return None
-    order = sorted(range(1, 2**bases), key=lambda one: (-one.bit_count(), one))
+    order = sorted(range(1, 2**bases), key=lambda candidate: (-candidate.bit_count(), candidate))
     start = [1 << place for place in range(bases)]
     tried = itertools.count(1)
 
@@ -102,40 +104,40 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
             if len(order) - at < factors - len(columns) or next(tried) > MAX_COLUMNS_TRIED:
                 return None
             if not any(order[at] in products for products in reached):
-                found = further([*columns, order[at]], _extended_products(reached, order[at]), at + 1)
-                if found:
-                    return found
+                chosen = further([*columns, order[at]], _extended_products(reached, order[at]), at + 1)
+                if chosen:
+                    return chosen
         return None
 
     reached: list[set[int]] = [{0}, *(set() for _ in range(resolution - 2))]
     for column in start:
         reached = _extended_products(reached, column)
-    found = further(start, reached, 0)
-    if not found and resolution == 4 and factors <= 2 ** (bases - 1):
+    chosen = further(start, reached, 0)
+    if not chosen and resolution == 4 and factors <= 2 ** (bases - 1):
         # Columns of odd weight: an odd number of them never multiplies to a constant, nor do two that differ.
-        found = [*start, *(one for one in order if one.bit_count() % 2 and one not in start)][:factors]
-    return tuple(found) if found else None
+        chosen = [*start, *(candidate for candidate in order if candidate.bit_count() % 2 and candidate not in start)][:factors]
+    return tuple(chosen) if chosen else None
 
 
 def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
     """Products of n columns, for each n, once there is another column."""
-    return [reached[0], *(have | {one ^ column for one in fewer} for fewer, have in itertools.pairwise(reached))]
+    return [reached[0], *(products | {product ^ column for product in fewer} for fewer, products in itertools.pairwise(reached))]
 
 
 def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[str]]) -> tuple[int, ...]:
     bases = [name for name in names if name not in generators]
     for name, words in generators.items():
-        strange = next((one for one in (name, *words) if one not in names or (one != name and one not in bases)), None)
-        if strange is not None:
+        unknown = next((word for word in (name, *words) if word not in names or (word != name and word not in bases)), None)
+        if unknown is not None:
             raise ValueError(
-                f"generators: {name!r} from {list(words)}: {strange!r} is no {'base ' if strange in names else ''}factor"
+                f"generators: {name!r} from {list(words)}: {unknown!r} is no {'base ' if unknown in names else ''}factor"
             )
         if len(set(words)) != len(words) or len(words) < 2:
             raise ValueError(f"generators: {name!r} needs at least two base factors, each once")
     if 2 ** len(bases) > MAX_RUNS:
         raise ValueError(f"{len(bases)} base factors make {2 ** len(bases)} runs, more than {MAX_RUNS}")
     place = {name: 1 << at for at, name in enumerate(bases)}
-    columns = tuple(sum(place[one] for one in generators.get(name, (name,))) for name in names)
+    columns = tuple(sum(place[word] for word in generators.get(name, (name,))) for name in names)
     twice = next((name for at, name in enumerate(names) if columns[at] in columns[:at]), None)
     if twice is not None:
         raise ValueError(f"generators: {twice!r} has the same column as another factor, so their effects could not be told apart")
@@ -145,15 +147,15 @@ def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[s
 def _runs_of(columns: Sequence[int]) -> Counts:
     """The runs of a fraction: base factors in standard order, the last one changing fastest."""
     bases = max(columns).bit_length()
-    base = [one for one in columns if one.bit_count() == 1]
-    place = {one: bases - 1 - at for at, one in enumerate(sorted(base))}
+    base = [column for column in columns if column.bit_count() == 1]
+    place = {column: bases - 1 - at for at, column in enumerate(sorted(base))}
     runs = np.arange(2**bases)
-    raised = {one: 2 * (runs >> place[one] & 1) - 1 for one in base}
-    return np.stack([_product(raised, one) for one in columns], axis=1)
+    raised = {column: 2 * (runs >> place[column] & 1) - 1 for column in base}
+    return np.stack([_product(raised, column) for column in columns], axis=1)
 
 
 def _product(raised: Mapping[int, Counts], column: int) -> Counts:
-    return np.asarray(np.prod([raised[one] for one in _bits(column)], axis=0), dtype=np.int64)
+    return np.asarray(np.prod([raised[base] for base in _bits(column)], axis=0), dtype=np.int64)
 
 
 def _bits(column: int) -> Iterator[int]:

@@ -56,7 +56,7 @@ def _jacobsthal_matrix(size: int) -> Counts | None:
     """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a difference is a square."""
     if size % 2 == 1 and _is_prime(size):
         signs = _quadratic_character(size)
-        return np.array([[signs[(one - other) % size] for one in range(size)] for other in range(size)])
+        return np.array([[signs[(column - row) % size] for column in range(size)] for row in range(size)])
     root = round(size**0.5)
     if root * root != size or root == 2 or not _is_prime(root):
         return None

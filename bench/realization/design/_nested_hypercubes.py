@@ -1,4 +1,4 @@
-"""Nested designs: many points at a low fidelity, and within them few that are also flown at a high one.
+"""Nested designs: many points at low fidelity, a few of which are also flown at high fidelity.
 
 Qian, P. Z. G. (2009), "Nested Latin hypercube designs", Biometrika 96(4), 957-970: all points together are a Latin hypercube, and so
 are those at high fidelity among themselves.
@@ -22,7 +22,7 @@ MAXIMIN_DRAWS = 20
 
 
 class Nested(Document):
-    """A Latin hypercube at low fidelity, and a smaller one among its points at high fidelity too, pairs sharing their scenes."""
+    """A Latin hypercube at low fidelity; a smaller one among its points is flown at high fidelity too, in the same scenes."""
 
     grows: ClassVar[bool] = False
     kind: Literal["nested"] = "nested"
@@ -38,14 +38,14 @@ class Nested(Document):
 
     @property
     def twins(self) -> range:
-        """The places of the points at high fidelity, each right behind its own at low fidelity."""
+        """The indices of the high-fidelity points, each right after its low-fidelity twin."""
         return range(1, 2 * self.high, 2)
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         """The low points, the first `high` of them followed by their high twins."""
         switch = next((factor for factor in space.free if factor.name == self.fidelity), None)
         if switch is None or switch.when is not None:
-            raise ValueError(f"fidelity {self.fidelity!r} is no factor that is always there")
+            raise ValueError(f"fidelity {self.fidelity!r} is not an unconditional factor")
         low, high = switch.ends()
         others = [factor for factor in space.free if factor is not switch]
         rows = nested_latin_hypercube(self.points, self.high, len(others), seed)
@@ -61,11 +61,11 @@ class Nested(Document):
 def nested_latin_hypercube(points: int, high: int, factors: int, seed: int) -> NDArray[np.float64]:
     """Shares in [0, 1): the first `high` rows take each of so many strata once, all rows each of `points`.
 
-    Of some drawn ones the one whose closest points are farthest apart.
+    The maximin choice: of several random hypercubes the one whose closest points are farthest apart.
     """
     draws = np.random.default_rng(seed)
-    found = [_drawn_rows(points, high, factors, draws) for _ in range(MAXIMIN_DRAWS if 1 < points <= 500 else 1)]
-    return max(found, key=_closest)
+    designs = [_drawn_rows(points, high, factors, draws) for _ in range(MAXIMIN_DRAWS if 1 < points <= 500 else 1)]
+    return max(designs, key=_closest)
 
 
 def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator) -> NDArray[np.float64]:

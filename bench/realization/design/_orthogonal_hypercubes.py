@@ -1,9 +1,9 @@
-"""Latin hypercubes whose columns do not go with each other at all, and such as hardly do.
+"""Orthogonal and nearly orthogonal Latin hypercubes.
 
 Sun, F., Liu, M.-Q. and Lin, D. K. J. (2009), "Construction of orthogonal Latin hypercube designs", Biometrika 96(4), 971-974; run
 sizes between: the same (2010), "Construction of orthogonal Latin hypercube designs with flexible run sizes", Journal of
-Statistical Planning and Inference 140(11), 3236-3242. All of it, the search included, is in whole numbers, so that what is said to
-be 0 is 0, and every machine finds the same.
+Statistical Planning and Inference 140(11), 3236-3242. All arithmetic, the search included, is in whole numbers: a
+correlation of 0 is exact, and every machine finds the same design.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ MAX_NEARLY_ORTHOGONAL_POINTS = 500
 
 
 SEARCHES = 4
-"""Searches for a nearly orthogonal one, from as many drawn hypercubes; the one with the best result is kept."""
+"""Random starts of the search for a nearly orthogonal hypercube; the best result is kept."""
 
 
 COLUMN_CHOICES = 60
-"""Choices of columns of an orthogonal one that are compared; fewer above MOST_COMPARED points, where comparing takes long."""
+"""Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison takes long."""
 
 
 MAX_COMPARED_POINTS = 300
@@ -41,7 +41,7 @@ MAX_SWEEPS = 60
 
 
 CORRELATION_DIVISOR = 500
-"""A correlation below one over this is not lowered further: a nearly orthogonal one has 0.03 by custom."""
+"""The search stops at correlations below 1 / 500; nearly orthogonal designs are customarily allowed 0.03."""
 
 
 class OrthogonalLatinHypercube(Document):
@@ -60,8 +60,8 @@ class OrthogonalLatinHypercube(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         factors = len(space.free)
         points = self.points or least_points(factors)
-        kept = _maximin_columns(points, factors, seed)
-        return space.every([space.ranked(row, points) for row in _ranks(kept)], self.kind)
+        columns = _maximin_columns(points, factors, seed)
+        return space.every([space.ranked(row, points) for row in _ranks(columns)], self.kind)
 
 
 class NearlyOrthogonalLatinHypercube(Document):
@@ -82,7 +82,7 @@ def least_points(factors: int) -> int:
 
 
 def orthogonal_latin_hypercube(points: int, factors: int) -> Counts:
-    """Counts-numbered columns, as many as the construction gives for so many points; any `factors` of them do.
+    """All columns that the construction gives for so many points, in whole numbers; any `factors` of them are orthogonal.
 
     With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises ValueError where the
     construction has none.
@@ -90,9 +90,9 @@ def orthogonal_latin_hypercube(points: int, factors: int) -> Counts:
     exponents = _exponents(points, factors)
     if not exponents:
         step = 2 << _exponent(factors)
-        near = max(step, round(points / step) * step)
+        nearest = max(step, round(points / step) * step)
         raise ValueError(
-            f"no orthogonal Latin hypercube of {points} points carries {factors} factors; {near} and {near + 1} points do, "
+            f"no orthogonal Latin hypercube of {points} points carries {factors} factors; {nearest} and {nearest + 1} points do, "
             "and nearly_orthogonal_latin_hypercube takes any number"
         )
     return _constructed(points, exponents[-1])
@@ -116,19 +116,21 @@ def _constructed(points: int, exponent: int) -> Counts:
 
 @lru_cache(maxsize=16)
 def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
-    """Of some drawn choices of columns the one whose closest points are farthest apart.
+    """The maximin choice: of several random choices of columns the one whose closest points are farthest apart.
 
-    Which column a factor gets, and which way round it runs, is free: no correlation changes.
+    Correlations do not depend on which column a factor gets, nor on its sign.
     """
     draws = np.random.default_rng(seed)
-    squares = [_constructed(points, one) for one in _exponents(points, factors)] or [orthogonal_latin_hypercube(points, factors)]
+    squares = [_constructed(points, exponent) for exponent in _exponents(points, factors)] or [
+        orthogonal_latin_hypercube(points, factors)
+    ]
     best, farthest = squares[0], -1
     for turn in range(COLUMN_CHOICES if points <= MAX_COMPARED_POINTS else len(squares)):
         square = squares[turn % len(squares)]
-        kept = square[:, draws.permutation(square.shape[1])[:factors]] * draws.choice([-1, 1], factors)
-        closest = _closest(kept)
+        columns = square[:, draws.permutation(square.shape[1])[:factors]] * draws.choice([-1, 1], factors)
+        closest = _closest(columns)
         if closest > farthest:
-            best, farthest = kept, closest
+            best, farthest = columns, closest
     return best
 
 
@@ -148,8 +150,8 @@ def largest_correlation(square: Counts) -> float:
 def _nearly_orthogonal(points: int, factors: int, seed: int) -> Counts:
     draws = np.random.default_rng(seed)
     marks = 2 * np.arange(points, dtype=np.int64) - (points - 1)
-    found = [_decorrelated(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(SEARCHES)]
-    return min(found, key=lambda one: (round(largest_correlation(one), 2), -_closest(one)))
+    designs = [_decorrelated(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(SEARCHES)]
+    return min(designs, key=lambda design: (round(largest_correlation(design), 2), -_closest(design)))
 
 
 def _decorrelated(square: Counts) -> Counts:

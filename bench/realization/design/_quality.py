@@ -1,4 +1,4 @@
-"""How good a design is, whatever made it: what its points say about factors, and which situations they reach.
+"""Quality of a design, whatever method made it: correlations, aliases, discrepancy, coverage of combinations.
 
 Centred discrepancy: Hickernell, F. J. (1998), "A generalized discrepancy and quadrature error bound", Mathematics of Computation
 67(221), 299-322.
@@ -24,11 +24,11 @@ from ._factor_space import FactorSpace
 from ._factors import INACTIVE, DesignFactor, FactorLevel
 
 RANGE_PARTS = 3
-"""A range without steps counts as so many equal parts where combinations of levels are counted."""
+"""Equal parts of a range without steps, when combinations of levels are counted."""
 
 
 MAX_POINTS_FOR_DISTANCE = 2000
-"""More points than this are not measured for discrepancy and distance, whose work grows with their square."""
+"""Above this number, discrepancy and distance are not computed: their time grows with the square of the points."""
 
 
 MAX_COMBINATIONS = 200_000
@@ -41,14 +41,14 @@ SHOWN_ALIASES = 8
 
 
 MAX_INTERACTION_TERMS = 5_000_000
-"""Points times interactions of two above which these are not measured."""
+"""Points times two-factor interactions, above which interactions are not measured."""
 
 
 TOLERANCE = 1e-9
 
 
 class Coverage(Document):
-    """How many combinations of levels of any t factors occur, of those that may."""
+    """The number of combinations of levels of any t factors that occur, and of those that can."""
 
     t: int
     covered: int
@@ -60,7 +60,7 @@ class Coverage(Document):
 
 
 class DesignQuality(Document):
-    """Of the points of a design that are flown, each once. A number is null where it cannot be had."""
+    """Quality of the points that are flown, each counted once. A number is null when it cannot be computed."""
 
     points: int
     pairs: Annotated[int, Field(description="Of design point and replicate.")]
@@ -72,8 +72,8 @@ class DesignQuality(Document):
     max_association: Annotated[
         float | None,
         Field(
-            description="The largest canonical correlation of a factor of three or more names with another factor; at 1 the one "
-            "tells the other. Some is chance where points are few."
+            description="The largest canonical correlation of a factor of three or more names with another factor; at 1 one "
+            "determines the other. With few points part of it is chance."
         ),
     ] = None
     associated: tuple[str, ...] = ()
@@ -86,11 +86,11 @@ class DesignQuality(Document):
     interacting: tuple[str, ...] = ()
     aliased: Annotated[
         tuple[str, ...],
-        Field(description="Main effects and interactions of two that no result of these points can tell apart."),
+        Field(description="Main effects and two-factor interactions that results of these points cannot separate."),
     ] = ()
-    estimable: Annotated[
-        bool | None, Field(description="Whether the main effects of all factors can be had beside each other.")
-    ] = None
+    estimable: Annotated[bool | None, Field(description="Whether the main effects of all factors can be estimated together.")] = (
+        None
+    )
     discrepancy: Annotated[
         float | None, Field(description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best.")
     ] = None
@@ -103,7 +103,7 @@ class DesignQuality(Document):
     extendable: Annotated[bool, Field(description="Whether more points of the same method leave these as they are.")] = False
 
     def lines(self) -> Iterator[str]:
-        """What a person reads."""
+        """Lines for people to read."""
         if self.max_abs_correlation is not None:
             between = f" ({' and '.join(self.correlated)})" if self.correlated else ""
             yield f"largest correlation {self.max_abs_correlation:.3g}{between}"
@@ -114,14 +114,14 @@ class DesignQuality(Document):
             yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{between}"
         if self.aliased:
             more = f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
-            yield f"cannot be told apart: {'; '.join(self.aliased[:SHOWN_ALIASES])}{more}"
+            yield f"cannot be separated: {'; '.join(self.aliased[:SHOWN_ALIASES])}{more}"
         if self.estimable is False:
-            yield "the points are too few, or too alike, for the main effects of all factors"
+            yield "there are too few points, or too similar ones, to estimate the main effects of all factors"
         if self.discrepancy is not None and self.min_distance is not None:
             yield f"centred discrepancy {self.discrepancy:.4g}, closest points {self.min_distance:.3g} of the diagonal apart"
         if self.coverage:
-            told = (f"{one.covered} of {one.possible} for t = {one.t} ({one.share:.0%})" for one in self.coverage)
-            yield f"combinations of t levels: {', '.join(told)}"
+            shares = (f"{order.covered} of {order.possible} for t = {order.t} ({order.share:.0%})" for order in self.coverage)
+            yield f"combinations of t levels: {', '.join(shares)}"
         for name, count in list(self.configurations.items())[:SHOWN_CONFIGURATIONS]:
             yield f"{count} {'point' if count == 1 else 'points'} in configuration {name}"
         if len(self.configurations) > SHOWN_CONFIGURATIONS:
@@ -141,12 +141,12 @@ def design_quality(
     Factors that follow from others are left out. Conditional ones count in correlations where they are active, and in discrepancy and
     distance only where they always are.
     """
-    numbers = {one.name: column for one in space.free if (column := _column(one, points)) is not None}
-    columns = {one.name: block for one in space.free if (block := _block(one, points)) is not None}
+    numbers = {factor.name: column for factor in space.free if (column := _column(factor, points)) is not None}
+    columns = {factor.name: block for factor in space.free if (block := _block(factor, points)) is not None}
     largest, pair = _largest(columns, numbers, names=False)
     association, associated = _largest(columns, numbers, names=True)
     mixed, mixing, aliased = _interactions(numbers)
-    cube = [column for one in space.free if (column := numbers.get(one.name, _names_column(one, points))) is not None]
+    cube = [column for factor in space.free if (column := numbers.get(factor.name, _names_column(factor, points))) is not None]
     unit = np.stack(cube, axis=1) if cube else np.zeros((len(points), 0))
     measured = unit.shape[1] > 0 and 2 <= len(points) <= MAX_POINTS_FOR_DISTANCE
     return DesignQuality(
@@ -162,7 +162,7 @@ def design_quality(
         estimable=_estimable(columns),
         discrepancy=_discrepancy(unit) if measured else None,
         min_distance=_min_distance(unit) if measured else None,
-        coverage=tuple(one for t in (2, 3) if (one := coverage(space, points, t)) is not None),
+        coverage=tuple(factor for t in (2, 3) if (factor := coverage(space, points, t)) is not None),
         configurations=dict(sorted(Counter(configurations).items())),
         extendable=extendable,
     )
@@ -170,16 +170,16 @@ def design_quality(
 
 def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Coverage | None:
     """How many of the combinations of t factors' levels occur; None where there are fewer factors, or too many combinations."""
-    choices = {one.name: _parts(one) for one in space.free}
+    choices = {levels.name: _parts(levels) for levels in space.free}
     places = list(itertools.combinations(range(len(choices)), t))
-    sizes = [len(one) for one in choices.values()]
-    if not places or sum(math.prod(sizes[at] for at in some) for some in places) > MAX_COMBINATIONS:
+    sizes = [len(levels) for levels in choices.values()]
+    if not places or sum(math.prod(sizes[at] for at in chosen) for chosen in places) > MAX_COMBINATIONS:
         return None
     rows = [[_part(factor, point.levels[factor.name]) for factor in space.free] for point in points]
-    covered = {(some, tuple(row[at] for at in some)) for row in rows for some in places}
+    covered = {(chosen, tuple(row[at] for at in chosen)) for row in rows for chosen in places}
     try:
         possible = _possible(space, choices, places, sizes)
-    except ValueError:  # what is forbidden is too tangled to be counted
+    except ValueError:  # the forbidden combinations are too complex to be counted
         return None
     return Coverage(t=t, covered=len(covered), possible=max(possible, len(covered)))
 
@@ -187,18 +187,18 @@ def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Cover
 def _possible(
     space: FactorSpace, choices: Mapping[str, Sequence[FactorLevel]], places: Sequence[tuple[int, ...]], sizes: Sequence[int]
 ) -> int:
-    """Rules are asked of levels, so they count only where every factor that they name has levels to count."""
-    counted = {one.name for one in space.free if one.range is None or one.range.steps is not None}
+    """The number of allowed combinations. A rule counts only when all its factors have countable levels."""
+    counted = {factor.name for factor in space.free if factor.range is None or factor.range.steps is not None}
     rules = [rule for rule in space.rules() if rule.names <= counted]
     possible = PartialAssignments(choices, rules)
     bound, count = set(possible.bound), 0
-    for some in places:
-        if not bound & set(some):
-            count += math.prod(sizes[at] for at in some)
+    for chosen in places:
+        if not bound & set(chosen):
+            count += math.prod(sizes[at] for at in chosen)
             continue
-        for numbers in itertools.product(*(range(sizes[at]) for at in some)):
+        for numbers in itertools.product(*(range(sizes[at]) for at in chosen)):
             row = [-1] * len(sizes)
-            for at, number in zip(some, numbers, strict=True):
+            for at, number in zip(chosen, numbers, strict=True):
                 row[at] = number
             count += possible(row)
     return count
@@ -211,7 +211,7 @@ def _parts(factor: DesignFactor) -> tuple[FactorLevel, ...]:
 
 
 def _part(factor: DesignFactor, level: FactorLevel) -> int:
-    """The number of a level among those counted: itself, or the nearest of a range's steps, or the part that it lies in."""
+    """The index of a level: its own, that of the nearest step of a range, or that of the part of the range it lies in."""
     if factor.when and level == INACTIVE:
         return len(_parts(factor)) - 1
     if factor.range is None:
@@ -224,14 +224,14 @@ def _part(factor: DesignFactor, level: FactorLevel) -> int:
 
 
 def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """A factor's levels on [0, 1] of its range, where they are numbers or two; None where it is neither, or off somewhere."""
+    """Levels scaled to [0, 1], for numbers or two levels; None for other factors and for those inactive at some point."""
     levels = [point.levels[factor.name] for point in points]
     if factor.when and INACTIVE in levels:
         return None
-    numeric = all(isinstance(one, int | float) and not isinstance(one, bool) for one in (*levels, *factor.levels))
+    numeric = all(isinstance(level, int | float) and not isinstance(level, bool) for level in (*levels, *factor.levels))
     if not numeric:
         return _names_column(factor, points) if len(factor.levels) == 2 else None
-    values = np.array([float(one) for one in levels])
+    values = np.array([float(level) for level in levels])
     low, high = _bounds(factor, values)
     return np.asarray((values - low) / (high - low)) if high > low else None
 
@@ -239,30 +239,30 @@ def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.f
 def _bounds(factor: DesignFactor, values: NDArray[np.float64]) -> tuple[float, float]:
     if factor.range is not None:
         return factor.range.low, factor.range.high
-    known = [float(one) for one in factor.levels] or values.tolist()
+    known = [float(level) for level in factor.levels] or values.tolist()
     return min(known, default=0.0), max(known, default=0.0)
 
 
 def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """The places of a factor's levels among them all, evenly on [0, 1]; None for a range, one level, or one that is off."""
+    """Indices of a factor's levels scaled to [0, 1]; None for a range, for one level, and for a factor inactive at some point."""
     if len(factor.levels) < 2 or any(point.levels[factor.name] not in factor.levels for point in points):
         return None
     return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (len(factor.levels) - 1)
 
 
 def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """What a factor brings to a model of main effects: a column, or one for each of three or more names but one.
+    """A factor's columns in a main-effects model: one, or for three or more names one less than the names.
 
-    Not a number in points where it is inactive; None where it does not vary.
+    NaN at points where it is inactive; None when it does not vary.
     """
     active = [not (factor.when and point.levels[factor.name] == INACTIVE) for point in points]
     mine = [point for point, there in zip(points, active, strict=True) if there]
-    found = _column(factor, mine)
-    if found is None:
+    column = _column(factor, mine)
+    if column is None:
         names = list(dict.fromkeys(point.levels[factor.name] for point in mine))[1:]
         within = np.array([[point.levels[factor.name] == name for name in names] for point in mine], dtype=np.float64)
     else:
-        within = found[:, None]
+        within = column[:, None]
     if not within.size or not np.ptp(within, axis=0).any():
         return None
     block = np.full((len(points), within.shape[1]), np.nan)
@@ -273,40 +273,40 @@ def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.fl
 def _largest(
     blocks: Mapping[str, NDArray[np.float64]], always: Mapping[str, NDArray[np.float64]], *, names: bool
 ) -> tuple[float | None, tuple[str, ...]]:
-    """The largest correlation of two factors, those of three or more names among them or not; over points where both are active.
+    """The largest correlation of two factors, with or without factors of three or more names, over points where both are active.
 
     `always` are the factors of one column that are active everywhere.
     """
-    found, pair = (None, ()) if names else _correlation(always)
-    for (one, first), (other, second) in itertools.combinations(blocks.items(), 2):
-        if (max(first.shape[1], second.shape[1]) > 1) is not names or (one in always and other in always):
+    largest, pair = (None, ()) if names else _correlation(always)
+    for (name, first), (other_name, second) in itertools.combinations(blocks.items(), 2):
+        if (max(first.shape[1], second.shape[1]) > 1) is not names or (name in always and other_name in always):
             continue
         together = ~np.isnan(first[:, 0]) & ~np.isnan(second[:, 0])
         bases = [_basis(block[together]) for block in (first, second)]
         if min(base.shape[1] for base in bases) == 0:
             continue
-        here = float(round(min(1.0, np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0]), 9))
-        if found is None or here > found:
-            found, pair = here, (one, other)
-    return found, pair
+        correlation = float(round(min(1.0, np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0]), 9))
+        if largest is None or correlation > largest:
+            largest, pair = correlation, (name, other_name)
+    return largest, pair
 
 
 def _basis(block: NDArray[np.float64]) -> NDArray[np.float64]:
     """Orthonormal columns that span a block less its means."""
     if len(block) < 2:
         return np.zeros((len(block), 0))
-    left, sizes, _ = np.linalg.svd(block - block.mean(axis=0), full_matrices=False)
-    return np.asarray(left[:, sizes > TOLERANCE * max(1.0, float(sizes.max(initial=0.0)))])
+    vectors, sizes, _ = np.linalg.svd(block - block.mean(axis=0), full_matrices=False)
+    return np.asarray(vectors[:, sizes > TOLERANCE * max(1.0, float(sizes.max(initial=0.0)))])
 
 
 def _correlation(columns: Mapping[str, NDArray[np.float64]]) -> tuple[float | None, tuple[str, ...]]:
     names, units = _units(columns)
     if len(names) < 2:
         return None, ()
-    found = np.abs(np.triu(units.T @ units, 1))
-    first, second = divmod(int(found.argmax()), len(names))
-    # What is left of an exact 0 after rounding is below what is told.
-    largest = float(round(min(1.0, found[first, second]), 9))
+    correlations = np.abs(np.triu(units.T @ units, 1))
+    first, second = divmod(int(correlations.argmax()), len(names))
+    # Nine decimals, so that the rounding noise of an exact 0 is reported as 0.
+    largest = float(round(min(1.0, correlations[first, second]), 9))
     return largest, (names[first], names[second]) if largest else ()
 
 
@@ -320,29 +320,32 @@ def _units(columns: Mapping[str, NDArray[np.float64]]) -> tuple[list[str], NDArr
 def _interactions(
     columns: Mapping[str, NDArray[np.float64]],
 ) -> tuple[float | None, tuple[str, ...], tuple[str, ...]]:
-    """How far main effects go with products of two, which ones most, and the terms that are the same but for their sign."""
+    """Correlation of main effects with products of two, the largest pair, and the terms that are equal up to sign."""
     names, mains = _units(columns)
     pairs = list(itertools.combinations(range(len(names)), 2))
     if len(names) < 3 or len(pairs) * len(mains) > MAX_INTERACTION_TERMS:
         return None, (), ()
-    products = {f"{names[one]} x {names[other]}": mains[:, one] * mains[:, other] for one, other in pairs}
-    told, crossed = _units(products)
-    if not told:
+    products = {
+        f"{names[first_column]} x {names[second_column]}": mains[:, first_column] * mains[:, second_column]
+        for first_column, second_column in pairs
+    }
+    terms, crossed = _units(products)
+    if not terms:
         return None, (), ()
-    found = np.abs(mains.T @ crossed)
-    first, second = divmod(int(found.argmax()), len(told))
-    largest = float(round(min(1.0, found[first, second]), 9))
+    correlations = np.abs(mains.T @ crossed)
+    first, second = divmod(int(correlations.argmax()), len(terms))
+    largest = float(round(min(1.0, correlations[first, second]), 9))
     groups: dict[bytes, list[str]] = {}
-    for name, column in zip([*names, *told], np.hstack([mains, crossed]).T, strict=True):
+    for name, column in zip([*names, *terms], np.hstack([mains, crossed]).T, strict=True):
         rounded = np.round(column, 6)
         turned = rounded * np.sign(rounded[int(np.flatnonzero(rounded)[0])]) + 0.0  # no zero below zero
         groups.setdefault(turned.tobytes(), []).append(name)
     aliased = tuple(" = ".join(group) for group in groups.values() if len(group) > 1)
-    return largest, (names[first], told[second]) if largest else (), aliased
+    return largest, (names[first], terms[second]) if largest else (), aliased
 
 
 def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
-    """Whether the blocks that are always there are independent of each other and of a constant."""
+    """Whether the blocks that are active everywhere are linearly independent of each other and of a constant."""
     whole = [_basis(block) for block in blocks.values() if not np.isnan(block).any()]
     if not whole:
         return None

@@ -73,8 +73,8 @@ def definitive_screening(factors: int) -> Counts:
     order = factors + factors % 2
     while (square := conference_matrix(order)) is None:
         order += 2
-    kept = square[:, :factors]
-    return np.vstack([kept, -kept, np.zeros((1, factors), dtype=np.int64)])
+    columns = square[:, :factors]
+    return np.vstack([columns, -columns, np.zeros((1, factors), dtype=np.int64)])
 
 
 def _three_levels(factor: DesignFactor) -> tuple[FactorLevel, ...]:
@@ -82,7 +82,7 @@ def _three_levels(factor: DesignFactor) -> tuple[FactorLevel, ...]:
         if factor.range.integer and (factor.range.low + factor.range.high) % 2:
             raise ValueError(f"factor {factor.name!r}: no whole number is in the middle of its range; move an end by one")
         return tuple(factor.range.at(share) for share in (0.0, 0.5, 1.0))
-    numbers = [one for one in factor.levels if isinstance(one, int | float) and not isinstance(one, bool)]
+    numbers = [level for level in factor.levels if isinstance(level, int | float) and not isinstance(level, bool)]
     if len(factor.levels) != 3 or len(numbers) != 3:
         raise ValueError(f"factor {factor.name!r}: a definitive_screening takes a range or three numbers")
     return tuple(sorted(numbers))

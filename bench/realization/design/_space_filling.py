@@ -1,4 +1,4 @@
-"""Designs that fill ranges: Latin hypercubes, and the sequences of Sobol and Halton, which may be lengthened at any time."""
+"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended at any time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class LatinHypercube(Document):
 
 
 class Halton(Document):
-    """The first points of a scrambled Halton sequence: space-filling, and more points later leave the earlier ones alone."""
+    """The first points of a scrambled Halton sequence: space-filling, and points added later leave the earlier ones unchanged."""
 
     grows: ClassVar[bool] = True
     kind: Literal["halton"] = "halton"
@@ -42,7 +42,7 @@ class Halton(Document):
 
 
 class Sobol(Document):
-    """The first points of a scrambled Sobol sequence, best as powers of two; more points later leave the earlier ones alone."""
+    """The first points of a scrambled Sobol sequence, best as powers of two; points added later leave the earlier ones unchanged."""
 
     grows: ClassVar[bool] = True
     kind: Literal["sobol"] = "sobol"
@@ -54,7 +54,7 @@ class Sobol(Document):
 
 def halton_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
     """Rows of a scrambled Halton sequence without end; the same for the same seed."""
-    from scipy.stats import qmc  # half a second to import, so only who samples pays for it
+    from scipy.stats import qmc  # imported here: scipy.stats takes half a second, and other designs do not need it
 
     engine = qmc.Halton(d=factors, scramble=True, rng=np.random.default_rng(seed))
     while True:
@@ -74,6 +74,6 @@ def _sobol_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
 def _latin(points: int, factors: int, seed: int) -> NDArray[np.float64]:
     from scipy.stats import qmc  # see halton_shares
 
-    # The optimiser's time grows with the square of the points; above this it would cost more than it brings.
+    # The optimiser's time grows with the square of the points; above 500 it takes too long. Chosen, not measured.
     optimise: Literal["random-cd"] | None = "random-cd" if 2 <= points <= 500 and factors > 1 else None
     return qmc.LatinHypercube(d=factors, rng=np.random.default_rng(seed), optimization=optimise).random(points)

@@ -16,7 +16,7 @@ _PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_
 
 
 OWNED = ("format", "name", "realized", "agent", "seeds.root")
-"""What realization itself writes into every SimSpec; no factor may."""
+"""Fields that realization itself writes into every SimSpec; factors may not set them."""
 
 
 UNITS = {
@@ -31,11 +31,11 @@ UNITS = {
     "wh": "Wh",
     "level": "level",
 }
-"""Unit that the end of a field's name states; the first that fits, so longer ends stand first."""
+"""Units by the suffix of a field's name. The first match wins, so longer suffixes come first."""
 
 
 class PathFault(Exception):
-    """A path that leads nowhere: what is wrong, and what would be right."""
+    """A path that does not exist: what is wrong, and the remedy."""
 
     def __init__(self, what: str, remedy: str) -> None:
         super().__init__(what)
@@ -45,20 +45,20 @@ class PathFault(Exception):
 
 @dataclass(frozen=True, slots=True)
 class SpecPath:
-    """A path that was found in a base SimSpec, as the keys and indices of its plain-value form."""
+    """A path that exists in a base SimSpec, as keys and indices of its plain-value form."""
 
     text: str
     steps: tuple[str | int, ...]
 
     @property
     def unit(self) -> str | None:
-        """The unit that the field's name ends in, None when it states none."""
+        """The unit in the field's name; None when the name states none."""
         last = next(step for step in reversed(self.steps) if isinstance(step, str))
         return next((unit for end, unit in UNITS.items() if last.endswith(f"_{end}")), None)
 
     @property
     def open(self) -> bool:
-        """Whether it leads into a table of the vehicle's own, whose fields' names state no units."""
+        """Whether it leads into the vehicle's free-form parameters, whose names state no units."""
         return self.steps[:2] == ("vehicle", "parameters")
 
     def set(self, document: Any, value: object) -> None:
@@ -69,8 +69,8 @@ class SpecPath:
 
 
 def find_path(base: SimSpec, text: str) -> SpecPath:
-    """The path in `base`. Raises PathFault when it leads nowhere or to what realization itself writes."""
-    owned = next((one for one in OWNED if text == one or text.startswith(f"{one}.")), None)
+    """The path in `base`. Raises PathFault when it does not exist or realization itself writes it."""
+    owned = next((field for field in OWNED if text == field or text.startswith(f"{field}.")), None)
     if owned:
         raise PathFault(f"{owned} is written by realization itself", "agents, names and seeds come from the campaign")
     here: Any = base
@@ -105,7 +105,7 @@ def _member(here: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
     where = _dotted(steps)
     if not isinstance(here, tuple):
         raise PathFault(f"{where} is not a list", f"drop [{member}]")
-    ids = [getattr(one, "id", str(index)) for index, one in enumerate(here)]
+    ids = [getattr(item, "id", str(index)) for index, item in enumerate(here)]
     if member in ids:
         index = ids.index(member)
     elif member.isdigit() and int(member) < len(here):

@@ -1,4 +1,4 @@
-"""A design that spreads points evenly over difficulty configurations, whatever levels make them."""
+"""Stratified designs: points spread evenly over difficulty configurations, whichever levels produce them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ._factors import FactorLevel, FactorLevels
 from ._space_filling import halton_shares
 
 Difficulties = Callable[[Mapping[str, FactorLevel]], Mapping[str, float]]
-"""The difficulties of the studied nodes, by their names, in the situation that levels make."""
+"""The difficulties of the studied nodes, by their names, in the situation that the levels produce."""
 
 
 DECIMALS = 6
 
 
 class Stratified(Document):
-    """The same number of points, as nearly as may be, from every difficulty configuration that the factors can make.
+    """The same number of points, as nearly as may be, from every difficulty configuration that the factors can produce.
 
-    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns. More points leave
-    the earlier ones alone.
+    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns. Points
+    added later leave the earlier ones unchanged.
     """
 
     grows: ClassVar[bool] = True
@@ -50,10 +50,10 @@ class Stratified(Document):
                 f"the candidates fall into {len(strata)} difficulty configurations, more than points {self.points}; raise points, "
                 "or give band (20 is a tension), the width of difficulties that count as one"
             )
-        found = list(itertools.islice(_round_robin(list(strata.values())), self.points))
-        if len(found) < self.points:
-            raise ValueError(f"only {len(found)} different points are among the candidates; lower points or raise candidates")
-        return found
+        drawn = list(itertools.islice(_round_robin(list(strata.values())), self.points))
+        if len(drawn) < self.points:
+            raise ValueError(f"only {len(drawn)} different points are among the candidates; lower points or raise candidates")
+        return drawn
 
     def _candidates(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         drawn = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
@@ -61,9 +61,9 @@ class Stratified(Document):
 
     def _stratum(self, difficulties: Mapping[str, float]) -> tuple[object, ...]:
         if self.band is None:
-            return tuple(round(one, DECIMALS) for one in difficulties.values())
+            return tuple(round(difficulty, DECIMALS) for difficulty in difficulties.values())
         # As with tensions, an edge belongs to the easier band.
-        return tuple(max(1, -int(-round(one, DECIMALS) // self.band)) for one in difficulties.values())
+        return tuple(max(1, -int(-round(difficulty, DECIMALS) // self.band)) for difficulty in difficulties.values())
 
 
 def _round_robin(strata: list[list[FactorLevels]]) -> Iterator[FactorLevels]:

@@ -15,7 +15,7 @@ from bench.simspec import Asset
 @dataclass(frozen=True, slots=True)
 class Footprints:
     """n rectangles: centres (n, 2) east/north, headings (n,) clockwise from north, half sizes (n, 2) along and across the
-    heading, and the free gap (n,) that each wants around itself."""
+    heading, and the free gap (n,) that each requires around itself."""
 
     centre_m: Floats
     heading_rad: Floats
@@ -46,7 +46,7 @@ class Footprints:
 
 
 def empty_footprints() -> Footprints:
-    """None at all."""
+    """No footprints."""
     return Footprints(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
 
 
@@ -58,7 +58,7 @@ def footprints(asset: Asset, centre_m: Floats, heading_deg: Floats, gap_m: float
 
 
 def joined(parts: Sequence[Footprints]) -> Footprints:
-    """Several as one."""
+    """Several footprints in one array."""
     if not parts:
         return empty_footprints()
     return Footprints(
@@ -69,25 +69,25 @@ def joined(parts: Sequence[Footprints]) -> Footprints:
     )
 
 
-def gaps(some: Footprints, others: Footprints) -> Floats:
-    """(m,) free distance between the i-th of one and the i-th of the other, 0 where they touch or overlap.
+def gaps(first: Footprints, second: Footprints) -> Floats:
+    """(m,) free distances between the i-th footprints of both, 0 where they touch or overlap.
 
     Separating axes tell whether two rectangles are apart; if so the nearest points include a corner of one of them.
     """
-    offset = others.centre_m - some.centre_m
-    some_axes, other_axes = some.axes(), others.axes()
-    apart = np.zeros(len(some), dtype=bool)
-    for axes in (some_axes, other_axes):
+    offset = second.centre_m - first.centre_m
+    first_axes, second_axes = first.axes(), second.axes()
+    apart = np.zeros(len(first), dtype=bool)
+    for axes in (first_axes, second_axes):
         along = np.abs(np.einsum("nsk,nk->ns", axes, offset))
-        reach = _reach(axes, some_axes, some.half_m) + _reach(axes, other_axes, others.half_m)
+        reach = _reach(axes, first_axes, first.half_m) + _reach(axes, second_axes, second.half_m)
         apart |= (along > reach).any(axis=1)
-    nearest = np.minimum(_corner_distance(some, others), _corner_distance(others, some))
+    nearest = np.minimum(_corner_distance(first, second), _corner_distance(second, first))
     return np.where(apart, nearest, 0.0)
 
 
-def _reach(axes: Floats, own: Floats, half_m: Floats) -> Floats:
+def _reach(axes: Floats, own_axes: Floats, half_m: Floats) -> Floats:
     """(n, 2) half extents of rectangles with axes `own` along other `axes`."""
-    projected: Floats = np.abs(np.einsum("nsk,nak->nsa", axes, own))
+    projected: Floats = np.abs(np.einsum("nsk,nak->nsa", axes, own_axes))
     reach: Floats = np.einsum("nsa,na->ns", projected, half_m)
     return reach
 
@@ -101,30 +101,30 @@ def _corner_distance(frame: Footprints, other: Footprints) -> Floats:
 
 
 def too_close(candidates: Footprints, placed: Footprints) -> NDArray[np.bool_]:
-    """(k,) whether a candidate comes closer to something placed than either of the two wants."""
+    """(k,) whether a candidate is closer to a placed footprint than the larger of both gaps."""
     hit = np.zeros(len(candidates), dtype=bool)
     hit[too_close_pairs(candidates, placed)[0]] = True
     return hit
 
 
 def too_close_pairs(candidates: Footprints, placed: Footprints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The pairs of which one comes closer to the other than either of the two wants, as (m,) indices into both."""
+    """The pairs that are closer than the larger of both gaps, as (m,) indices into both."""
     if len(placed) == 0 or len(candidates) == 0:
         return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     wanted = np.maximum(candidates.gap_m[:, None], placed.gap_m[None, :])
     reach = candidates.radius_m[:, None] + placed.radius_m[None, :] + wanted
     offset = candidates.centre_m[:, None, :] - placed.centre_m[None, :, :]
-    near = np.einsum("ijk,ijk->ij", offset, offset) < reach * reach
-    one, other = np.nonzero(near)
-    if len(one):
-        gap = gaps(candidates[one], placed[other])
-        hit = (gap == 0.0) | (gap < wanted[one, other])  # who wants no gap still must not overlap
-        one, other = one[hit], other[hit]
-    return one, other
+    within_reach = np.einsum("ijk,ijk->ij", offset, offset) < reach * reach
+    first, second = np.nonzero(within_reach)
+    if len(first):
+        gap = gaps(candidates[first], placed[second])
+        hit = (gap == 0.0) | (gap < wanted[first, second])  # a gap of 0 still forbids overlap
+        first, second = first[hit], second[hit]
+    return first, second
 
 
-def are_inside(some: Footprints, others: Footprints) -> NDArray[np.bool_]:
-    """(m,) whether the i-th of one lies wholly inside the i-th of the other."""
-    local = np.einsum("nsk,nck->ncs", others.axes(), some.corners() - others.centre_m[:, None, :])
-    within: NDArray[np.bool_] = (np.abs(local) <= others.half_m[:, None, :]).all(axis=(1, 2))
+def are_inside(guests: Footprints, hosts: Footprints) -> NDArray[np.bool_]:
+    """(m,) whether the i-th guest lies wholly inside the i-th host."""
+    local = np.einsum("nsk,nck->ncs", hosts.axes(), guests.corners() - hosts.centre_m[:, None, :])
+    within: NDArray[np.bool_] = (np.abs(local) <= hosts.half_m[:, None, :]).all(axis=(1, 2))
     return within

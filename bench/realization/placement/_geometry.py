@@ -1,4 +1,4 @@
-"""The ground as geometry: what lies within a distance of it, on a road, and places drawn from it."""
+"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, and places drawn at random."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ QUARTER_SEGMENTS = 16
 
 
 _CIRCUMSCRIBED = 1.0 / cos(pi / (4 * QUARTER_SEGMENTS))
-"""By how much a polygon of `ARC` edges for a quarter must be wider than the circle that it is to hold."""
+"""Factor by which a polygon of `QUARTER_SEGMENTS` edges a quarter must exceed the circle that it contains."""
 
 
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
-"""More ground than any document can name."""
+"""More ground than any coordinate in a document can reach."""
 
 
 MARGIN_M = 1e-3
-"""By how much ground is left too wide, so that what fits exactly is not lost: slivers thinner than some 5e-5 of the distance by
-which a polygon is shrunk are, in GEOS."""
+"""Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than about 5e-5 of the
+distance by which it shrinks a polygon."""
 
 
 SHALLOW_CORNER = 0.01
-"""GEOS leaves out corners that are shallower than this share of the distance by which it grows or shrinks a geometry."""
+"""GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a geometry."""
 
 
 MAX_COORDINATES = 64
@@ -44,30 +44,30 @@ SIMPLIFY_M = 0.1
 
 
 def polygon_ground(polygon: Polygon) -> Geometry:
-    """The polygon as a shapely one."""
+    """The polygon as a shapely polygon."""
     return shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners])
 
 
 def grown_at_least(geometry: Geometry, distance_m: float) -> Geometry:
-    """Everything within a distance, rather too much than too little."""
+    """All ground within a distance; errs to too much."""
     return shapely.buffer(geometry, distance_m * _CIRCUMSCRIBED + 1e-6, quad_segs=QUARTER_SEGMENTS)
 
 
 def shrunk_at_most(geometry: Geometry, distance_m: float) -> Geometry:
-    """Everything further than a distance from whatever is outside, rather too much than too little."""
+    """All ground further than a distance from the outside; errs to too much."""
     return shapely.buffer(geometry, MARGIN_M - _reliable_distance_m(geometry, distance_m), quad_segs=QUARTER_SEGMENTS)
 
 
 def grown_at_most(geometry: Geometry, distance_m: float) -> Geometry:
-    """Everything within a distance, rather too little than too much."""
+    """All ground within a distance; errs to too little."""
     return shapely.buffer(geometry, max(_reliable_distance_m(geometry, distance_m) - MARGIN_M, 0.0), quad_segs=QUARTER_SEGMENTS)
 
 
 def _reliable_distance_m(geometry: Geometry, distance_m: float) -> float:
-    """The distance, or less where GEOS would leave out corners."""
+    """The distance, or slightly less where GEOS would drop corners."""
     for ring in shapely.get_rings(geometry):
         east, north = shapely.get_coordinates(ring).T
-        # From the corner before to this one, and to the one behind it.
+        # `step` leads from the previous corner to this one, `chord` from the previous corner to the next.
         step_e, step_n = np.diff(east[:-1], prepend=east[-2]), np.diff(north[:-1], prepend=north[-2])
         chord_e, chord_n = east[1:] - east[:-1] + step_e, north[1:] - north[:-1] + step_n
         off = np.abs(chord_e * step_n - chord_n * step_e)
@@ -77,7 +77,7 @@ def _reliable_distance_m(geometry: Geometry, distance_m: float) -> float:
 
 
 def areal_parts(geometry: Geometry) -> Geometry:
-    """The parts that have an area: overlays leave points and lines beside them, on which the next overlay may founder."""
+    """The parts with an area: overlays also leave points and lines, on which the next overlay may fail."""
     if shapely.get_type_id(geometry) != shapely.GeometryType.GEOMETRYCOLLECTION:
         return geometry
     parts = shapely.get_parts(geometry)
@@ -85,7 +85,7 @@ def areal_parts(geometry: Geometry) -> Geometry:
 
 
 def thickened(geometry: Geometry) -> Geometry:
-    """The geometry, of one dimension: points and lines beside areas become areas a hair wide."""
+    """The geometry as areas alone: points and lines beside areas are grown by `MARGIN_M`."""
     if shapely.get_type_id(geometry) != shapely.GeometryType.GEOMETRYCOLLECTION:
         return geometry
     return shapely.union_all(shapely.buffer(shapely.get_parts(geometry), MARGIN_M, quad_segs=2))
@@ -108,7 +108,7 @@ def road_heading_deg(road: Road, places_m: Floats) -> Floats:
 
 
 def bounding_octagon(geometry: Geometry) -> Geometry:
-    """The geometry's hull, or something with at most eight corners that holds it."""
+    """The convex hull, or an octagon that contains it."""
     hull = shapely.convex_hull(geometry)
     if shapely.get_num_coordinates(hull) <= 9:
         return hull
@@ -120,18 +120,18 @@ def bounding_octagon(geometry: Geometry) -> Geometry:
 
 
 def simplified(geometry: Geometry) -> Geometry:
-    """The geometry, or something with fewer corners that holds it: the time of a proof goes by them."""
+    """The geometry, or a simpler one that contains it: a proof's time grows with the number of corners."""
     if shapely.get_num_coordinates(geometry) <= MAX_COORDINATES:
         return geometry
     return shapely.buffer(shapely.simplify(geometry, SIMPLIFY_M), SIMPLIFY_M * 1.1, quad_segs=2)
 
 
 def uniform_places(room: Geometry, count: int, rng: np.random.Generator) -> Floats:
-    """(count, 2) places, uniform over a polygon or several."""
+    """(count, 2) places, uniform over one or several polygons."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room))
     area = shapely.area(triangles)
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     chosen = corners[rng.choice(len(area), size=count, p=area / area.sum())]
-    one, other = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
-    places: Floats = (1 - one) * chosen[:, 0] + one * (1 - other) * chosen[:, 1] + one * other * chosen[:, 2]
+    first, second = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
+    places: Floats = (1 - first) * chosen[:, 0] + first * (1 - second) * chosen[:, 1] + first * second * chosen[:, 2]
     return places

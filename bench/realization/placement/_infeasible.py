@@ -1,4 +1,4 @@
-"""Smallest sets of groups that cannot be placed together."""
+"""Smallest sets of groups that refuse a scene."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from bench.simspec import ActorGroup
 
 
 def fewest_groups(groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]) -> list[ActorGroup]:
-    """Groups that fail together and of which none can be left out."""
+    """A smallest set of groups that fail together: none can be left out."""
     core = list(groups)
     for group in groups:
-        rest = [one for one in core if one is not group]
+        rest = [member for member in core if member is not group]
         if rest and fails(rest):
             core = rest
     return core

@@ -1,8 +1,8 @@
-"""Places for every actor: what a SimSpec's relations ask for, found by seeded sampling or by a solver.
+"""Places for every actor that keep the SimSpec's relations, found by seeded sampling or by a solver.
 
-Distances between actors run from centre to centre, gaps between footprints from edge to edge. Whatever is free also keeps
+Distances between actors run from centre to centre, gaps between footprints from edge to edge. Actors that are not fixed also keep
 `HOME_CLEARANCE_M` from the vehicle's home. Places are rounded to the millimetre before they are judged, so the document
-holds exactly what was judged. `check_placement` judges again, by other means.
+holds exactly what was judged. `check_placement` judges them again with code of its own.
 """
 
 from __future__ import annotations
@@ -31,30 +31,31 @@ REPORT_ERROR_SHARE = 0.8
 
 
 MAX_ATTEMPTS = 32
+"""Sampling runs before the solver takes over; chosen, not measured. The budget usually ends earlier."""
 
 
 RETRY_SHARE = 0.8
-"""Share of a group's members: where crowding leaves fewer a place, drawing places again will not do."""
+"""When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not measured."""
 
 
 class PlacementUnsound(RebarError):
-    """Places were found that `check_placement` does not accept: a fault of the bench, of which nothing is written or flown."""
+    """The search returned places that `check_placement` rejects: a bench error. The scene is neither written nor flown."""
 
 
 def place(simspec: SimSpec) -> SimSpec:
     """The SimSpec with `realized` filled: the same places for the same seeds.
 
-    Sampling comes first; where it stalls, what can be proved impossible is refused, and the solver looks for the rest.
-    Whatever is found has been judged by `check_placement`.
-    Raises SetupError where the relations make no sense (unknown asset, groups related in a circle, a region that crosses
-    itself), PlacementInfeasible where they leave no room, or none was found, and PlacementUnsound.
+    Sampling comes first. When it stalls, a proof of infeasibility is tried, then the solver searches.
+    `check_placement` judges every result.
+    Raises SetupError for relations without meaning (unknown asset, groups related in a circle, a region that crosses
+    itself), PlacementInfeasible when no arrangement exists or none was found, and PlacementUnsound.
     """
     placed = _searched(simspec)
     if faults := check_placement(placed):
-        said = "; ".join(map(str, faults[:5])) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
+        fault_text = "; ".join(map(str, faults[:5])) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
         raise PlacementUnsound(
-            f"placement broke its own rules in {simspec.name!r}, seed {simspec.seeds.root}, so the scene is not used: {said} "
-            "(a fault of the bench: report it with this SimSpec; another seed may do meanwhile)"
+            f"placement broke its rules in {simspec.name!r}, seed {simspec.seeds.root}, so the scene is not used: {fault_text} "
+            "(a bench error: report it with this SimSpec; until it is fixed, try another seed)"
         )
     return placed
 
@@ -65,16 +66,16 @@ def _searched(simspec: SimSpec) -> SimSpec:
     check_areas(simspec)
     budget = SamplingBudget(60_000 + 40 * sum(member_count(simspec, group) for group in order))
     stuck: SamplingStalled | None = None
-    left: dict[str, Geometry] | None = None
+    remaining: dict[str, Geometry] | None = None
     for attempt in range(MAX_ATTEMPTS):
         try:
-            return with_places(simspec, sample_placement(simspec, order, attempt, budget, left), "sampling")
+            return with_places(simspec, sample_placement(simspec, order, attempt, budget, remaining), "sampling")
         except SamplingStalled as reason:
             if stuck is None and (clash := prove_infeasible(simspec, order)):
                 raise clash from None
-            left = left or narrowed_ground(simspec, order)
-            again = stuck is not None and stuck.crowded
-            if budget.spent or (reason.crowded and (again or reason.share < RETRY_SHARE)):
+            remaining = remaining or narrowed_ground(simspec, order)
+            crowded_before = stuck is not None and stuck.crowded
+            if budget.spent or (reason.crowded and (crowded_before or reason.share < RETRY_SHARE)):
                 stuck = reason
                 break
             stuck = reason
@@ -83,21 +84,21 @@ def _searched(simspec: SimSpec) -> SimSpec:
 
 
 def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -> SimSpec:
-    from .search._solver import solve_placement  # here, because the solver takes half a second to import
+    from .search._solver import solve_placement  # imported here: ortools takes 0.2 to 0.8 s, and most scenes never need it
 
     placed = solve_placement(simspec, order)
     if placed is None:
-        raise PlacementInfeasible(f"no places were found, which proves nothing: {stuck.sentence()}", proved=False)
+        raise PlacementInfeasible(f"no places were found (this is not a proof that none exist): {stuck.sentence()}", proved=False)
     return with_places(simspec, placed, "cp-sat")
 
 
 def with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
-    """The SimSpec with those places, and how they were found."""
+    """The SimSpec with these places and the method that found them."""
     return simspec.model_copy(update={"realized": _realized(simspec, placed, method)})
 
 
 def placement_order(simspec: SimSpec) -> list[ActorGroup]:
-    """The groups, each after those that it relates to, fixed ones first. Raises SetupError on what cannot be ordered."""
+    """The groups in placement order: fixed ones first, then each after those that it relates to. Raises SetupError for a circle."""
     faults = list(_spec_faults(simspec))
     waiting = sorted(simspec.actors, key=lambda group: group.placement.at is None)
     ordered: list[ActorGroup] = []
@@ -124,12 +125,12 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
         if fault := asset_fault(f"{where}.asset", group.asset):
             yield fault
         if len(group.id) > 56:
-            yield Fault(f"{where}.id", "is too long for its members' ids", "use at most 56 characters")
+            yield Fault(f"{where}.id", "is too long: its members' ids add a number", "use at most 56 characters")
         yield from _pair_faults(simspec, where, group)
         if group.placement.region:
             yield from _polygon_faults(f"{where}.placement.region", group.placement.region)
-        least = {one.id: one.member_count(simspec.world.area.area_m2) for one in simspec.actors}
-        if member_count(simspec, group) and (empty := [one for one in sorted(_groups_named(group)) if least.get(one) == 0]):
+        least = {other.id: other.member_count(simspec.world.area.area_m2) for other in simspec.actors}
+        if member_count(simspec, group) and (empty := [other for other in sorted(_groups_named(group)) if least.get(other) == 0]):
             yield Fault(
                 f"{where}.placement", f"relates to {empty[0]!r}, which has no members", "give it members or drop the relation"
             )
@@ -139,7 +140,7 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
 
 
 def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fault]:
-    """Who is to stand between two of one group needs both of them."""
+    """A relation between two members of one group needs two members."""
     between = group.placement.between
     if between is None or between.first != between.second or not member_count(simspec, group):
         return
@@ -147,19 +148,19 @@ def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fa
         if other.id == between.first and other.member_count(simspec.world.area.area_m2) < 2:
             yield Fault(
                 f"{where}.placement.between",
-                f"is between two members of {other.id!r}, which may have fewer than two",
+                f"needs two members of {other.id!r}, which may have fewer",
                 "give it two, or name two groups",
             )
 
 
 def _groups_named(group: ActorGroup) -> set[str]:
-    """The groups that it relates to by name; one of them without members would leave the relation empty."""
+    """The groups that this one relates to by name: a relation to a group without members would be empty."""
     place = group.placement
-    found = {
+    names = {
         relation.of for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside) if relation
     }
-    found |= {place.between.first, place.between.second} if place.between else set()
-    return {name for name in (*found, *(seen.of for seen in place.place_references.values())) if name}
+    names |= {place.between.first, place.between.second} if place.between else set()
+    return {name for name in (*names, *(reference.of for reference in place.place_references.values())) if name}
 
 
 def _polygon_faults(where: str, polygon: Polygon) -> Iterator[Fault]:
@@ -194,7 +195,7 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
 
 
 def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
-    """Uniform over the disc of error round the truth; over the part of it inside the area where there is one."""
+    """A report's position: uniform over the disc of its error around the truth, or over the part of the disc inside the area."""
     radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)

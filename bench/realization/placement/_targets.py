@@ -15,14 +15,14 @@ from .relations._relation import HOME_CLEARANCE_M
 
 
 def home_obstacle(simspec: SimSpec) -> Footprints:
-    """The vehicle's home as something that wants to be kept clear of."""
+    """The vehicle's home as an obstacle with a clearance around it."""
     home = simspec.vehicle.home
     return Footprints(np.array([[home.east_m, home.north_m]]), np.zeros(1), np.zeros((1, 2)), np.full(1, HOME_CLEARANCE_M))
 
 
 @dataclass(frozen=True, slots=True)
 class RelationTarget:
-    """Whom a relation is about: groups, or a point; and what to call it."""
+    """The target of a relation: groups or a point, with a name for messages."""
 
     name: str
     of: tuple[str, ...] = ()
@@ -30,19 +30,19 @@ class RelationTarget:
 
     @classmethod
     def named(cls, simspec: SimSpec, name: str) -> RelationTarget:
-        """A group, or the vehicle's home."""
+        """The target of that name: a group or the vehicle's home."""
         if is_home(simspec, name):
             return cls("the vehicle's home", points=point_footprint(simspec.vehicle.home))
         return cls(repr(name), (name,))
 
     @classmethod
-    def referenced(cls, simspec: SimSpec, seen: PlaceReference) -> RelationTarget:
-        """What a relation to a point or a first member is about."""
-        return cls.named(simspec, seen.of) if seen.of is not None else cls._point(seen.point)
+    def referenced(cls, simspec: SimSpec, reference: PlaceReference) -> RelationTarget:
+        """The target of a relation to a point or to a group's first member."""
+        return cls.named(simspec, reference.of) if reference.of is not None else cls._point(reference.point)
 
     @classmethod
     def of_distance(cls, simspec: SimSpec, group: ActorGroup, distance: Distance) -> RelationTarget:
-        """The same for a distance, which may be to everybody of a role."""
+        """The target of a distance, which may be all groups of a role."""
         if distance.of is None:
             return cls._point(distance.point)
         if is_home(simspec, distance.of):
@@ -55,16 +55,16 @@ class RelationTarget:
         assert point is not None
         return cls(f"the point {point.east_m:g} east, {point.north_m:g} north", points=point_footprint(point))
 
-    def described(self, whom: str) -> str:
-        """The words for some or every member; a point has but itself."""
-        return self.name if self.points is not None else f"{whom} member of {self.name}"
+    def described(self, quantifier: str) -> str:
+        """The target in words, for some or every member; a point needs no quantifier."""
+        return self.name if self.points is not None else f"{quantifier} member of {self.name}"
 
 
 def point_footprint(point: Point) -> Footprints:
-    """A point as something that stands."""
+    """A point as a footprint without size."""
     return Footprints(np.array([[point.east_m, point.north_m]]), np.zeros(1), np.zeros((1, 2)), np.zeros(1))
 
 
 def target_footprints(simspec: SimSpec, name: str, placed: Mapping[str, Footprints]) -> Footprints:
-    """The members of a group that stand, or the vehicle's home."""
+    """The placed members of a group, or the vehicle's home."""
     return point_footprint(simspec.vehicle.home) if is_home(simspec, name) else placed[name]

@@ -34,10 +34,10 @@ def faults(*factors: dict[str, Any], **others: Any) -> str:
 
 def test_paper_experiment() -> None:
     """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 different ones are drawn."""
-    asked = validate_document(PAPER["design"], Design)
-    plans = realize(BASE, asked, AGENTS[:1])
+    points = validate_document(PAPER["design"], Design)
+    plans = realize(BASE, points, AGENTS[:1])
 
-    assert len(asked.points()) == 72
+    assert len(points.points()) == 72
     assert len(plans) == 215
     assert len({(plan.design_point, plan.replicate) for plan in plans}) == 215
     assert len({plan.simspec.seeds.root for plan in plans}) == 215
@@ -53,8 +53,8 @@ def test_levels_reach_their_fields() -> None:
     """Every level stands where its path points, whole numbers stay whole, and the rest is the base."""
     plans = realize(BASE, design(FOG, CROWD), AGENTS[:1])
 
-    found = [(plan.simspec.environment.fog_level, plan.simspec.group("neighbours").count) for plan in plans]
-    assert found == [(0.0, 2), (0.0, 3), (2.0, 2), (2.0, 3), (4.5, 2), (4.5, 3)]
+    values = [(plan.simspec.environment.fog_level, plan.simspec.group("neighbours").count) for plan in plans]
+    assert values == [(0.0, 2), (0.0, 3), (2.0, 2), (2.0, 3), (4.5, 2), (4.5, 3)]
     assert [plan.id for plan in plans][:2] == ["p001-r1-reference-naive", "p002-r1-reference-naive"]
     assert all(plan.simspec.mission == BASE.mission and plan.simspec.name == plan.id for plan in plans)
 
@@ -97,8 +97,8 @@ def test_seed_decides() -> None:
     """The same seed draws the same pairs and scenes, another one others."""
 
     def ids(seed: int) -> list[tuple[str, int]]:
-        asked = design(FOG, CROWD, seed=seed, replicates=9, method={"kind": "full_factorial", "take": 9})
-        return [(plan.id, plan.simspec.seeds.root) for plan in realize(BASE, asked, AGENTS)]
+        points = design(FOG, CROWD, seed=seed, replicates=9, method={"kind": "full_factorial", "take": 9})
+        return [(plan.id, plan.simspec.seeds.root) for plan in realize(BASE, points, AGENTS)]
 
     assert ids(1) == ids(1)
     assert ids(1) != ids(2)
@@ -129,9 +129,9 @@ def test_latin_hypercube_fills_its_strata() -> None:
 
 def test_one_by_one() -> None:
     """The first levels, then each other level alone."""
-    asked = design(FOG, CROWD, method={"kind": "one_by_one"})
+    points = design(FOG, CROWD, method={"kind": "one_by_one"})
 
-    assert [tuple(point.levels.values()) for point in asked.points()] == [(0.0, 2), (2, 2), (4.5, 2), (0.0, 3)]
+    assert [tuple(point.levels.values()) for point in points.points()] == [(0.0, 2), (2, 2), (4.5, 2), (0.0, 3)]
 
 
 def test_range_in_a_counting_design() -> None:
@@ -152,7 +152,7 @@ def test_no_factors_is_the_base_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "said"),
+    ("path", "message"),
     [
         (
             "environment.fog_levl",
@@ -168,18 +168,18 @@ def test_no_factors_is_the_base_itself() -> None:
         ("agent.options.gain", "agent is written by realization itself"),
     ],
 )
-def test_paths_that_lead_nowhere(path: str, said: str) -> None:
+def test_paths_that_lead_nowhere(path: str, message: str) -> None:
     """A path that is wrong is named with its factor, what is wrong and the mend."""
-    assert said in faults(FOG | {"sets": [path], "unit": None}).replace("actors[7]", "actors[5]")
+    assert message in faults(FOG | {"sets": [path], "unit": None}).replace("actors[7]", "actors[5]")
 
 
 def test_levels_that_do_not_fit() -> None:
     """A level out of bounds or of the wrong type names factor, level, path and bounds; several faults come together."""
-    said = faults(FOG | {"levels": [12.0]}, CROWD | {"levels": ["many"]})
+    message = faults(FOG | {"levels": [12.0]}, CROWD | {"levels": ["many"]})
 
-    assert "factor 'fog': level 12.0 for environment.fog_level" in said
-    assert "less than or equal to 9" in said
-    assert "factor 'crowd': level 'many' for actors[neighbours].count" in said
+    assert "factor 'fog': level 12.0 for environment.fog_level" in message
+    assert "less than or equal to 9" in message
+    assert "factor 'crowd': level 'many' for actors[neighbours].count" in message
     assert "factor 'fog': path environment.fog_level: the factor's unit is 'm'" in faults(FOG | {"unit": "m"})
 
 
@@ -188,11 +188,11 @@ def test_units_that_do_not_fit() -> None:
     extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
     mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
 
-    assert "the field's '1/m'" in faults(extinction | {"unit": "m"})
+    assert "the field's unit is '1/m'" in faults(extinction | {"unit": "m"})
     assert realize(BASE, design(extinction | {"unit": "1/m"}), AGENTS)
     assert "but the field has none" in faults(CROWD | {"unit": "m"})
     assert "sets fields of different units: mission.altitude_m (m), mission.time_limit_s (s)" in faults(mixed)
-    assert "the factor's unit is 'm', the field's 's'" in faults(mixed | {"unit": "m"})
+    assert "the factor's unit is 'm', the field's unit is 's'" in faults(mixed | {"unit": "m"})
 
 
 def test_levels_that_clash_with_each_other() -> None:
@@ -212,7 +212,7 @@ def test_factors_that_undo_each_other() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factors", "others", "said"),
+    ("factors", "others", "message"),
     [
         ([FOG, FOG], {}, "two factors are called 'fog'"),
         ([FOG | {"levels": [1, 1.0]}], {}, "stands twice"),
@@ -224,22 +224,22 @@ def test_factors_that_undo_each_other() -> None:
         ([{"name": "x", "range": {"low": 2, "high": 1}, "sets": ["x"]}], {}, "high 1.0 must exceed low 2.0"),
     ],
 )
-def test_designs_that_cannot_be(factors: list[dict[str, Any]], others: dict[str, Any], said: str) -> None:
+def test_designs_that_cannot_be(factors: list[dict[str, Any]], others: dict[str, Any], message: str) -> None:
     """A design that cannot be drawn is refused with a sentence as the document is read."""
     with pytest.raises(SetupError) as refusal:
         design(*factors, **others)
 
-    assert said in str(refusal.value)
+    assert message in str(refusal.value)
 
 
 def test_agents_need_names_of_their_own() -> None:
     """No agents, two of one name, and a name too long for an id are refused."""
-    for agents, said in (
-        ((), "no agent is named"),
+    for agents, message in (
+        ((), "no agent is given"),
         ((AGENTS[0], AGENTS[0]), "two agents are called 'reference-naive'"),
         ((AgentSpec(manifest="a" * 41),), "more than 40 characters"),
     ):
-        with pytest.raises(SetupError, match=said):
+        with pytest.raises(SetupError, match=message):
             realize(BASE, design(FOG), agents)
 
 
@@ -271,5 +271,5 @@ def test_inactive_factors_change_nothing() -> None:
     rain = {"name": "rain", "levels": [2.0, 3.0], "when": "fog > 1", "sets": ["environment.rain_level"]}
     plans = realize(BASE, design(FOG, rain), AGENTS[:1])
 
-    found = [(plan.simspec.environment.fog_level, plan.simspec.environment.rain_level) for plan in plans]
-    assert found == [(0.0, BASE.environment.rain_level), (2.0, 2.0), (2.0, 3.0), (4.5, 2.0), (4.5, 3.0)]
+    values = [(plan.simspec.environment.fog_level, plan.simspec.environment.rain_level) for plan in plans]
+    assert values == [(0.0, BASE.environment.rain_level), (2.0, 2.0), (2.0, 3.0), (4.5, 2.0), (4.5, 3.0)]

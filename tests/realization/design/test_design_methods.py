@@ -108,7 +108,7 @@ def test_nearly_orthogonal_latin_hypercubes(points: int, factors: int) -> None:
     assert largest_correlation(square) < 0.03
     assert np.array_equal(square, nearly_orthogonal_latin_hypercube(points, factors, seed=1))
     values = matrix(design(ranges(factors), method={"kind": "nearly_orthogonal_latin_hypercube", "points": points}))
-    assert len({round(one, 9) for one in values[:, 0]}) == points
+    assert len({round(point, 9) for point in values[:, 0]}) == points
 
 
 def test_plackett_burman_of_twelve_runs_as_printed() -> None:
@@ -167,9 +167,9 @@ def test_conference_matrix_of_six_as_printed() -> None:
         ],
     )
     for order in (4, 6, 8, 10, 12, 14, 16, 18, 20, 24, 26, 30, 32, 38, 50):
-        found = conference_matrix(order)
-        assert found is not None
-        assert np.array_equal(found.T @ found, (order - 1) * np.eye(order, dtype=np.int64))
+        values = conference_matrix(order)
+        assert values is not None
+        assert np.array_equal(values.T @ values, (order - 1) * np.eye(order, dtype=np.int64))
     assert conference_matrix(22) is None  # 21 is no sum of two squares, so there is none
 
 
@@ -211,10 +211,10 @@ def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolut
 
     assert 2 ** max(columns).bit_length() == runs
     for count in range(1, resolution if factors < 12 else min(resolution, 4)):
-        for some in itertools.combinations(columns, count):
+        for chosen in itertools.combinations(columns, count):
             product = 0
-            for one in some:
-                product ^= one
+            for column in chosen:
+                product ^= column
             assert product
     made = matrix(design(ranges(factors), method={"kind": "fractional_factorial", "resolution": resolution})) * 2 - 1
     assert made.shape == (runs, factors)
@@ -223,13 +223,13 @@ def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolut
 
 def test_fraction_by_generators_and_by_runs() -> None:
     """Half of 2^4 by d = a b c has every level of d the product of the others'; by runs it is found by itself."""
-    four = [{**one, "name": name} for one, name in zip(ranges(4), "abcd", strict=True)]
+    four = [{**point, "name": name} for point, name in zip(ranges(4), "abcd", strict=True)]
     by_hand = 2 * matrix(design(four, method={"kind": "fractional_factorial", "generators": {"d": ["a", "b", "c"]}})) - 1
-    found = 2 * matrix(design(four, method={"kind": "fractional_factorial", "runs": 8})) - 1
+    values = 2 * matrix(design(four, method={"kind": "fractional_factorial", "runs": 8})) - 1
 
     assert (by_hand[:, 3] == by_hand[:, 0] * by_hand[:, 1] * by_hand[:, 2]).all()
-    assert by_hand[:, :3].tolist() == [list(one) for one in itertools.product([-1, 1], repeat=3)]
-    assert np.array_equal(found, by_hand)
+    assert by_hand[:, :3].tolist() == [list(point) for point in itertools.product([-1, 1], repeat=3)]
+    assert np.array_equal(values, by_hand)
     kind = {"kind": "fractional_factorial"}
     assert "no base factor" in refused(four, method={**kind, "generators": {"d": ["a", "c"], "c": ["a", "b"]}})
     assert "same column" in refused(four, method={**kind, "generators": {"d": ["a", "b"], "c": ["a", "b"]}})
@@ -263,9 +263,9 @@ def test_covering_arrays_cover_everything(sizes: list[int], strength: int, most:
     points = design(factors, method={"kind": "covering_array", "strength": strength}).points()
 
     t = min(strength, len(sizes))
-    for some in itertools.combinations(range(len(sizes)), t):
-        every = set(itertools.product(*(range(sizes[at]) for at in some)))
-        assert occurring(points, tuple(f"f{at}" for at in some)) == every
+    for chosen in itertools.combinations(range(len(sizes)), t):
+        every = set(itertools.product(*(range(sizes[at]) for at in chosen)))
+        assert occurring(points, tuple(f"f{at}" for at in chosen)) == every
     assert len(points) <= most
 
 
@@ -287,13 +287,13 @@ def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
     points = design(TANGLED, forbid=FORBID, method={"kind": "covering_array", "strength": strength}).points()
 
     names = ("gps", "noise", "approach", "fog", "night")
-    for some in itertools.combinations(names, strength):
-        assert occurring(points, some) == occurring(every, some)
+    for chosen in itertools.combinations(names, strength):
+        assert occurring(points, chosen) == occurring(every, chosen)
     assert len(points) < len(every)
 
 
 def test_covering_array_that_cannot_be() -> None:
-    """Everything forbidden, and too much to cover, are said."""
+    """Everything forbidden, and too much to cover, are message."""
     assert "everything is forbidden" in refused([levels("a", 1, 2)], forbid=["a < 5"], method={"kind": "covering_array"})
     many = [levels(f"f{place}", *range(30)) for place in range(6)]
     assert "lower strength" in refused(many, method={"kind": "covering_array", "strength": 4})
@@ -304,9 +304,9 @@ def test_conditional_factors_and_formulas() -> None:
     points = [point.levels for point in design(TANGLED).points()]
 
     assert len(points) == (2 + 3) * 4 * 3 * 2
-    assert {one["noise"] for one in points if one["gps"] == "degraded"} == {1, 2, 3}
-    assert {one["noise"] for one in points if one["gps"] != "degraded"} == {INACTIVE}
-    assert all(one["load"] == float(one["fog"]) * 2 + (1 if one["night"] else 0) for one in points)
+    assert {levels["noise"] for levels in points if levels["gps"] == "degraded"} == {1, 2, 3}
+    assert {levels["noise"] for levels in points if levels["gps"] != "degraded"} == {INACTIVE}
+    assert all(levels["load"] == float(levels["fog"]) * 2 + (1 if levels["night"] else 0) for levels in points)
     assert list(points[0]) == ["gps", "noise", "approach", "fog", "night", "load"]
 
 
@@ -314,24 +314,24 @@ def test_steps_of_a_range_are_the_numbers_that_one_writes() -> None:
     """The third of five steps from 0.1 to 0.5 is 0.3, so that what is forbidden at 0.3 is."""
     stepped = {"name": "a", "range": {"low": 0.1, "high": 0.5, "steps": 5}, "sets": ["a"]}
 
-    assert [one.levels["a"] for one in design([stepped], forbid=["a == 0.3"]).points()] == [0.1, 0.2, 0.4, 0.5]
+    assert [point.levels["a"] for point in design([stepped], forbid=["a == 0.3"]).points()] == [0.1, 0.2, 0.4, 0.5]
 
 
 def test_forbidden_points_are_left_out() -> None:
     """Of a full factorial just the forbidden ones are missing."""
     every = [point.levels for point in design(TANGLED).points()]
-    left = [point.levels for point in design(TANGLED, forbid=FORBID).points()]
+    remaining = [point.levels for point in design(TANGLED, forbid=FORBID).points()]
 
     def wrong(one: Any) -> bool:
         return (one["approach"] == "N" and one["fog"] > 1) or one["load"] > 8 or (one["noise"] == 3 and one["approach"] == "S")
 
-    assert left == [one for one in every if not wrong(one)]
+    assert remaining == [one for one in every if not wrong(one)]
 
 
 @pytest.mark.parametrize(
-    ("factors", "others", "said"),
+    ("factors", "others", "message"),
     [
-        ([levels("a", 1, 2), {"name": "b", "formula": "c + 1", "sets": ["b"]}], {}, "names 'c', which is no factor"),
+        ([levels("a", 1, 2), {"name": "b", "formula": "c + 1", "sets": ["b"]}], {}, "names 'c', which is not a factor"),
         ([{"name": "a", "formula": "b", "sets": ["a"]}, {"name": "b", "formula": "a", "sets": ["b"]}], {}, "in a circle"),
         ([levels("a", 1, 2, when="a > 1")], {}, "in a circle"),
         ([levels("a", 1, 2, formula="3")], {}, "either levels"),
@@ -342,13 +342,13 @@ def test_forbidden_points_are_left_out() -> None:
         ([levels("a", 1, 2)], {"forbid": ["a > 0"]}, "every point is forbidden"),
         (ranges(2), {"forbid": ["f0 > 0.5"], "method": {"kind": "latin_hypercube", "points": 8}}, "4 of the 8 points"),
         (ranges(2), {"forbid": ["f0 >= 0"], "method": {"kind": "sobol", "points": 8}}, "leaves 0 of 8000"),
-        ([{"name": "a", "formula": "1", "sets": ["a"]}], {}, "every factor follows from others"),
-        ([], {"method": {"kind": "sobol", "points": 8}}, "there are no factors"),
+        ([{"name": "a", "formula": "1", "sets": ["a"]}], {}, "every factor has a formula"),
+        ([], {"method": {"kind": "sobol", "points": 8}}, "has no factors"),
     ],
 )
-def test_factors_that_cannot_be(factors: list[dict[str, Any]], others: dict[str, Any], said: str) -> None:
+def test_factors_that_cannot_be(factors: list[dict[str, Any]], others: dict[str, Any], message: str) -> None:
     """What contradicts itself is refused with a sentence as the document is read."""
-    assert said in refused(factors, **others)
+    assert message in refused(factors, **others)
 
 
 @pytest.mark.parametrize("kind", ["halton", "sobol"])
@@ -367,7 +367,7 @@ def test_sequences_grow_without_reshuffling(kind: str) -> None:
 
 def test_every_method_that_says_so_grows() -> None:
     """Which methods claim to take more points later; the test above and that of stratified designs hold them to it."""
-    kinds = {one.model_fields["kind"].default: one.grows for one in get_args(get_args(Method)[0])}
+    kinds = {point.model_fields["kind"].default: point.grows for point in get_args(get_args(Method)[0])}
 
     assert {kind for kind, grows in kinds.items() if grows} == {"halton", "sobol", "stratified"}
     assert len(kinds) == 13
@@ -429,9 +429,9 @@ def test_whole_numbers_and_levels_are_even(kind: str) -> None:
     made = design([*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}).points()
 
     for name, known in (("whole", {3, 4, 5, 6}), ("a", set("xyzw"))):
-        found = Counter(point.levels[name] for point in made)
-        assert set(found) == known
-        assert max(found.values()) - min(found.values()) <= 2
+        values = Counter(point.levels[name] for point in made)
+        assert set(values) == known
+        assert max(values.values()) - min(values.values()) <= 2
 
 
 def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
@@ -444,15 +444,15 @@ def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"low": 0.5, "high": 2.5, "integer": True}, "must be whole"),
         ({"low": 0, "high": 3, "integer": True, "steps": 5}, "there are 4 whole numbers"),
     ],
 )
-def test_ranges_of_whole_numbers_that_are_none(wrong: dict[str, Any], said: str) -> None:
+def test_ranges_of_whole_numbers_that_are_none(wrong: dict[str, Any], message: str) -> None:
     """Half a person is no bound, and a step that would stand twice is none."""
-    assert said in refused([{"name": "a", "range": wrong, "sets": ["a"]}])
+    assert message in refused([{"name": "a", "range": wrong, "sets": ["a"]}])
 
 
 def test_definitive_screening_needs_a_middle() -> None:
@@ -472,7 +472,7 @@ def test_words_that_a_factor_never_is_are_slips(forbid: str) -> None:
 
 
 def test_a_prohibition_that_leaves_hardly_anything_is_said_soon() -> None:
-    """Ten thousand points are looked at, not as many times a thousand as were asked for."""
+    """Ten thousand points are looked at, not as many times a thousand as were required for."""
     assert "leaves 0 of 10000 points" in refused(ranges(2), forbid=["f0 >= 0"], method={"kind": "sobol", "points": 50_000})
 
 
@@ -483,13 +483,13 @@ def test_stratified_designs_are_even_and_grow() -> None:
         method = {"kind": "stratified", "points": count, "candidates": 300}
         return design([*ranges(2), levels("a", "x", "y")], method=method, seed=1).points(rated)
 
-    found = Counter(tuple(rated(point.levels).values()) for point in points(22))
-    assert sorted(found.values()) == [5, 5, 6, 6]
+    values = Counter(tuple(rated(point.levels).values()) for point in points(22))
+    assert sorted(values.values()) == [5, 5, 6, 6]
     assert points(22)[:9] == points(9)
 
 
 def test_stratified_designs_that_cannot_be() -> None:
-    """More configurations than points, and too few candidates, are said; bands make few of many."""
+    """More configurations than points, and too few candidates, are message; bands make few of many."""
     method = {"kind": "stratified", "points": 6, "candidates": 100}
 
     def smooth(chosen: Any) -> dict[str, float]:
@@ -511,12 +511,12 @@ def test_quality_against_what_can_be_counted() -> None:
     square = design_quality(corners.space, corners.points(), pairs=12, configurations=["hard", "easy", "easy", "easy"])
     assert (square.points, square.pairs, square.max_abs_correlation) == (4, 12, 0.0)
     assert square.min_distance == pytest.approx(1 / 2**0.5)
-    assert [(one.t, one.covered, one.possible) for one in square.coverage] == [(2, 4, 4)]
+    assert [(point.t, point.covered, point.possible) for point in square.coverage] == [(2, 4, 4)]
     assert square.configurations == {"easy": 3, "hard": 1}
     made = design_quality(design(ranges(2), method={"kind": "sobol", "points": 2}).space, line)
     assert made.max_abs_correlation == 1.0
     assert made.correlated == ("f0", "f1")
-    assert [(one.covered, one.possible) for one in made.coverage] == [(3, 9)]
+    assert [(point.covered, point.possible) for point in made.coverage] == [(3, 9)]
     assert any("largest correlation 1 (f0 and f1)" in text for text in made.lines())
 
 
@@ -524,7 +524,7 @@ def test_quality_tells_aliases() -> None:
     """Half of 2^4: pairs are aliased with pairs; a quarter of 2^5: main effects too; Plackett-Burman: a third; folded over: none."""
 
     def measured(count: int, **method: Any) -> Any:
-        named = [{**one, "name": name} for one, name in zip(ranges(count), "abcdefghijk", strict=False)]
+        named = [{**point, "name": name} for point, name in zip(ranges(count), "abcdefghijk", strict=False)]
         made = design(named, method=method)
         return design_quality(made.space, made.points())
 
@@ -542,7 +542,7 @@ def test_quality_tells_aliases() -> None:
     assert measured(11, kind="plackett_burman", foldover=True).max_interaction == 0.0
     assert measured(6, kind="definitive_screening").aliased == ()
     assert measured(5, kind="fractional_factorial", resolution=5).aliased == ()
-    assert any("cannot be told apart: a x b = c x d" in line for line in half.lines())
+    assert any("cannot be separated: a x b = c x d" in line for line in half.lines())
 
 
 def test_quality_tells_what_prohibitions_tie_together() -> None:
@@ -553,12 +553,12 @@ def test_quality_tells_what_prohibitions_tie_together() -> None:
         factors, forbid=["a == 'x' and fog != 0", "a == 'y' and fog != 1", "a == 'z' and fog != 2", "fog > 0 and more != fog"]
     )
 
-    loose, tight = (design_quality(one.space, one.points()) for one in (free, tied))
+    loose, tight = (design_quality(point.space, point.points()) for point in (free, tied))
     assert (loose.max_abs_correlation, loose.max_association, loose.estimable) == (0.0, 0.0, True)
     assert (tight.max_abs_correlation, tight.correlated) == (1.0, ("fog", "more"))
     assert (tight.max_association, tight.associated) == (1.0, ("a", "fog"))
     assert tight.estimable is False
-    assert any("too few, or too alike" in line for line in tight.lines())
+    assert any("too few points, or too similar ones" in line for line in tight.lines())
 
 
 def test_quality_counts_only_what_may_be() -> None:
@@ -569,7 +569,7 @@ def test_quality_counts_only_what_may_be() -> None:
     assert pairs.covered == pairs.possible
     assert triples.covered < triples.possible
     everything = design_quality(made.space, design(TANGLED, forbid=FORBID).points()).coverage
-    assert all(one.covered == one.possible for one in everything)
+    assert all(point.covered == point.possible for point in everything)
 
 
 def test_centred_discrepancy_by_its_formula() -> None:
@@ -602,7 +602,7 @@ def test_designs_are_the_same_in_another_process() -> None:
     documents = [{"factors": [levels("rate", 1, 2), *ranges(3)], "method": method, "seed": 9} for method in methods]
     documents.append({"factors": TANGLED, "forbid": FORBID, "method": {"kind": "covering_array", "strength": 3}})
     seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
-    told = subprocess.run(
+    digests = subprocess.run(
         [sys.executable, "-c", _SCRIPT],
         input=json.dumps(documents),
         env={"PYTHONHASHSEED": seed},
@@ -611,4 +611,4 @@ def test_designs_are_the_same_in_another_process() -> None:
         check=True,
     )
 
-    assert told.stdout.strip() == str([validate_document(one, Design).points() for one in documents])
+    assert digests.stdout.strip() == str([validate_document(point, Design).points() for point in documents])

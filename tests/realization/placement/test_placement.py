@@ -160,7 +160,7 @@ def test_impossible_by_area() -> None:
 
 def test_impossible_by_relations() -> None:
     """Relations that cannot be kept together are named with their numbers, and those that do no harm are not."""
-    said = infeasible(
+    message = infeasible(
         scene(
             group("radar", "radar-vehicle", region=corners(5.0, 5.0, 20.0, 20.0)),
             group(
@@ -169,34 +169,34 @@ def test_impossible_by_relations() -> None:
         )
     )
 
-    assert said.startswith("impossible, and proved so")
-    assert "'guards' is to stand inside its region of 400 m2 (actors[guards].placement.region)" in said
-    assert "'guards' is to stand 1 to 10 m from some member of 'radar' (actors[guards].placement.near)" in said
-    assert "home" not in said
-    assert "members of" not in said
+    assert message.startswith("impossible, and proved so")
+    assert "'guards' is to stand inside its region of 400 m2 (actors[guards].placement.region)" in message
+    assert "'guards' is to stand 1 to 10 m from some member of 'radar' (actors[guards].placement.near)" in message
+    assert "home" not in message
+    assert "members of" not in message
 
 
 def test_impossible_by_crowding() -> None:
     """Members who keep each other out are told apart from relations that clash."""
     began = time.process_time()
-    said = infeasible(scene(group("houses", "house", 10, separation_m=0.0), size_m=36.0))
+    message = infeasible(scene(group("houses", "house", 10, separation_m=0.0), size_m=36.0))
 
-    assert "of 10 members found a place" in said
-    assert "crowd each other" in said or "keep 0 m clear" in said
+    assert "of 10 members found a place" in message
+    assert "crowd each other" in message or "keep 0 m clear" in message
     assert time.process_time() - began < 3.0
 
 
 def test_impossible_mean_distance() -> None:
     """A mean out of reach is refused with the means within reach."""
-    said = infeasible(
+    message = infeasible(
         scene(
             group("radar", "radar-vehicle", region=corners(45.0, 45.0, 55.0, 55.0)),
             group("people", "civilian", 10, mean_distance={"of": "radar", "mean_m": 200.0}),
         )
     )
 
-    assert "is to be 200 m" in said
-    assert "no mean over 75.6 m is in reach" in said
+    assert "is to be 200 m" in message
+    assert "no mean over 75.6 m is in reach" in message
 
 
 def test_overlapping_fixed_places() -> None:
@@ -207,7 +207,7 @@ def test_overlapping_fixed_places() -> None:
 
 
 @pytest.mark.parametrize(
-    ("groups", "said"),
+    ("groups", "message"),
     [
         ([group("a", "crate", near={"of": "b", "max_m": 5}), group("b", "crate", near={"of": "a", "max_m": 5})], "in a circle"),
         ([group("a", "unicorn")], "there is no asset 'unicorn'"),
@@ -218,15 +218,15 @@ def test_overlapping_fixed_places() -> None:
         ),
     ],
 )
-def test_nonsense_is_refused(groups: list[dict[str, Any]], said: str) -> None:
+def test_nonsense_is_refused(groups: list[dict[str, Any]], message: str) -> None:
     """What no place could mend is the author's to mend: a fault with its field."""
-    with pytest.raises(SetupError, match=said):
+    with pytest.raises(SetupError, match=message):
         place(scene(*groups))
 
 
 def planted(**changes: Any) -> str:
     """What the check says of a good scene in which one actor, the report or the cast was changed."""
-    good = place(
+    sound = place(
         scene(
             group("radar", "radar-vehicle", role="adversary", region=corners(40.0, 40.0, 60.0, 60.0)),
             group("guard", "soldier", role="adversary", near={"of": "radar", "min_m": 5.0, "max_m": 10.0}),
@@ -236,38 +236,38 @@ def planted(**changes: Any) -> str:
             intelligence=[{"id": "sighting", "about": "radar", "uncertainty_m": 20.0}],
         )
     )
-    assert check_placement(good) == []
-    kept = realized(good)
-    radar = kept.actors[0]
+    assert check_placement(sound) == []
+    remaining = realized(sound)
+    radar = remaining.actors[0]
     if "actor" in changes:
         moved = {"east_m": radar.east_m + changes["off_m"], "north_m": radar.north_m}
-        kept = kept.model_copy(
-            update={"actors": tuple(a.model_copy(update=moved) if a.id == changes["actor"] else a for a in kept.actors)}
+        remaining = remaining.model_copy(
+            update={"actors": tuple(a.model_copy(update=moved) if a.id == changes["actor"] else a for a in remaining.actors)}
         )
     if "report_off_m" in changes:
-        report = kept.reports[0].model_copy(update={"east_m": radar.east_m + changes["report_off_m"]})
-        kept = kept.model_copy(update={"reports": (report,)})
+        report = remaining.reports[0].model_copy(update={"east_m": radar.east_m + changes["report_off_m"]})
+        remaining = remaining.model_copy(update={"reports": (report,)})
     if "drop" in changes:
-        kept = kept.model_copy(update={"actors": tuple(a for a in kept.actors if a.id != changes["drop"])})
-    return "\n".join(map(str, check_placement(good.model_copy(update={"realized": kept}))))
+        remaining = remaining.model_copy(update={"actors": tuple(a for a in remaining.actors if a.id != changes["drop"])})
+    return "\n".join(map(str, check_placement(sound.model_copy(update={"realized": remaining}))))
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"actor": "guard-1", "off_m": 1.0}, "radar-1 and guard-1: are 0.000 m apart"),
         ({"actor": "guard-1", "off_m": 25.0}, "guard-1: is not near 'radar'"),
         ({"actor": "crates-1", "off_m": 12.0}, "crates-1: does not keep away from 'radar'"),
         ({"actor": "crowd-1", "off_m": 500.0}, "crowd-1: stands outside its region"),
         ({"actor": "crowd-1", "off_m": 500.0}, "has a mean distance of"),
-        ({"actor": "post-1", "off_m": 30.0}, "post-1: is not where placement.at fixes it"),
+        ({"actor": "post-1", "off_m": 30.0}, "post-1: is not at the place of placement.at"),
         ({"report_off_m": 30.0}, "report sighting: is"),
-        ({"drop": "crowd-3"}, "group crowd: has 7 members (8 are asked for)"),
+        ({"drop": "crowd-3"}, "group crowd: has 7 members (8 are required)"),
     ],
 )
-def test_check_finds_planted_errors(changes: dict[str, Any], said: str) -> None:
+def test_check_finds_planted_errors(changes: dict[str, Any], message: str) -> None:
     """Every kind of broken promise is found by the check that does not trust the sampler."""
-    assert said in planted(**changes)
+    assert message in planted(**changes)
 
 
 def test_check_sees_overlap_of_turned_footprints() -> None:
@@ -279,12 +279,12 @@ def test_check_sees_overlap_of_turned_footprints() -> None:
     crossed = realized(beside).actors[1].model_copy(update={"heading_deg": 90.0})
 
     assert check_placement(beside) == []
-    found = check_placement(
+    faults_found = check_placement(
         beside.model_copy(
             update={"realized": realized(beside).model_copy(update={"actors": (realized(beside).actors[0], crossed)})}
         )
     )
-    assert [fault.where for fault in found if "apart" in fault.what] == ["realized: one-1 and two-1"]
+    assert [fault.where for fault in faults_found if "apart" in fault.what] == ["realized: one-1 and two-1"]
 
 
 def test_nothing_placed_is_a_fault() -> None:
@@ -301,11 +301,11 @@ def test_footprint_gaps_agree_with_shapely() -> None:
     from bench.simspec import ASSETS
 
     rng = np.random.default_rng(1)
-    for one, other in itertools.product(("house", "military-truck", "civilian"), repeat=2):
-        left = footprints(ASSETS[one], rng.uniform(0, 25, (200, 2)), rng.uniform(0, 360, 200), 0.0)
+    for first, other in itertools.product(("house", "military-truck", "civilian"), repeat=2):
+        outlines = footprints(ASSETS[first], rng.uniform(0, 25, (200, 2)), rng.uniform(0, 360, 200), 0.0)
         right = footprints(ASSETS[other], rng.uniform(0, 25, (200, 2)), rng.uniform(0, 360, 200), 0.0)
-        wanted = shapely.distance(shapely.polygons(left.corners()), shapely.polygons(right.corners()))
-        np.testing.assert_allclose(gaps(left, right), wanted, atol=1e-9)
+        wanted = shapely.distance(shapely.polygons(outlines.corners()), shapely.polygons(right.corners()))
+        np.testing.assert_allclose(gaps(outlines, right), wanted, atol=1e-9)
 
 
 def test_a_crowd_that_no_ring_holds_is_refused_at_once() -> None:

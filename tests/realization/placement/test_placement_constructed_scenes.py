@@ -47,12 +47,12 @@ def bearing(start: Spot, end: Spot) -> float:
     return math.degrees(math.atan2(end[0] - start[0], end[1] - start[1])) % 360.0
 
 
-def turn(one: float, other: float) -> float:
-    return abs((one - other + 180.0) % 360.0 - 180.0)
+def turn(first_deg: float, second_deg: float) -> float:
+    return abs((first_deg - second_deg + 180.0) % 360.0 - 180.0)
 
 
-def slant(one: float, other: float) -> float:
-    return min(turn(one, other), turn(one + 180.0, other))
+def slant(first_deg: float, second_deg: float) -> float:
+    return min(turn(first_deg, second_deg), turn(first_deg + 180.0, second_deg))
 
 
 def point(spot: Spot) -> dict[str, float]:
@@ -65,13 +65,13 @@ def corners(geometry: Geometry) -> dict[str, Any]:
 
 def nearest_stretches(road: Any, spot: Spot) -> list[float]:
     """Headings of the stretches of a road that are nearest to a place."""
-    pairs = list(itertools.pairwise((one["east_m"], one["north_m"]) for one in road["points"]))
+    pairs = list(itertools.pairwise((stretch["east_m"], stretch["north_m"]) for stretch in road["points"]))
     far = [shapely.LineString(pair).distance(shapely.Point(spot)) for pair in pairs]
-    return [bearing(*pair) for pair, one in zip(pairs, far, strict=True) if one <= min(far) + HAIR]
+    return [bearing(*pair) for pair, stretch in zip(pairs, far, strict=True) if stretch <= min(far) + HAIR]
 
 
 def strip(road: Any) -> Geometry:
-    line = shapely.LineString([(one["east_m"], one["north_m"]) for one in road["points"]])
+    line = shapely.LineString([(point["east_m"], point["north_m"]) for point in road["points"]])
     return shapely.buffer(line, road["width_m"] / 2, cap_style="flat", join_style="mitre", mitre_limit=2.0)
 
 
@@ -91,20 +91,29 @@ class Author:
         """A situation and places that keep it; None where the draw crowded itself out."""
         self.home = (round(self.draw.uniform(-5, SIZE_M + 5), 2), round(self.draw.uniform(-5, SIZE_M + 5), 2))
         bends = [(self.draw.uniform(0, SIZE_M), self.draw.uniform(0, SIZE_M)) for _ in range(3)]
-        self.world = {"roads": [{"id": "r", "width_m": 9.0, "points": [point(one) for one in bends]}], "areas": []}
+        self.world = {"roads": [{"id": "r", "width_m": 9.0, "points": [point(member) for member in bends]}], "areas": []}
         for name in "abcde"[: self.draw.randint(2, 5)]:
             if not self._stand(name):
                 return None
         for group in self.groups:
-            own = self.outlines[group["id"]]
-            far = [one.distance(other) for one in own for some in self.outlines.values() for other in some if other is not one]
-            nearest = min((one for one in far if one > 0.0), default=9.0)  # who is inside somebody keeps no gap to him
+            members = self.outlines[group["id"]]
+            far = [
+                member.distance(other)
+                for member in members
+                for some in self.outlines.values()
+                for other in some
+                if other is not member
+            ]
+            nearest = min((member for member in far if member > 0.0), default=9.0)  # who is inside somebody keeps no gap to him
             group["placement"]["separation_m"] = max(0.0, min(9.0, nearest * self.draw.choice([0.0, 0.5, 1.0])) - 1e-6)
         for index in range(len(self.groups)):
             for kind in self.draw.sample(sorted(KINDS), relations):
                 self._relate(index, kind)
         free = [
-            one for group in self.groups if not {"at", "region"} & group["placement"].keys() for one in self.outlines[group["id"]]
+            member
+            for group in self.groups
+            if not {"at", "region"} & group["placement"].keys()
+            for member in self.outlines[group["id"]]
         ]
         self.world["area"] = corners(self.around(free) if free else shapely.box(-9.0, -9.0, SIZE_M + 9.0, SIZE_M + 9.0))
         document = {
@@ -115,9 +124,9 @@ class Author:
             "seeds": {"root": self.draw.randrange(10**6)},
         }
         actors = tuple(
-            PlacedActor(id=f"{name}-{number}", group=name, east_m=one[0], north_m=one[1], heading_deg=one[2])
+            PlacedActor(id=f"{name}-{number}", group=name, east_m=member[0], north_m=member[1], heading_deg=member[2])
             for name, some in self.stands.items()
-            for number, one in enumerate(some, start=1)
+            for number, member in enumerate(some, start=1)
         )
         return validate_document(document, SimSpec), Realized(actors=actors)
 
@@ -133,18 +142,18 @@ class Author:
         ground = shapely.buffer(hull, slack, join_style="mitre", mitre_limit=9.0)
         if self.draw.random() < 0.3 and slack > 0.1:  # a bay, where nobody stands
             west, south, east, north = ground.bounds
-            left = ground.difference(
+            remaining = ground.difference(
                 shapely.box(west - 1, south - 1, self.draw.uniform(west, east), self.draw.uniform(south, north))
             )
-            ground = left if left.geom_type == "Polygon" and left.covers(whole) else ground
+            ground = remaining if remaining.geom_type == "Polygon" and remaining.covers(whole) else ground
         return ground if ground.area > 1.5 else shapely.buffer(whole.envelope, 1.0, join_style="mitre")
 
     def _stand(self, name: str) -> bool:
         asset = self.draw.choice(["civilian", "soldier", "civilian-car", "house", "shed", "crate", "tree", "military-truck"])
-        hosts = [one["id"] for one in self.groups if one["asset"] == "house"]
+        hosts = [member["id"] for member in self.groups if member["asset"] == "house"]
         host = hosts[0] if hosts and ASSETS[asset].length_m < 3.0 and self.draw.random() < 0.4 else None
-        taken = [one for other, some in self.outlines.items() if other != host for one in some]
-        found: list[tuple[float, float, float]] = []
+        taken = [member for other, group in self.outlines.items() if other != host for member in group]
+        result: list[tuple[float, float, float]] = []
         mine: list[Geometry] = []
         for _ in range(self.draw.choice([1, 1, 2, 3, 6])):
             for _ in range(80):
@@ -153,86 +162,86 @@ class Author:
                     round(self.draw.uniform(0, SIZE_M), 3),
                     round(self.draw.uniform(0, 359.0), 3),
                 )
-                one = outline(asset, *spot)
-                housed = host is None or any(other.covers(one) for other in self.outlines[host])
+                member = outline(asset, *spot)
+                housed = host is None or any(other.covers(member) for other in self.outlines[host])
                 if (
                     housed
-                    and one.distance(shapely.Point(self.home)) > 3.0
-                    and all(one.distance(other) > 0.01 for other in taken + mine)
+                    and member.distance(shapely.Point(self.home)) > 3.0
+                    and all(member.distance(other) > 0.01 for other in taken + mine)
                 ):
-                    found.append(spot)
-                    mine.append(one)
+                    result.append(spot)
+                    mine.append(member)
                     break
             else:
                 return False
-        self.stands[name], self.outlines[name] = found, mine
+        self.stands[name], self.outlines[name] = result, mine
         role = self.draw.choice(["adversary", "bystander", "clutter"])
         placement: dict[str, Any] = {"inside": {"of": host}} if host else {}
-        self.groups.append({"id": name, "asset": asset, "role": role, "count": len(found), "placement": placement})
+        self.groups.append({"id": name, "asset": asset, "role": role, "count": len(result), "placement": placement})
         return True
 
     def _relate(self, index: int, kind: str) -> None:
         """Add one relation to a group's placement, where one of that kind can be read off."""
-        group, earlier = self.groups[index], [one["id"] for one in self.groups[:index]]
+        group, earlier = self.groups[index], [member["id"] for member in self.groups[:index]]
         name = group["id"]
         if "at" in group["placement"] or kind in group["placement"]:
             return
-        whom = self.draw.choice([*earlier, "home"])
-        spots = [one[:2] for one in self.stands[name]]
-        others = [self.home] if whom == "home" else [one[:2] for one in self.stands[whom]]
-        if (relation := getattr(self, f"_{kind}")(group, spots, whom, others)) is not None:
+        target = self.draw.choice([*earlier, "home"])
+        spots = [member[:2] for member in self.stands[name]]
+        others = [self.home] if target == "home" else [member[:2] for member in self.stands[target]]
+        if (relation := getattr(self, f"_{kind}")(group, spots, target, others)) is not None:
             group["placement"][kind] = relation
 
-    def _band(self, found: list[float]) -> dict[str, float]:
+    def _band(self, result: list[float]) -> dict[str, float]:
         slack = self.slack_m()
-        return {"min_m": max(0.0, min(found) - slack), "max_m": max(found) + slack + 1e-9}
+        return {"min_m": max(0.0, min(result) - slack), "max_m": max(result) + slack + 1e-9}
 
-    def _near(self, _: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
-        return {"of": whom} | self._band([min(math.dist(one, other) for other in others) for one in spots])
+    def _near(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+        return {"of": target} | self._band([min(math.dist(member, other) for other in others) for member in spots])
 
-    def _away(self, _: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
-        return {"of": whom} | self._band([math.dist(one, other) for one in spots for other in others])
+    def _away(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+        return {"of": target} | self._band([math.dist(member, other) for member in spots for other in others])
 
-    def _distances(self, _: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
+    def _distances(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
         mark = (self.draw.uniform(0, SIZE_M), self.draw.uniform(0, SIZE_M))
-        some = [self.draw.choice([min, max])(math.dist(one, other) for other in others) for one in spots]
+        group = [self.draw.choice([min, max])(math.dist(member, other) for other in others) for member in spots]
         return [
-            {"point": point(mark)} | self._band([math.dist(one, mark) for one in spots]),
-            {"of": whom, "whom": "some"} | self._band(some),
+            {"point": point(mark)} | self._band([math.dist(member, mark) for member in spots]),
+            {"of": target, "whom": "some"} | self._band(group),
         ]
 
-    def _mean_distance(self, _: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
-        mean = math.fsum(math.dist(one, others[0]) for one in spots) / len(spots)
-        return {"of": whom, "mean_m": mean, "tolerance": self.draw.choice([1e-3, 0.05])}
+    def _mean_distance(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+        mean = math.fsum(math.dist(member, others[0]) for member in spots) / len(spots)
+        return {"of": target, "mean_m": mean, "tolerance": self.draw.choice([1e-3, 0.05])}
 
-    def _bearing(self, _: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
-        if any(math.dist(one, others[0]) < 0.1 for one in spots):
+    def _bearing(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+        if any(math.dist(member, others[0]) < 0.1 for member in spots):
             return None
-        seen = sorted(bearing(others[0], one) for one in spots)
-        widest = max(range(len(seen)), key=lambda index: (seen[index] - seen[index - 1]) % 360.0 or 360.0)
+        reference = sorted(bearing(others[0], member) for member in spots)
+        widest = max(range(len(reference)), key=lambda index: (reference[index] - reference[index - 1]) % 360.0 or 360.0)
         slack = min(self.slack_m(), 5.0) + 1e-6
-        span = (seen[widest - 1] - seen[widest]) % 360.0
+        span = (reference[widest - 1] - reference[widest]) % 360.0
         if span + 2 * slack > 340.0:
             return None
-        return {"of": whom, "from_deg": (seen[widest] - slack) % 360.0, "to_deg": (seen[widest - 1] + slack) % 360.0}
+        return {"of": target, "from_deg": (reference[widest] - slack) % 360.0, "to_deg": (reference[widest - 1] + slack) % 360.0}
 
-    def _between(self, group: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
+    def _between(self, group: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
         start, end = others[0], self.home
         length = math.dist(start, end)
-        if whom == "home" or length < 0.1:
+        if target == "home" or length < 0.1:
             return None
         way = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
-        along = [(one[0] - start[0]) * way[0] + (one[1] - start[1]) * way[1] for one in spots]
-        aside = [abs((one[0] - start[0]) * way[1] - (one[1] - start[1]) * way[0]) for one in spots]
+        along = [(member[0] - start[0]) * way[0] + (member[1] - start[1]) * way[1] for member in spots]
+        aside = [abs((member[0] - start[0]) * way[1] - (member[1] - start[1]) * way[0]) for member in spots]
         if min(along) < 1e-3 or max(along) > length - 1e-3:
             return None
-        return {"first": whom, "second": "home", "within_m": max(aside) + self.slack_m() + 1e-6}
+        return {"first": target, "second": "home", "within_m": max(aside) + self.slack_m() + 1e-6}
 
-    def _facing(self, group: Any, spots: list[Spot], whom: str, others: list[Spot]) -> Any:
-        if any(math.dist(one, others[0]) < 0.1 for one in spots):
+    def _facing(self, group: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+        if any(math.dist(member, others[0]) < 0.1 for member in spots):
             return None
-        off = max(turn(one[2], bearing(one[:2], others[0])) for one in self.stands[group["id"]])
-        return {"of": whom, "within_deg": min(180.0, max(0.5, off + self.slack_m() + 1e-6))}
+        off = max(turn(member[2], bearing(member[:2], others[0])) for member in self.stands[group["id"]])
+        return {"of": target, "within_deg": min(180.0, max(0.5, off + self.slack_m() + 1e-6))}
 
     def _region(self, group: Any, *_: Any) -> Any:
         return corners(self.around(self.outlines[group["id"]]))
@@ -243,17 +252,20 @@ class Author:
 
     def _along(self, group: Any, *_: Any) -> Any:
         road = self.world["roads"][0]
-        covered, own = strip(road), self.outlines[group["id"]]
+        covered, members = strip(road), self.outlines[group["id"]]
         off = [
             max(
                 0.5,
-                *(min(slant(one[2], way) for way in nearest_stretches(road, one[:2])) + 1e-6 for one in self.stands[group["id"]]),
+                *(
+                    min(slant(member[2], way) for way in nearest_stretches(road, member[:2])) + 1e-6
+                    for member in self.stands[group["id"]]
+                ),
             )
         ]
         parallel = {"parallel_deg": min(90.0, off[0])}
-        if all(covered.covers(one) for one in own):
+        if all(covered.covers(member) for member in members):
             return {"road": "r", "where": "on"} | parallel
-        gaps = [covered.distance(one) for one in own]
+        gaps = [covered.distance(member) for member in members]
         return (
             {"road": "r", "where": "beside", "within_m": max(gaps) + self.slack_m() + 1e-6} | parallel
             if min(gaps) > 1e-3
@@ -261,7 +273,7 @@ class Author:
         )
 
     def _spread_m(self, _: Any, spots: list[Spot], *__: Any) -> Any:
-        apart = [math.dist(one, other) for one, other in itertools.combinations(spots, 2)]
+        apart = [math.dist(member, other) for member, other in itertools.combinations(spots, 2)]
         return max(min(apart) - self.slack_m(), 0.01) if apart else None
 
     def _at(self, group: Any, spots: list[Spot], *_: Any) -> Any:
@@ -299,75 +311,81 @@ class Judge:
 
     def __init__(self, simspec: SimSpec, realized: Realized) -> None:
         self.simspec = simspec
-        self.groups = {one.id: one for one in simspec.actors}
-        self.members = {name: [one for one in realized.actors if one.group == name] for name in self.groups}
+        self.groups = {member.id: member for member in simspec.actors}
+        self.members = {name: [member for member in realized.actors if member.group == name] for name in self.groups}
         self.outlines = {
-            one.id: outline(self.groups[one.group].asset, one.east_m, one.north_m, one.heading_deg) for one in realized.actors
+            member.id: outline(self.groups[member.group].asset, member.east_m, member.north_m, member.heading_deg)
+            for member in realized.actors
         }
         self.home = (simspec.vehicle.home.east_m, simspec.vehicle.home.north_m)
 
     def broken(self) -> set[str]:
         """The fields that somebody does not keep."""
-        found = set(self._gaps())
+        result = set(self._gaps())
         for name, group in self.groups.items():
             if group.placement.at is None:
-                found |= {field for one in self.members[name] for field in self._alone(name, one)} | set(self._together(name))
-            elif any(self._moved(group.placement.at, one) for one in self.members[name]):
-                found.add("at")
-        return found
+                result |= {field for member in self.members[name] for field in self._alone(name, member)} | set(
+                    self._together(name)
+                )
+            elif any(self._moved(group.placement.at, member) for member in self.members[name]):
+                result.add("at")
+        return result
 
-    def _moved(self, at: Any, one: PlacedActor) -> bool:
-        return math.dist((at.east_m, at.north_m), self.spot(one)) > HAIR or turn(at.heading_deg, one.heading_deg) > HAIR
+    def _moved(self, at: Any, member: PlacedActor) -> bool:
+        return math.dist((at.east_m, at.north_m), self.spot(member)) > HAIR or turn(at.heading_deg, member.heading_deg) > HAIR
 
-    def spot(self, one: PlacedActor) -> Spot:
-        return one.east_m, one.north_m
+    def spot(self, member: PlacedActor) -> Spot:
+        return member.east_m, member.north_m
 
     def spots(self, name: str) -> list[Spot]:
-        return [self.home] if name == "home" else [self.spot(one) for one in self.members[name]]
+        return [self.home] if name == "home" else [self.spot(member) for member in self.members[name]]
 
     def _gaps(self) -> Iterator[str]:
-        everybody = [one for some in self.members.values() for one in some]
-        for one, other in itertools.combinations(everybody, 2):
-            places = self.groups[one.group].placement, self.groups[other.group].placement
-            pairs = ((places[0], one, other), (places[1], other, one))
+        everybody = [member for group in self.members.values() for member in group]
+        for member, other in itertools.combinations(everybody, 2):
+            places = self.groups[member.group].placement, self.groups[other.group].placement
+            pairs = ((places[0], member, other), (places[1], other, member))
             if any(p.inside and p.inside.of == b.group and self.holds(self.outlines[b.id], a) for p, a, b in pairs):
                 continue
             wanted = 0.0 if all(p.at for p in places) else max(p.separation_m for p in places)
-            gap = self.outlines[one.id].distance(self.outlines[other.id])
-            if gap < wanted - HAIR or (gap == 0.0 and self.outlines[one.id].buffer(-HAIR).intersects(self.outlines[other.id])):
+            gap = self.outlines[member.id].distance(self.outlines[other.id])
+            if gap < wanted - HAIR or (gap == 0.0 and self.outlines[member.id].buffer(-HAIR).intersects(self.outlines[other.id])):
                 yield "separation_m"
 
-    def holds(self, room: Geometry, one: PlacedActor) -> bool:
-        return bool(room.buffer(HAIR).covers(self.outlines[one.id]))
+    def holds(self, room: Geometry, member: PlacedActor) -> bool:
+        return bool(room.buffer(HAIR).covers(self.outlines[member.id]))
 
-    def _alone(self, name: str, one: PlacedActor) -> Iterator[str]:
-        place, spot, own = self.groups[name].placement, self.spot(one), self.outlines[one.id]
-        if own.distance(shapely.Point(self.home)) < 3.0 - HAIR:
+    def _alone(self, name: str, member: PlacedActor) -> Iterator[str]:
+        place, spot, members = self.groups[name].placement, self.spot(member), self.outlines[member.id]
+        if members.distance(shapely.Point(self.home)) < 3.0 - HAIR:
             yield "home"
         if not self.holds(
-            shapely.Polygon([(c.east_m, c.north_m) for c in (place.region or self.simspec.world.area).corners]), one
+            shapely.Polygon([(c.east_m, c.north_m) for c in (place.region or self.simspec.world.area).corners]), member
         ):
             yield "region"
         if place.inside:
-            lots = [one for one in self.simspec.world.areas if one.id == place.inside.area]
+            lots = [member for member in self.simspec.world.areas if member.id == place.inside.area]
             rooms = [shapely.Polygon([(c.east_m, c.north_m) for c in lot.corners]) for lot in lots]
             rooms += [self.outlines[other.id] for other in self.members.get(place.inside.of or "", [])]
-            if not any(self.holds(room, one) for room in rooms):
+            if not any(self.holds(room, member) for room in rooms):
                 yield "inside"
         bands = [("near", place.near, "some"), ("away", place.away, "every")]
-        for field_name, band, whom in [*bands, *(("distances", each, each.whom) for each in place.distances)]:
+        for field_name, band, target in [*bands, *(("distances", each, each.whom) for each in place.distances)]:
             if band is not None:
-                seen = getattr(band, "point", None)
-                others = [(seen.east_m, seen.north_m)] if seen else self.spots(band.of)
+                reference = getattr(band, "point", None)
+                others = [(reference.east_m, reference.north_m)] if reference else self.spots(band.of)
                 most_m = math.inf if band.max_m is None else band.max_m
-                kept = [band.min_m - HAIR <= math.dist(spot, other) <= most_m + HAIR for other in others]
-                if not (any(kept) if whom == "some" else all(kept)):
+                holds = [band.min_m - HAIR <= math.dist(spot, other) <= most_m + HAIR for other in others]
+                if not (any(holds) if target == "some" else all(holds)):
                     yield field_name
         if place.bearing:
             past = (bearing(self.spots(place.bearing.of)[0], spot) - place.bearing.from_deg + HAIR) % 360.0
             if past > (place.bearing.to_deg - place.bearing.from_deg) % 360.0 + 2 * HAIR:
                 yield "bearing"
-        if place.facing and turn(one.heading_deg, bearing(spot, self.spots(place.facing.of)[0])) > place.facing.within_deg + HAIR:
+        if (
+            place.facing
+            and turn(member.heading_deg, bearing(spot, self.spots(place.facing.of)[0])) > place.facing.within_deg + HAIR
+        ):
             yield "facing"
         if place.between:
             ends = self.spots(place.between.first)[0], self.spots(place.between.second)[0]
@@ -377,10 +395,10 @@ class Judge:
                 yield "between"
         if place.along:
             road = self.simspec.world.roads[0].model_dump()
-            gap, covered = strip(road).distance(own), strip(road).buffer(HAIR).covers(own)
+            gap, covered = strip(road).distance(members), strip(road).buffer(HAIR).covers(members)
             if not (covered if place.along.where == "on" else 0.0 < gap <= place.along.within_m + HAIR):
                 yield "along"
-            if min(slant(one.heading_deg, way) for way in nearest_stretches(road, spot)) > place.along.parallel_deg + HAIR:
+            if min(slant(member.heading_deg, way) for way in nearest_stretches(road, spot)) > place.along.parallel_deg + HAIR:
                 yield "parallel_deg"
 
     def _together(self, name: str) -> Iterator[str]:
@@ -390,8 +408,8 @@ class Judge:
         if place.spread_m and any(math.dist(a, b) < place.spread_m - HAIR for a, b in itertools.combinations(spots, 2)):
             yield "spread_m"
         if mean := place.mean_distance:
-            found = math.fsum(math.dist(one, self.spots(mean.of)[0]) for one in spots) / len(spots)
-            if abs(found - mean.mean_m) > mean.tolerance * mean.mean_m + HAIR:
+            result = math.fsum(math.dist(member, self.spots(mean.of)[0]) for member in spots) / len(spots)
+            if abs(result - mean.mean_m) > mean.tolerance * mean.mean_m + HAIR:
                 yield "mean_distance"
 
 
@@ -428,7 +446,7 @@ def test_what_is_placed_keeps_the_documents_words() -> None:
         placed += 1
     assert placed > 20
     assert len(refused) <= 2
-    assert not any(one.proved for one in refused)
+    assert not any(member.proved for member in refused)
 
 
 def test_the_check_finds_what_the_documents_words_forbid() -> None:
@@ -453,18 +471,18 @@ def test_the_check_finds_what_the_documents_words_forbid() -> None:
     assert broken >= {*KINDS, "separation_m", "parallel_deg"}
 
 
-def told(seeds: list[int]) -> list[str]:
+def outcomes(seeds: list[int]) -> list[str]:
     """What becomes of some scenes, the last first."""
     scenes = {
-        seed: simspec for some in seeds for seed, simspec, _ in possible(range(some, some + 1), (*TIGHT, *LOOSE), relations=2)
+        seed: simspec for group in seeds for seed, simspec, _ in possible(range(group, group + 1), (*TIGHT, *LOOSE), relations=2)
     }
-    said = {}
+    message = {}
     for seed in reversed(scenes):
         try:
-            said[seed] = place(scenes[seed]).model_dump_json()
+            message[seed] = place(scenes[seed]).model_dump_json()
         except (PlacementInfeasible, SetupError) as refused:
-            said[seed] = str(refused)
-    return [said[seed] for seed in sorted(said)]
+            message[seed] = str(refused)
+    return [message[seed] for seed in sorted(message)]
 
 
 def test_places_depend_on_the_scene_alone() -> None:
@@ -475,7 +493,7 @@ def test_places_depend_on_the_scene_alone() -> None:
     environment = os.environ | {"PYTHONHASHSEED": "77", "PYTHONPATH": str(here.parent)}
     other = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
 
-    assert other.stdout == "\n".join(told(seeds)) + "\n"
+    assert other.stdout == "\n".join(outcomes(seeds)) + "\n"
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ HARD: dict[str, list[dict[str, Any]]] = {
 
 @pytest.mark.parametrize("name", HARD)
 def test_the_solver_finds_what_chance_does_not(name: str) -> None:
-    """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way that is asked for."""
+    """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way that is required for."""
     wanted = scene(*HARD[name], seed=1)
     placed = solve_placement(wanted, placement_order(wanted))
     assert placed is not None
@@ -146,7 +146,7 @@ def test_the_solver_finds_what_chance_does_not(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "actor", "changes", "said"),
+    ("name", "actor", "changes", "message"),
     [
         ("inside an area", "people-1", {"east_m": 9.9}, "people-1: is not inside area 'village'"),
         ("in a house", "people-2", {"east_m": 0.5, "north_m": 0.5}, "people-2: is not inside any member of 'houses'"),
@@ -155,30 +155,30 @@ def test_the_solver_finds_what_chance_does_not(name: str) -> None:
         ("between a house and a shed", "people-1", {"east_m": 1.0, "north_m": 1.0}, "is not between 'house' and 'shed'"),
         ("between two houses", "people-1", {"like": "houses-2", "by": 15.0}, "is not between 'houses' and 'houses'"),
         ("between home and a house", "people-1", {"east_m": 1.0, "north_m": 99.0}, "is not between 'home' and 'house'"),
-        ("facing south", "cars-1", {"heading_deg": 2.0}, "heads 2.00 degrees (180 asked for)"),
+        ("facing south", "cars-1", {"heading_deg": 2.0}, "heads 2.00 degrees (180 degrees"),
         ("around home", "people-1", {"east_m": 60.0, "north_m": 60.0}, "is not near 'home'"),
         ("around home", "people-1", {"east_m": 60.0, "north_m": 60.0}, "does not keep its distance from a point"),
         ("around home", "people-1", {"east_m": 60.0, "north_m": 60.0}, "does not keep its distance from every member of 'home'"),
-        ("around home", "people-1", {"east_m": 30.0, "north_m": 1.0}, "(0 to 30 asked for)"),
-        ("around home", "people-1", {"heading_deg": 20.0}, "degrees off whom it is to face"),
-        ("seen from home", "hiders-1", {"east_m": 4.0, "north_m": 4.0}, "hiders-1: can be seen"),
+        ("around home", "people-1", {"east_m": 30.0, "north_m": 1.0}, "the sector is 0 to 30 degrees"),
+        ("around home", "people-1", {"heading_deg": 20.0}, "degrees off what it faces"),
+        ("seen from home", "hiders-1", {"east_m": 4.0, "north_m": 4.0}, "hiders-1: is visible"),
         ("seen from home", "others-1", {"east_m": 99.0, "north_m": 99.0}, "does not keep away from 'home'"),
     ],
 )
-def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], said: str) -> None:
+def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], message: str) -> None:
     """One actor moved or turned, and the check names it."""
-    good = place(scene(*KEPT[name]))
-    assert good.realized is not None
-    members = {one.id: one for one in good.realized.actors}
+    sound = place(scene(*KEPT[name]))
+    assert sound.realized is not None
+    members = {one.id: one for one in sound.realized.actors}
     moved = dict(changes)
     if "like" in changes:
         like = members[changes["like"]]
         moved = {"east_m": like.east_m + changes.get("by", 1.0), "north_m": like.north_m}
-    actors = tuple(one.model_copy(update=moved) if one.id == actor else one for one in good.realized.actors)
-    broken = good.model_copy(update={"realized": good.realized.model_copy(update={"actors": actors})})
+    actors = tuple(one.model_copy(update=moved) if one.id == actor else one for one in sound.realized.actors)
+    broken = sound.model_copy(update={"realized": sound.realized.model_copy(update={"actors": actors})})
 
-    assert faults(good) == []
-    assert said in "\n".join(faults(broken))
+    assert faults(sound) == []
+    assert message in "\n".join(faults(broken))
 
 
 def test_between_ends_at_the_two() -> None:
@@ -190,12 +190,13 @@ def test_between_ends_at_the_two() -> None:
     wanted = scene(*ends, group("c", "child", 1, between={"first": "a", "second": "b", "within_m": 4}))
     realized = place(wanted).realized
     assert realized is not None
-    for east_m, north_m, kept in ((57.0, 43.9, True), (61.0, 43.0, False), (39.0, 43.0, False), (50.0, 44.1, False)):
+    for east_m, north_m, inside in ((57.0, 43.9, True), (61.0, 43.0, False), (39.0, 43.0, False), (50.0, 44.1, False)):
         actors = tuple(
-            one.model_copy(update={"east_m": east_m, "north_m": north_m}) if one.group == "c" else one for one in realized.actors
+            actor.model_copy(update={"east_m": east_m, "north_m": north_m}) if actor.group == "c" else actor
+            for actor in realized.actors
         )
         judged = wanted.model_copy(update={"realized": realized.model_copy(update={"actors": actors})})
-        assert ("is not between" not in "\n".join(faults(judged))) is kept
+        assert ("is not between" not in "\n".join(faults(judged))) is inside
 
 
 IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
@@ -284,16 +285,16 @@ def test_guests_need_no_ground_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("groups", "said"),
+    ("groups", "message"),
     [
         ([group("a", "house", 0), group("p", "civilian", inside={"of": "a"})], "relates to 'a', which has no members"),
         (
             [group("a", "house", 1), group("p", "civilian", between={"first": "a", "second": "a"})],
-            "which may have fewer than two",
+            "which may have fewer",
         ),
         (
             [group("a", "house", {"low": 1, "high": 4}), group("p", "civilian", between={"first": "a", "second": "a"})],
-            "which may have fewer than two",
+            "which may have fewer",
         ),
         (
             [group("a", "house", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})],
@@ -302,9 +303,9 @@ def test_guests_need_no_ground_of_their_own() -> None:
         ([group("a", "shed", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})], "in a circle"),
     ],
 )
-def test_nonsense_is_refused(groups: list[dict[str, Any]], said: str) -> None:
+def test_nonsense_is_refused(groups: list[dict[str, Any]], message: str) -> None:
     """What the author must mend is a fault with its field."""
-    with pytest.raises(SetupError, match=said):
+    with pytest.raises(SetupError, match=message):
         place(scene(*groups))
 
 

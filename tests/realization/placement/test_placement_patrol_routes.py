@@ -64,8 +64,8 @@ def walked(placed: SimSpec, group: str = "guards", steps: int = 400) -> list[set
     for step in range(steps):
         flown.advance(SimTime(step * 100_000_000))
         places = flown.positions()[mine, :2]
-        near = np.linalg.norm(places[:, None, :] - route[None], axis=-1) < 2.0
-        for who, point in zip(*np.nonzero(near), strict=True):
+        nearest = np.linalg.norm(places[:, None, :] - route[None], axis=-1) < 2.0
+        for who, point in zip(*np.nonzero(nearest), strict=True):
             met[who].add(int(point))
     return met
 
@@ -125,9 +125,9 @@ def test_a_gap_is_never_called_closed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("groups", "said"),
+    ("groups", "message"),
     [
-        ([fixed("house", "house", 80.0, 20.0), patrol()], "'house' is fixed .* leave the patrol route of 'guards' open"),
+        ([fixed("house", "house", 80.0, 20.0), patrol()], "'house' is fixed .* on the patrol route of 'guards'"),
         (
             [
                 fixed("house", "house", 45.0, 40.0),
@@ -137,9 +137,9 @@ def test_a_gap_is_never_called_closed() -> None:
         ),
     ],
 )
-def test_what_is_fixed_in_the_way_is_refused_at_once(groups: list[dict[str, Any]], said: str) -> None:
+def test_what_is_fixed_in_the_way_is_refused_at_once(groups: list[dict[str, Any]], message: str) -> None:
     """A house that its author put on the route, or before a walker who is fixed too."""
-    with pytest.raises(PlacementInfeasible, match=said) as refused:
+    with pytest.raises(PlacementInfeasible, match=message) as refused:
         place(scene(*groups))
 
     assert refused.value.proved
@@ -166,7 +166,7 @@ def test_points_beyond_the_border_are_walked_inside_it() -> None:
     beyond = [(20.0, 50.0), (130.0, 50.0)]
     placed = place(scene(patrol(2, route=beyond), free("trees", "tree", 6)))
     assert check_placement(placed) == []
-    with pytest.raises(PlacementInfeasible, match="leave the patrol route"):
+    with pytest.raises(PlacementInfeasible, match="on the patrol route"):
         place(scene(patrol(2, route=beyond), fixed("tree", "tree", 98.0, 52.0)))
 
 
@@ -187,7 +187,7 @@ def moved(simspec: SimSpec, actor: str, east_m: float, north_m: float) -> list[s
 def test_check_finds_closed_ways() -> None:
     """A house moved onto the route, and a walker moved behind the fence, are found."""
     yard = scene(free("house", "house", 1), patrol())
-    assert any("closes the patrol route of 'guards'" in fault for fault in moved(yard, "house-1", 80.0, 20.0))
+    assert any("blocks the patrol route of 'guards'" in fault for fault in moved(yard, "house-1", 80.0, 20.0))
     fenced = scene(*fence(), patrol(region=box(50, 1, 99, 99)))
     assert any("has no straight way to any point of its patrol route" in fault for fault in moved(fenced, "guards-1", 20.0, 40.0))
 
@@ -199,7 +199,7 @@ def test_corners_count_as_the_simulation_counts_them() -> None:
     off = 0.40 / np.sqrt(2.0)
     ends = [tuple(float(v) for v in corner + off + s * np.array([1.0, -1.0])) for s in (-20.0, 20.0)]
     house = fixed("house", "house", 41.5, 38.5)
-    with pytest.raises(PlacementInfeasible, match="leave the patrol route"):
+    with pytest.raises(PlacementInfeasible, match="on the patrol route"):
         place(scene(house, patrol(route=ends)))
 
 

@@ -116,24 +116,24 @@ def road(*points: tuple[float, float], width_m: float = 7.0) -> dict[str, Any]:
 
 
 def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:
-    found = prove_infeasible(simspec, placement_order(simspec))
-    return found.clash if found else None
+    refusal = prove_infeasible(simspec, placement_order(simspec))
+    return refusal.clash if refusal else None
 
 
 @pytest.mark.parametrize(
-    ("few", "most", "asked", "fields"),
+    ("few", "most", "required", "fields"),
     [
         (25, 28, {"asset": "civilian", "spread_m": 9.8}, ("placement.spread_m",)),
         (49, 76, {"asset": "civilian", "separation_m": 5.0}, ("count",)),
     ],
 )
-def test_what_exceeds_oler_is_refused(few: int, most: int, asked: dict[str, Any], fields: tuple[str, ...]) -> None:
+def test_what_exceeds_oler_is_refused(few: int, most: int, required: dict[str, Any], fields: tuple[str, ...]) -> None:
     """As many as stand in rows and columns are placed, and more than the bound are refused, though their circles have the area."""
-    kept = {name: value for name, value in asked.items() if name != "asset"}
-    placed = place(yard(group("people", asked["asset"], few, **kept)))
+    within = {name: value for name, value in required.items() if name != "asset"}
+    placed = place(yard(group("people", required["asset"], few, **within)))
     assert check_placement(placed) == []
 
-    clash = clash_of(yard(group("people", asked["asset"], most, **kept)))
+    clash = clash_of(yard(group("people", required["asset"], most, **within)))
     assert clash is not None
     assert set(clash) == {"world.area", *(f"actors[people].{name}" for name in fields)}
 
@@ -200,7 +200,7 @@ FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
 
 
 @pytest.mark.parametrize(
-    ("asked", "fields"),
+    ("required", "fields"),
     [
         ({"near": NEAR, "away": FAR}, {"near", "away"}),
         ({"distances": [{**NEAR, "whom": "some"}, {"of": "radar", "min_m": 10.0}]}, {"distances[0]", "distances[1]"}),
@@ -208,9 +208,9 @@ FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
         ({"near": {**FAR, "of": "home"}, "distances": [{**NEAR, "of": "home"}]}, None),
     ],
 )
-def test_distances_that_exclude_each_other(asked: dict[str, Any], fields: set[str] | None) -> None:
+def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set[str] | None) -> None:
     """No place is near somebody and far from everybody of the same group; both fields are named, and no others are."""
-    groups = [group("people", "civilian", 3, **asked), group("radar", "radar-vehicle", 2)]
+    groups = [group("people", "civilian", 3, **required), group("radar", "radar-vehicle", 2)]
     clash = clash_of(yard(*groups))
 
     assert clash is not None

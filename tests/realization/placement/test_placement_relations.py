@@ -101,33 +101,35 @@ def test_relations_are_kept(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "actor", "changes", "said"),
+    ("name", "actor", "changes", "message"),
     [
         ("on a road", "cars-1", {"east_m": 90.0, "north_m": 10.0}, "does not stand on road 'main'"),
         ("on a road", "cars-1", {"turn": 30.0}, "degrees off road 'main'"),
         ("beside a road", "people-1", {"east_m": 60.0, "north_m": 30.0}, "is 0.000 m from road 'main'"),
         ("beside a road", "people-1", {"east_m": 90.0, "north_m": 10.0}, "m from road 'main'"),
-        ("north of", "people-2", {"east_m": 99.0, "north_m": 1.0}, "(315 to 45 asked for)"),
-        ("facing", "guards-3", {"turn": 6.0 + 5.0}, "degrees off whom it is to face"),
-        ("sight", "hiders-2", {"east_m": 3.0, "north_m": 3.0}, "can be seen"),
+        ("north of", "people-2", {"east_m": 99.0, "north_m": 1.0}, "the sector is 315 to 45 degrees"),
+        ("facing", "guards-3", {"turn": 6.0 + 5.0}, "degrees off what it faces"),
+        ("sight", "hiders-2", {"east_m": 3.0, "north_m": 3.0}, "is visible from"),
         ("kinds", "soldiers-1", {"north_m": 5.0, "east_m": 5.0}, "some member of 'houses'"),
-        ("spread", "people-1", {"like": "people-2"}, "people-1 and people-2: are less spread"),
-        ("an open route", "houses-1", {"east_m": 20.0, "north_m": 20.0}, "closes the patrol route of 'patrol'"),
+        ("spread", "people-1", {"like": "people-2"}, "people-1 and people-2: stand closer than spread_m"),
+        ("an open route", "houses-1", {"east_m": 20.0, "north_m": 20.0}, "blocks the patrol route of 'patrol'"),
     ],
 )
-def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], said: str) -> None:
+def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], message: str) -> None:
     """One actor moved or turned, and the check names it."""
-    good = place(scene(*KEPT[name]))
-    assert good.realized is not None
-    members = {one.id: one for one in good.realized.actors}
+    sound = place(scene(*KEPT[name]))
+    assert sound.realized is not None
+    members = {one.id: one for one in sound.realized.actors}
     moved = {key: value for key, value in changes.items() if key in ("east_m", "north_m")}
     if "turn" in changes:
         moved["heading_deg"] = (members[actor].heading_deg + changes["turn"]) % 360.0
     if "like" in changes:
         moved = {"east_m": members[changes["like"]].east_m + 5.0, "north_m": members[changes["like"]].north_m}
-    actors = tuple(one.model_copy(update=moved) if one.id == actor else one for one in good.realized.actors)
+    actors = tuple(one.model_copy(update=moved) if one.id == actor else one for one in sound.realized.actors)
 
-    assert said in "\n".join(faults(good.model_copy(update={"realized": good.realized.model_copy(update={"actors": actors})})))
+    assert message in "\n".join(
+        faults(sound.model_copy(update={"realized": sound.realized.model_copy(update={"actors": actors})}))
+    )
 
 
 def test_a_low_wall_does_not_hide_from_above() -> None:
@@ -148,10 +150,10 @@ def test_drawn_counts() -> None:
     """A range comes out within itself, differs between seeds, is the same for the same seed, and rates as its low end."""
     people = group("people", "civilian", {"low": 3, "high": 9}, role="bystander")
     placed = [place(scene(people, seed=seed)) for seed in range(30)]
-    found = {len(one.realized.actors) for one in placed if one.realized}
+    drawn = {len(actor.realized.actors) for actor in placed if actor.realized}
 
-    assert found == set(range(3, 10))
-    assert [fault for one in placed for fault in faults(one)] == []
+    assert drawn == set(range(3, 10))
+    assert [fault for actor in placed for fault in faults(actor)] == []
     assert (
         factor_values(placed[0])["bystander_density_per_km2"]
         == factor_values(scene(group("people", "civilian", 3, role="bystander")))["bystander_density_per_km2"]
@@ -166,7 +168,7 @@ def test_a_range_leaves_the_places_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("groups", "said"),
+    ("groups", "message"),
     [
         ([group("a", "crate", {"low": 4, "high": 2})], "high 2 must exceed low 4"),
         ([group("a", "crate", distances=[{"of": "b", "min_m": 3}])], "neither among"),
@@ -184,9 +186,9 @@ def test_a_range_leaves_the_places_alone() -> None:
         ),
     ],
 )
-def test_nonsense_is_refused(groups: list[dict[str, Any]], said: str) -> None:
+def test_nonsense_is_refused(groups: list[dict[str, Any]], message: str) -> None:
     """What the author must mend is a fault with its field."""
-    with pytest.raises(SetupError, match=said):
+    with pytest.raises(SetupError, match=message):
         place(scene(*groups))
 
 
@@ -259,18 +261,18 @@ def test_the_smallest_clash_is_named(name: str) -> None:
     assert all(field in str(refused) for field in fields)
 
 
-@pytest.mark.parametrize("gone", ["a", "b"])
-def test_a_clash_needs_each_of_its_groups(gone: str) -> None:
+@pytest.mark.parametrize("dropped", ["a", "b"])
+def test_a_clash_needs_each_of_its_groups(dropped: str) -> None:
     """With either of two groups that share their ground left out, nothing is proved any more; the trees never mattered."""
     groups, fields = IMPOSSIBLE["too many for a shared region"]
-    rest = scene(*(one for one in groups if one["id"] != gone))
+    rest = scene(*(actor for actor in groups if actor["id"] != dropped))
 
     assert prove_infeasible(rest, placement_order(rest)) is None
     assert not any("[c]" in field for field in fields)
 
 
 @pytest.mark.parametrize(
-    ("groups", "said"),
+    ("groups", "message"),
     [
         (
             [group("a", "civilian", 2, region=corners(0, 0, 100, 0.02))],
@@ -280,11 +282,11 @@ def test_a_clash_needs_each_of_its_groups(gone: str) -> None:
         ([group("a", "civilian", 3, separation_m=500.0)], r"of 'a' need at least"),
     ],
 )
-def test_bad_regions_are_refused_at_once(groups: list[dict[str, Any]], said: str) -> None:
+def test_bad_regions_are_refused_at_once(groups: list[dict[str, Any]], message: str) -> None:
     """A sliver of a region, a crowd in a yard and a gap wider than the ground get a clear answer in no time."""
     began = time.process_time()
 
-    with pytest.raises(PlacementInfeasible, match=said):
+    with pytest.raises(PlacementInfeasible, match=message):
         place(scene(*groups))
     assert time.process_time() - began < 1.0
 
@@ -297,11 +299,11 @@ def test_a_refusal_travels_between_processes() -> None:
     assert (str(again), again.proved, again.clash) == (str(refused), True, refused.clash)
 
 
-def relation_to(actors: dict[str, Any], one: Any, name: str, draw: Any) -> dict[str, Any]:
+def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dict[str, Any]:
     """A relation of one member's group that the places found do keep."""
     other = actors[draw(st.sampled_from(sorted(set(actors) - {name})))]
-    distance = math.hypot(one.east_m - other.east_m, one.north_m - other.north_m)
-    bearing = math.degrees(math.atan2(one.east_m - other.east_m, one.north_m - other.north_m)) % 360.0
+    distance = math.hypot(actor.east_m - other.east_m, actor.north_m - other.north_m)
+    bearing = math.degrees(math.atan2(actor.east_m - other.east_m, actor.north_m - other.north_m)) % 360.0
     slack = draw(st.sampled_from([0.01, 1.0, 20.0]))
     return draw(
         st.sampled_from(
@@ -313,7 +315,8 @@ def relation_to(actors: dict[str, Any], one: Any, name: str, draw: Any) -> dict[
                 {"bearing": {"of": other.group, "from_deg": (bearing - slack) % 360.0, "to_deg": (bearing + slack) % 360.0}},
                 {
                     "region": corners(
-                        *(one.east_m - 9 - slack, one.north_m - 9 - slack), *(one.east_m + 9 + slack, one.north_m + 9 + slack)
+                        *(actor.east_m - 9 - slack, actor.north_m - 9 - slack),
+                        *(actor.east_m + 9 + slack, actor.north_m + 9 + slack),
                     )
                 },
             ]
@@ -330,18 +333,18 @@ def test_what_is_possible_is_never_proved_impossible(data: st.DataObject) -> Non
     free = [group(name, asset, separation_m=0.2) for name, asset in zip(names, assets, strict=True)]
     placed = place(scene(*free, seed=data.draw(st.integers(0, 10**6)))).realized
     assert placed is not None
-    actors = {one.group: one for one in placed.actors}
+    actors = {actor.group: actor for actor in placed.actors}
     bound = []
-    for index, one in enumerate(free):
-        relations = [relation_to(actors, actors[one["id"]], one["id"], data.draw) for _ in range(2)] if index else []
-        kept = {
+    for index, actor in enumerate(free):
+        relations = [relation_to(actors, actors[actor["id"]], actor["id"], data.draw) for _ in range(2)] if index else []
+        satisfied = {
             key: value
             for relation in relations
             for key, value in relation.items()
-            if not (isinstance(value, dict) and value.get("of", "a") >= one["id"])
-            and not (key == "distances" and value[0]["of"] >= one["id"])
+            if not (isinstance(value, dict) and value.get("of", "a") >= actor["id"])
+            and not (key == "distances" and value[0]["of"] >= actor["id"])
         }
-        bound.append({**one, "placement": one["placement"] | kept})
+        bound.append({**actor, "placement": actor["placement"] | satisfied})
     intent = scene(*bound)
     assert faults(intent.model_copy(update={"realized": placed})) == []
 

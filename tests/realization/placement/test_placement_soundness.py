@@ -44,7 +44,7 @@ def refusal(simspec: SimSpec) -> PlacementInfeasible | None:
     return prove_infeasible(simspec, order)
 
 
-def kept(simspec: SimSpec, *places: tuple[str, float, float, float]) -> bool:
+def is_kept(simspec: SimSpec, *places: tuple[str, float, float, float]) -> bool:
     """Whether the judge accepts these places: group, east, north, heading."""
     actors = tuple(
         PlacedActor(id=f"{name}-{number}", group=name, east_m=east, north_m=north, heading_deg=heading)
@@ -62,7 +62,7 @@ def test_ground_of_the_size_of_a_footprint_holds_it(turn_deg: float, separation_
     placement = {"region": ring(lot)} if where == "region" else {"inside": {"area": "lot"}}
     simspec = yard(group("h", "house", separation_m=separation_m, **placement), areas=[{"id": "lot", **ring(lot)}])
 
-    assert kept(simspec, ("h", 50.0, 50.0, (90.0 + turn_deg) % 360.0))
+    assert is_kept(simspec, ("h", 50.0, 50.0, (90.0 + turn_deg) % 360.0))
     assert refusal(simspec) is None
 
 
@@ -125,8 +125,8 @@ def test_who_is_fixed_must_head_as_fixed() -> None:
     """The judge takes a fixed actor's heading as seriously as its place."""
     simspec = yard(group("h", "house", at={"east_m": 50.0, "north_m": 50.0, "heading_deg": 30.0}))
 
-    assert kept(simspec, ("h", 50.0, 50.0, 30.0))
-    assert not kept(simspec, ("h", 50.0, 50.0, 40.0))
+    assert is_kept(simspec, ("h", 50.0, 50.0, 30.0))
+    assert not is_kept(simspec, ("h", 50.0, 50.0, 40.0))
 
 
 def test_a_lone_member_is_drawn_where_its_mean_distance_is() -> None:

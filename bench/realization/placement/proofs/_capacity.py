@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import hypot, pi
 
 from bench.errors import PlacementInfeasible
@@ -14,18 +15,21 @@ from .._infeasible import fewest_groups
 from ..relations._relation import field_path
 
 AREA_TOLERANCE_M2 = 1e-3
-"""By how much areas must differ to differ at all: what fits exactly is not refused for the rounding of sums."""
+"""Areas that differ by less are equal, so that the rounding of sums refuses nothing that fits exactly."""
 
 
 def check_areas(simspec: SimSpec) -> None:
-    """Refuse at once what no arrangement could hold: footprints grown by half their gap do not overlap, so their areas add up."""
+    """Refuse at once what cannot fit: footprints grown by half their gap do not overlap, so their areas add up.
+
+    Raises PlacementInfeasible.
+    """
     needs: dict[Polygon, list[ActorGroup]] = {}
     for group in simspec.actors:
         if group.placement.at is None and member_count(simspec, group) and not hosts_of(simspec, group):
             needs.setdefault(region_of(simspec, group), []).append(group)
     for region, groups in needs.items():
         if _overfull(simspec, region, groups):
-            _refuse_overfull(simspec, region, fewest_groups(groups, lambda some, region=region: _overfull(simspec, region, some)))  # type: ignore[misc]
+            _refuse_overfull(simspec, region, fewest_groups(groups, partial(_overfull, simspec, region)))
     for group in simspec.actors:
         if group.placement.near:
             _check_area_near(simspec, group, group.placement.near)
@@ -33,7 +37,7 @@ def check_areas(simspec: SimSpec) -> None:
 
 
 def _area_needs(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> tuple[float, float, float]:
-    """The least gap that one of the groups wants, the area that all of them need with it, and what the region has."""
+    """The least gap of the groups, the area that all members need with it, and the area that the region offers."""
     gap = min(group.placement.separation_m for group in groups)
     need = sum(member_count(simspec, group) * grown_area_m2(group, gap) for group in groups)
     return gap, need, grown_at_least(polygon_ground(region), gap / 2.0).area
@@ -55,36 +59,37 @@ def _refuse_overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGr
     )
 
 
-def _check_area_near(simspec: SimSpec, group: ActorGroup, near: Near) -> None:
-    """The same for whoever must stay near somebody: no footprint reaches further out than its centre's band, half of itself and
-    half of its gap."""
+def _check_area_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> None:
+    """The same for members near others: a grown footprint reaches no further than its band, its own radius and half its gap."""
     asset, gap = ASSETS[group.asset], group.placement.separation_m
     reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
-    hole_m = max(0.0, near.min_m - reach_m)
-    others = 1 if is_home(simspec, near.of) else member_count(simspec, simspec.group(near.of))
-    room = others * pi * ((near.max_m + reach_m) ** 2 - hole_m**2)
+    hole_m = max(0.0, relation.min_m - reach_m)
+    others = 1 if is_home(simspec, relation.of) else member_count(simspec, simspec.group(relation.of))
+    room = others * pi * ((relation.max_m + reach_m) ** 2 - hole_m**2)
     need = member_count(simspec, group) * grown_area_m2(group, gap)
     if need > room + AREA_TOLERANCE_M2:
         raise PlacementInfeasible(
             f"{member_count(simspec, group)} of {group.id!r} need at least {need:.0f} m2 with {gap:g} m between them, but within "
-            f"{near.min_m:g} to {near.max_m:g} m of {near.of!r} there are {room:.0f} m2: lower the count or separation_m, or raise max_m",
+            f"{relation.min_m:g} to {relation.max_m:g} m of {relation.of!r} there are {room:.0f} m2: lower the count or separation_m, or raise max_m",
             clash=(f"actors[{group.id}].{count_field(group)}", field_path(group, "near")),
         )
 
 
 def _check_area_inside(simspec: SimSpec, host: ActorGroup) -> None:
-    """The same for whoever must stand inside members of a group: footprints grown by half their gap lie inside members grown so."""
-    guests = [one for one in simspec.actors if one.placement.inside and one.placement.inside.of == host.id]
-    guests = [one for one in guests if member_count(simspec, one)]
-    gap = min((one.placement.separation_m for one in guests), default=0.0)
-    need = sum(member_count(simspec, one) * grown_area_m2(one, gap) for one in guests)
+    """The same for guests inside hosts: guests grown by half their gap lie inside hosts grown as much."""
+    guests = [guest for guest in simspec.actors if guest.placement.inside and guest.placement.inside.of == host.id]
+    guests = [guest for guest in guests if member_count(simspec, guest)]
+    gap = min((guest.placement.separation_m for guest in guests), default=0.0)
+    need = sum(member_count(simspec, guest) * grown_area_m2(guest, gap) for guest in guests)
     room = member_count(simspec, host) * grown_area_m2(host, gap)
     if need > room + AREA_TOLERANCE_M2:
-        names = ", ".join(f"{member_count(simspec, one)} of {one.id!r}" for one in guests)
+        names = ", ".join(f"{member_count(simspec, guest)} of {guest.id!r}" for guest in guests)
         raise PlacementInfeasible(
             f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but inside the {member_count(simspec, host)} of "
             f"{host.id!r} there are {room:.0f} m2: lower the counts or separation_m, or raise the number of {host.id!r}",
-            clash=tuple(path for one in guests for path in (f"actors[{one.id}].{count_field(one)}", field_path(one, "inside"))),
+            clash=tuple(
+                path for guest in guests for path in (f"actors[{guest.id}].{count_field(guest)}", field_path(guest, "inside"))
+            ),
         )
 
 

@@ -1,4 +1,4 @@
-"""The constraints of a scene, each as its author wrote it."""
+"""The constraints of a scene, each with the field that states it, for proofs and for the messages about them."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ._capacity import count_field, grown_area_m2
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """One constraint as its author wrote it: what it asks of which group, and where it stands.
+    """One constraint of a group, with the path of its field and its words for messages.
 
-    Of the last seven, one is there: ground that centres must lie in, a tie, a mean distance, the area that the members' sizes
-    and gaps need, how far they are spread, a heading, or the points of a route of which one must be walked to.
+    One of the last eight is given: ground for centres, a relation to other groups, a between relation, a mean distance, the
+    area that members need with their gaps, their spread, a heading, or the points of a route of which one must be reached.
     """
 
     path: str
@@ -46,7 +46,7 @@ class Constraint:
 
 
 def scene_constraints(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[Constraint]:
-    """Every constraint of the scene, those first that an explanation had best do without."""
+    """Every constraint of the scene, in the order in which an explanation tries to leave them out."""
     peopled = [group for group in order if member_count(simspec, group)]
     fixed = [group for group in peopled if group.placement.at]
     free = [group for group in peopled if not group.placement.at]
@@ -54,7 +54,7 @@ def scene_constraints(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[Con
     home = simspec.vehicle.home
     terms += [
         Constraint(
-            "vehicle.home", f"nobody within {HOME_CLEARANCE_M:g} m of the vehicle's home", HOME_FIELD, ground=shapely_point(home)
+            "vehicle.home", f"actors keep {HOME_CLEARANCE_M:g} m from the vehicle's home", HOME_FIELD, ground=shapely_point(home)
         )
     ]
     for group in free:
@@ -83,7 +83,7 @@ def _fixed_constraint(group: ActorGroup) -> Constraint:
 def _group_constraints(simspec: SimSpec, group: ActorGroup) -> list[Constraint]:
     count, asset, gap = member_count(simspec, group), ASSETS[group.asset], group.placement.separation_m
     size = f"of {asset.length_m:g} by {asset.width_m:g} m, with {gap:g} m between them"
-    found = [
+    constraints = [
         Constraint(
             f"actors[{group.id}].{count_field(group)}",
             f"{group.id!r} has {count} members {size}",
@@ -93,35 +93,35 @@ def _group_constraints(simspec: SimSpec, group: ActorGroup) -> list[Constraint]:
     ]
     if spread_m := group.placement.spread_m:
         text = f"the {count} members of {group.id!r} are to stand {spread_m:g} m from each other"
-        found.append(Constraint(field_path(group, "spread_m"), text, group.id, spread_m=spread_m))
+        constraints.append(Constraint(field_path(group, "spread_m"), text, group.id, spread_m=spread_m))
     for relation in ground_relations(simspec, group):
         if (room := relation.ground()) is not None:
-            found.append(Constraint(relation.path, f"{group.id!r} is to {relation.text}", group.id, ground=room))
+            constraints.append(Constraint(relation.path, f"{group.id!r} is to {relation.text}", group.id, ground=room))
     bands = distance_bands(simspec, group)
     for tie in group_relations(simspec, group):
         text = f"{group.id!r} is to {tie.text}"
         if tie.points is None:
-            found.append(Constraint(tie.path, text, group.id, tie=tie, band=bands.get(tie.path)))
+            constraints.append(Constraint(tie.path, text, group.id, tie=tie, band=bands.get(tie.path)))
         elif (room := tie.bound(tie.points).ground()) is not None:
-            found.append(Constraint(tie.path, text, group.id, ground=room))
-    for way in between_relations(simspec, group):
-        found.append(Constraint(way.path, f"{group.id!r} is to {way.text}", group.id, midway=way))
+            constraints.append(Constraint(tie.path, text, group.id, ground=room))
+    for between in between_relations(simspec, group):
+        constraints.append(Constraint(between.path, f"{group.id!r} is to {between.text}", group.id, midway=between))
     if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
-        text = f"{group.id!r} is to stand out of sight, and no other group is of anything solid"
-        found.append(Constraint(field_path(group, "hidden_from"), text, group.id, ground=shapely.Polygon()))
+        text = f"{group.id!r} is to stand out of sight, and no other group has a solid asset"
+        constraints.append(Constraint(field_path(group, "hidden_from"), text, group.id, ground=shapely.Polygon()))
     for heading in (road_heading(simspec, group), facing_heading(group)):
         if heading:
-            found.append(Constraint(heading.path, f"{group.id!r} is to {heading.text}", group.id, heading=heading))
+            constraints.append(Constraint(heading.path, f"{group.id!r} is to {heading.text}", group.id, heading=heading))
     if patrols(simspec, group):
         route_m = np.concatenate(list(route_points(simspec, group).values()))
         text = f"{group.id!r} is to walk straight from its place to some point of its patrol route"
-        found.append(Constraint(f"actors[{group.id}].motion.route", text, group.id, route_m=route_m))
+        constraints.append(Constraint(f"actors[{group.id}].motion.route", text, group.id, route_m=route_m))
     if mean := group.placement.mean_distance:
         text = f"the mean distance of {group.id!r} to {mean.of!r} is to be {mean.mean_m:g} m"
         path = field_path(group, "mean_distance")
-        found.append(Constraint(path, text, group.id, mean=mean, band=bands[path]))
-    return found
+        constraints.append(Constraint(path, text, group.id, mean=mean, band=bands[path]))
+    return constraints
 
 
 def _anything_solid(simspec: SimSpec, group: ActorGroup) -> bool:
-    return any(ASSETS[one.asset].solid and member_count(simspec, one) for one in simspec.actors if one.id != group.id)
+    return any(ASSETS[other.asset].solid and member_count(simspec, other) for other in simspec.actors if other.id != group.id)

@@ -1,4 +1,4 @@
-"""How many can stand on some ground at most: bounds that no arrangement exceeds."""
+"""Upper bounds on how many members fit on given ground."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _TOLERANCE = 1e-6
 
 
 _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
-"""Of a footprint's length: how long the rectangle inside it is taken whose sides keep one direction."""
+"""Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a valid bound."""
 
 
 def max_spaced_points(ground: Geometry, apart_m: float) -> float:
-    """At least as many as there are points on the ground that are `apart_m` or more from each other.
+    """An upper bound on the number of points on the ground that are `apart_m` or more from each other.
 
     In a compact convex set of area A and perimeter P there are at most 2 A / (sqrt(3) d^2) + P / (2 d) + 1 points of mutual
     distance d or more; here over the hull of the ground, and over the hulls of its parts.
@@ -43,8 +43,8 @@ def _oler_bound(hull: Geometry, apart_m: float) -> float:
 def max_aligned_rectangles(
     ground: Geometry, size_m: tuple[float, float], gap_m: float, course_deg: float, within_deg: float
 ) -> float:
-    """At least as many as there are rectangles of a length and width, a gap apart, whose centres lie on the ground and whose
-    lengths keep one course, either way, within so many degrees (less than 45).
+    """An upper bound on rectangles of one size, a gap apart, with centres on the ground and lengths along one course, either way,
+    within so many degrees (less than 45).
 
     Each holds a rectangle whose sides keep the course and the square to it. Those are a gap apart as well: by gap / sqrt(2)
     at least along or across the course, and by the whole gap along it where the ground is too narrow for two side by side.
@@ -91,12 +91,12 @@ MAX_PIECES = 200
 def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
     """Whether the pieces into which the zones cut each other can be shared out so that each group has the area that it needs.
 
-    In square decimetres, needs rounded down and pieces up; True where it is not decided.
+    In square decimetres, needs rounded down and pieces up; True when undecided.
     """
     pieces = _overlay_pieces(list(zones.values()))
     if pieces is None:
         return True
-    from ortools.sat.python import cp_model  # here, because it takes half a second
+    from ortools.sat.python import cp_model  # imported here: ortools takes half a second
 
     model = cp_model.CpModel()
     names = list(zones)

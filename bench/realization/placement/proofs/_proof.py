@@ -1,18 +1,18 @@
-"""Why a scene cannot be: proofs of impossibility, and the smallest set of the user's own constraints that they need.
+"""Proofs that a scene has no arrangement, each with a smallest set of the author's constraints that it needs.
 
-A proof works on a relaxation that every true arrangement also keeps, so what it refuses is impossible indeed:
+A proof works on a relaxation that every arrangement also satisfies, so a refused scene is certainly infeasible:
 
 - *ground*: for each group the part of the ground in which centres can lie, narrowed relation by relation until nothing changes.
   Where nothing is left, no arrangement exists.
-- *cases*: the same for each part of the ground on which a single member may stand whom several relations are about.
+- *cases*: the same for each part of the ground on which the single member of a group stands that several relations refer to.
 - *mean distances* that the ground and the members' own sizes leave in reach.
-- *headings* along a road that never come near those towards whom a group faces.
+- *headings* along a road that never come near the bearings of what the group faces.
 - *numbers*: no more points of a mutual distance lie on the ground that is left than Oler's inequality allows, and no more
   rectangles that keep one course than a lattice of their sides has points.
 - *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces of ground in which
   their groups may stand; CP-SAT decides that.
 
-What is not refused may still be impossible.
+A scene that is not refused may still be infeasible.
 """
 
 from __future__ import annotations
@@ -51,32 +51,32 @@ MIN_CASE_SIDE_M = 2.0
 
 
 def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
-    """The refusal of a scene that can be proved impossible, with a smallest clashing set; None where nothing is proved."""
+    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is proved."""
     terms = scene_constraints(simspec, order)
     proof: Callable[[_Relaxation], bool]
     for proof in (_Relaxation.ground_fails, _Relaxation.areas_fail, _Relaxation.cases_fail):
         if proof(_Relaxation(simspec, order, terms)):
-            core = _smallest_conflict(terms, lambda some, proof=proof: proof(_Relaxation(simspec, order, some)))  # type: ignore[misc]
+            core = _smallest_conflict(terms, lambda subset, proof=proof: proof(_Relaxation(simspec, order, subset)))  # type: ignore[misc]
             scene = _Relaxation(simspec, order, core)
             proof(scene)
-            said = "; ".join(f"{term.text} ({term.path})" for term in core)
-            noted = f" ({'; '.join(scene.notes)})" if scene.notes else ""
+            constraint_text = "; ".join(f"{term.text} ({term.path})" for term in core)
+            note_text = f" ({'; '.join(scene.notes)})" if scene.notes else ""
             return PlacementInfeasible(
-                f"impossible, and proved so: not all of this can hold: {said}{noted}. Loosen one of these",
+                f"impossible, and proved so: not all of this can hold: {constraint_text}{note_text}. Loosen one of these",
                 clash=tuple(dict.fromkeys(term.path for term in core)),
             )
     return None
 
 
 def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, Geometry]:
-    """For each group that has members, ground that holds every centre that any arrangement could have."""
+    """For each group with members, ground that contains its centres in every arrangement."""
     scene = _Relaxation(simspec, order, scene_constraints(simspec, order))
     scene.ground_fails()
     return scene.ground
 
 
 def _smallest_conflict(terms: Sequence[Constraint], fails: Callable[[list[Constraint]], bool]) -> list[Constraint]:
-    """Terms that fail together and of which none can be left out: deleted in ever smaller runs while the rest still fails."""
+    """A smallest set of constraints that fail together, by deleting ever smaller runs while the rest still fails."""
     core = list(terms)
     run = max(1, len(core) // 2)
     while True:
@@ -94,7 +94,7 @@ def _smallest_conflict(terms: Sequence[Constraint], fails: Callable[[list[Constr
 
 @dataclass(slots=True)
 class _Relaxation:
-    """Some of a scene's constraints, and what follows from them."""
+    """Some constraints of a scene, and the ground that they leave to each group."""
 
     simspec: SimSpec
     order: Sequence[ActorGroup]
@@ -104,118 +104,117 @@ class _Relaxation:
     notes: list[str] = dataclass_field(default_factory=list)
 
     def ground_fails(self) -> bool:
-        """Whether some group has no ground left, is to keep two distances at once, or a mean distance that is out of reach."""
+        """Whether a group has no ground left, two distances that exclude each other, or a mean distance out of reach."""
         peopled = [group for group in self.order if member_count(self.simspec, group)]
         self.ground = {group.id: self._own_ground(group) for group in peopled}
         bound = [term for term in self.terms if term.tie]
         for _ in range(NARROWING_ROUNDS):
-            before = [shapely.area(one) for one in self.ground.values()]
+            before = [shapely.area(ground) for ground in self.ground.values()]
             for term in bound:
                 self._narrow(term.group, term.tie)
             for term in self.terms:
-                if term.midway and not any(one.is_empty for one in self.ground.values()):
+                if term.midway and not any(ground.is_empty for ground in self.ground.values()):
                     self._cut(term.group, term.midway.ground(*(self._ground_of(name) for name in term.midway.ends)))
-            if any(one.is_empty for one in self.ground.values()):
+            if any(ground.is_empty for ground in self.ground.values()):
                 return True
             means = [(term.group, term.mean) for term in self.terms if term.mean]
-            if any(self._mean_fails(own, mean) for own, mean in means):
+            if any(self._mean_fails(group_id, mean) for group_id, mean in means):
                 return True
-            for own, mean in means:
-                self._narrow_by_mean(own, mean)
-            if any(one.is_empty for one in self.ground.values()):
+            for group_id, mean in means:
+                self._narrow_by_mean(group_id, mean)
+            if any(ground.is_empty for ground in self.ground.values()):
                 return True
-            if np.allclose(before, [shapely.area(one) for one in self.ground.values()], rtol=1e-4):
+            if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
         banded = [term for term in self.terms if term.band]
         if any(self._bands_fail(term, other) for number, term in enumerate(banded) for other in banded[:number]):
             return True
         return any(self._headings_fail(term.group, term.heading) for term in self.terms if term.heading and term.heading.lines)
 
-    def _headings_fail(self, own: str, parallel: RequiredHeading) -> bool:
-        """Whether nobody of a group can head along its road and face what it is to face."""
-        group = self.simspec.group(own)
-        facing = next((t.heading for t in self.terms if t.group == own and t.heading and not t.heading.lines), None)
-        if facing is None or own not in self.ground:
+    def _headings_fail(self, group_id: str, parallel: RequiredHeading) -> bool:
+        """Whether no heading of a group follows its road and faces its target."""
+        group = self.simspec.group(group_id)
+        facing = next((t.heading for t in self.terms if t.group == group_id and t.heading and not t.heading.lines), None)
+        if facing is None or group_id not in self.ground:
             return False
         theirs = facing.point if facing.of is None else self._ground_of(facing.of)
         along = group.placement.along
         assert along is not None
-        road = next(one for one in self.simspec.world.roads if one.id == along.road)
-        # A mitred corner of the road reaches twice as far out as its side.
+        road = next(candidate for candidate in self.simspec.world.roads if candidate.id == along.road)
+        # The mitre limit of road corners is 2, so a corner reaches twice as far out as a side.
         reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
-        kept = any(term.path == field_path(group, "along") for term in self.terms)
-        return headings_conflict(parallel, facing, self.ground[own], theirs, reach_m if kept else None)
+        along_required = any(term.path == field_path(group, "along") for term in self.terms)
+        return headings_conflict(parallel, facing, self.ground[group_id], theirs, reach_m if along_required else None)
 
-    def _bands_fail(self, one: Constraint, other: Constraint) -> bool:
-        """Whether two of a group's distances to the same others, of whom there are some, exclude each other."""
-        if one.group != other.group or one.band is None or other.band is None:
+    def _bands_fail(self, first: Constraint, second: Constraint) -> bool:
+        """Whether two distances of a group to the same members exclude each other."""
+        if first.group != second.group or first.band is None or second.band is None:
             return False
-        peopled = is_home(self.simspec, one.band.of) or bool(member_count(self.simspec, self.simspec.group(one.band.of)))
-        return peopled and one.band.excludes(other.band)
+        peopled = is_home(self.simspec, first.band.of) or bool(member_count(self.simspec, self.simspec.group(first.band.of)))
+        return peopled and first.band.excludes(second.band)
 
     def _own_ground(self, group: ActorGroup) -> Geometry:
         """Where the group's relations to the ground and to what is fixed leave centres."""
-        rooms = [term.ground for term in self.terms if term.group == group.id and term.ground is not None]
-        rooms += [self.case[group.id]] if group.id in self.case else []
-        left = thickened(shapely.intersection_all(rooms)) if rooms else EVERYWHERE
-        if group.placement.at or left.is_empty:
-            return left
+        grounds = [term.ground for term in self.terms if term.group == group.id and term.ground is not None]
+        grounds += [self.case[group.id]] if group.id in self.case else []
+        remaining = thickened(shapely.intersection_all(grounds)) if grounds else EVERYWHERE
+        if group.placement.at or remaining.is_empty:
+            return remaining
         inner = inner_radius_m(group)
         for term in self.terms:
             if term.group == HOME_FIELD:
-                left = left.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M + inner - 1e-6))
+                remaining = remaining.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M + inner - 1e-6))
             elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
                 other = self.simspec.group(term.group)
                 gap = max(group.placement.separation_m, other.placement.separation_m)
-                left = left.difference(shapely.buffer(_fixed_outline(other), gap + inner - 1e-6))
+                remaining = remaining.difference(shapely.buffer(_fixed_outline(other), gap + inner - 1e-6))
         routes = [term.route_m for term in self.terms if term.group == group.id and term.route_m is not None]
-        return left.intersection(visible_ground(routes[0], self._walls())) if routes else left
+        return remaining.intersection(visible_ground(routes[0], self._walls())) if routes else remaining
 
     def _walls(self) -> list[Geometry]:
-        """What is fixed and closes ways, as the least that it closes."""
+        """Outlines of fixed obstacles, a hair smaller than they are, so that rounding proves nothing."""
         fixed = [self.simspec.group(term.group) for term in self.terms if term.path.endswith(".at")]
-        return [shapely.buffer(_fixed_outline(one), -1e-6, join_style="mitre") for one in fixed if is_obstacle(one)]
+        return [shapely.buffer(_fixed_outline(group), -1e-6, join_style="mitre") for group in fixed if is_obstacle(group)]
 
-    def _narrow(self, own: str, tie: GroupRelation | None) -> None:
-        """Keep of the ground on both sides what a tie between them can be kept on."""
+    def _narrow(self, group_id: str, tie: GroupRelation | None) -> None:
+        """Narrow the ground on both sides to where a relation between them can hold."""
         assert tie is not None
-        if any(one.is_empty for one in self.ground.values()):
+        if any(ground.is_empty for ground in self.ground.values()):
             return
         others = [name for name in tie.of if name in self.ground]
-        if tie.whom == "some":
+        if tie.quantifier == "some":
             theirs = shapely.union_all([simplified(self.ground[name]) for name in others])
             room = tie.ground(simplified(theirs)) if others else shapely.Polygon()
-            self._cut(own, room)
+            self._cut(group_id, room)
         else:
             for name in others:
-                self._cut(own, tie.ground(simplified(self.ground[name])))
+                self._cut(group_id, tie.ground(simplified(self.ground[name])))
         alone = len(others) == 1 and member_count(self.simspec, self.simspec.group(others[0])) == 1
-        for name in others if alone or tie.whom == "every" else []:
-            if not self.ground[own].is_empty:
-                self._cut(name, tie.reverse_ground(simplified(self.ground[own])))
+        for name in others if alone or tie.quantifier == "every" else []:
+            if not self.ground[group_id].is_empty:
+                self._cut(name, tie.reverse_ground(simplified(self.ground[group_id])))
 
     def _ground_of(self, name: str) -> Geometry:
-        """Where members of a group may stand; the vehicle's home has its place."""
+        """The ground of a group's centres; for the vehicle's home its point."""
         return shapely_point(self.simspec.vehicle.home) if is_home(self.simspec, name) else self.ground.get(name, EVERYWHERE)
 
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
             self.ground[name] = thickened(shapely.intersection(self.ground[name], room))
 
-    def _narrow_by_mean(self, own: str, mean: MeanDistance) -> None:
-        """Whom a mean distance is about is near enough to some ground of the group and far enough from some; who is alone keeps
-        the mean itself."""
+    def _narrow_by_mean(self, group_id: str, mean: MeanDistance) -> None:
+        """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from the group's ground."""
         slack_m = mean.tolerance * mean.mean_m + 1e-3
         least_m, most_m = mean.mean_m - slack_m, mean.mean_m + slack_m
-        if self._alone(own):
-            self._cut(own, band_ground(simplified(self._ground_of(mean.of)), least_m, most_m))
-        if mean.of in self.ground and self._alone(mean.of) and not self.ground[own].is_empty:
-            self._cut(mean.of, band_ground(simplified(self.ground[own]), least_m, most_m))
+        if self._alone(group_id):
+            self._cut(group_id, band_ground(simplified(self._ground_of(mean.of)), least_m, most_m))
+        if mean.of in self.ground and self._alone(mean.of) and not self.ground[group_id].is_empty:
+            self._cut(mean.of, band_ground(simplified(self.ground[group_id]), least_m, most_m))
 
-    def _mean_fails(self, own: str, mean: MeanDistance) -> bool:
-        group, mine, theirs = self.simspec.group(own), self.ground[own], self._ground_of(mean.of)
+    def _mean_fails(self, group_id: str, mean: MeanDistance) -> bool:
+        group, mine, theirs = self.simspec.group(group_id), self.ground[group_id], self._ground_of(mean.of)
         nearest = np.full(member_count(self.simspec, group), shapely.distance(mine, theirs))
-        if any(term.group == own and term.need_m2 for term in self.terms):
+        if any(term.group == group_id and term.need_m2 for term in self.terms):
             nearest = np.maximum(nearest, _crowded_distances_m(group, len(nearest)))
         low, high = float(nearest.mean()), _farthest_m(mine, theirs)
         if low > mean.mean_m * (1 + mean.tolerance) + 1e-3:
@@ -227,7 +226,7 @@ class _Relaxation:
         return False
 
     def areas_fail(self) -> bool:
-        """Whether the members are more than the ground left to them holds."""
+        """Whether the members need more area than the ground that is left."""
         if self.ground_fails():
             return True
         if any(self._spread_fails(term.group, term.spread_m) for term in self.terms if term.spread_m):
@@ -237,7 +236,7 @@ class _Relaxation:
         zones = {
             term.group: (self._zone(self.simspec.group(term.group)), term.need_m2)
             for term in self.terms
-            # Who stands inside others takes none of the ground that these do not take.
+            # Guests inside hosts take no ground that their hosts do not take already.
             if term.need_m2 and not hosts_of(self.simspec, self.simspec.group(term.group))
         }
         if not zones:
@@ -250,35 +249,37 @@ class _Relaxation:
             return False
         return not areas_can_be_allocated({name: zone for name, (zone, _) in zones.items()}, needs)
 
-    def _spread_fails(self, own: str, spread_m: float) -> bool:
+    def _spread_fails(self, group_id: str, spread_m: float) -> bool:
         """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the centres."""
-        count = member_count(self.simspec, self.simspec.group(own))
-        room = shapely.area(grown_at_least(self.ground[own], spread_m / 2.0))
+        count = member_count(self.simspec, self.simspec.group(group_id))
+        room = shapely.area(grown_at_least(self.ground[group_id], spread_m / 2.0))
         return bool(
-            count > 1 and (count * pi * spread_m**2 / 4.0 > room or count > max_spaced_points(self.ground[own], spread_m))
+            count > 1 and (count * pi * spread_m**2 / 4.0 > room or count > max_spaced_points(self.ground[group_id], spread_m))
         )
 
     def _numbers_fail(self, groups: Sequence[ActorGroup]) -> bool:
-        """Whether more members stand on the ground that is left than centres can lie there.
+        """Whether there are more members than centres that fit on the ground that is left.
 
-        Circles inside two footprints are as far apart as these. Of several groups the largest, two largest ... are counted together.
+        Circles inside two footprints keep the gap of these. The largest group, the two largest ... are counted together.
         """
         if any(self._aligned_fails(group) for group in groups):
             return True
         sized = sorted((group for group in groups if not hosts_of(self.simspec, group)), key=_centre_distance_m, reverse=True)
         for number in range(1, len(sized) + 1):
-            some = sized[:number]
-            apart_m = min(_centre_distance_m(one) for one in some)
-            count = sum(member_count(self.simspec, one) for one in some)
-            if count > 1 and count > max_spaced_points(shapely.union_all([self.ground[one.id] for one in some]), apart_m):
+            largest = sized[:number]
+            apart_m = min(_centre_distance_m(member) for member in largest)
+            count = sum(member_count(self.simspec, member) for member in largest)
+            if count > 1 and count > max_spaced_points(
+                shapely.union_all([self.ground[member.id] for member in largest]), apart_m
+            ):
                 return True
         return any(
-            member_count(self.simspec, one) > max(1, max_spaced_points(self.ground[one.id], _centre_distance_m(one)))
-            for one in groups
+            member_count(self.simspec, member) > max(1, max_spaced_points(self.ground[member.id], _centre_distance_m(member)))
+            for member in groups
         )
 
     def _aligned_fails(self, group: ActorGroup) -> bool:
-        """Whether a group that keeps one course has more members than so many rectangles have room."""
+        """Whether a group with one course has more members than parallel rectangles that fit."""
         asset, count = ASSETS[group.asset], member_count(self.simspec, group)
         commons = [t.heading.common for t in self.terms if t.group == group.id and t.heading]
         return any(
@@ -291,9 +292,9 @@ class _Relaxation:
         )
 
     def cases_fail(self) -> bool:
-        """Whether there is no ground left wherever one member stands whom others relate to, tried in ever smaller parts.
+        """Whether no ground is left wherever a lone target of several relations stands, tried in ever smaller parts.
 
-        Ties to one member are narrowed one by one; only with the place of that member known do they add up.
+        Relations to one member are narrowed one by one; they add up only when the place of that member is known.
         """
         self.ground_fails()
         tied = Counter(name for term in self.terms for tie in (term.tie, term.midway) if tie for name in tie.of)
@@ -308,7 +309,7 @@ class _Relaxation:
         return member_count(self.simspec, self.simspec.group(name)) == 1
 
     def _always_fails(self, name: str) -> bool:
-        """Whether the scene fails wherever that member stands; parts in which it does not at once are halved."""
+        """Whether the scene fails wherever that member stands; a part that does not fail at once is halved."""
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         bound = sum(term.tie is not None or term.midway is not None for term in self.terms)
         for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // bound)):
@@ -344,12 +345,12 @@ def _fixed_outline(group: ActorGroup) -> Geometry:
     """The footprint of a fixed actor."""
     at = group.placement.at
     assert at is not None
-    one = footprints(ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0)
-    return shapely.polygons(one.corners())[0]
+    footprint = footprints(ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0)
+    return shapely.polygons(footprint.corners())[0]
 
 
 def _centre_distance_m(group: ActorGroup) -> float:
-    """Least distance between the centres of two members, or of a member and one of a group that wants no less."""
+    """Least distance between centres of two members, or of members of groups with no smaller gap."""
     return 2.0 * inner_radius_m(group) + group.placement.separation_m
 
 
@@ -362,6 +363,6 @@ def _crowded_distances_m(group: ActorGroup, count: int) -> Floats:
     return np.maximum(least, 0.0)
 
 
-def _farthest_m(one: Geometry, other: Geometry) -> float:
-    first, second = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (one, other))
+def _farthest_m(first_ground: Geometry, second_ground: Geometry) -> float:
+    first, second = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (first_ground, second_ground))
     return float(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)).max())

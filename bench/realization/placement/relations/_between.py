@@ -1,4 +1,4 @@
-"""The relation to the straight way between two that stand."""
+"""The `between` relation: a place near the straight line from one member to another."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ._relation import Relation, field_path
 
 @dataclass(frozen=True, slots=True)
 class BetweenRelation:
-    """The relation to the straight way between two that stand: groups, the same one twice, or the vehicle's home."""
+    """A place near the straight line between two ends: groups, one group twice, or the vehicle's home."""
 
     path: str
     text: str
@@ -36,40 +36,40 @@ class BetweenRelation:
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Whom it leads from and to, the vehicle's home among them."""
+        """The names of both ends, the vehicle's home included."""
         return self.first, self.second
 
     def bound(self, placed: Callable[[str], Footprints]) -> Relation:
-        """The relation to members that stand."""
+        """The relation to placed members."""
         start_m = self._at(self.first, placed).centre_m[0]
         end_m = self._at(self.second, placed).centre_m[1 if self.first == self.second else 0]
 
-        def keeps(some: Footprints) -> Bools:
+        def keeps(candidates: Footprints) -> Bools:
             way = end_m - start_m
             length_m = np.hypot(*way)
             if length_m == 0.0:
-                return np.zeros(len(some), dtype=np.bool_)
-            forward, offset = way / length_m, some.centre_m - start_m
+                return np.zeros(len(candidates), dtype=np.bool_)
+            forward, offset = way / length_m, candidates.centre_m - start_m
             along = offset @ forward
             aside = offset[:, 0] * forward[1] - offset[:, 1] * forward[0]
-            kept: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
-            return kept
+            valid: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
+            return valid
 
         return Relation(self.path, self.text, keeps, lambda: self.ground(shapely.Point(start_m), shapely.Point(end_m)))
 
     def _at(self, name: str, placed: Callable[[str], Footprints]) -> Footprints:
         return self.home if self.home is not None and name == HOME else placed(name)
 
-    def ground(self, one: Geometry, other: Geometry) -> Geometry:
-        """Every centre that may keep it between members that stand somewhere in the two grounds given."""
-        if shapely.get_num_coordinates(one) == 1 and shapely.get_num_coordinates(other) == 1:
-            line = shapely.LineString([one, other])
+    def ground(self, start: Geometry, end: Geometry) -> Geometry:
+        """Ground that contains every valid centre when the ends lie anywhere in these two grounds."""
+        if shapely.get_num_coordinates(start) == 1 and shapely.get_num_coordinates(end) == 1:
+            line = shapely.LineString([start, end])
             return shapely.buffer(line, self.within_m + 1e-6, cap_style="flat") if line.length > 0.0 else shapely.Polygon()
-        return grown_at_least(shapely.convex_hull(shapely.union_all([one, other])), self.within_m)
+        return grown_at_least(shapely.convex_hull(shapely.union_all([start, end])), self.within_m)
 
 
 def between_relations(simspec: SimSpec, group: ActorGroup) -> list[BetweenRelation]:
-    """Whom places of the group must lie between."""
+    """The group's between relation, if it has one."""
     between = group.placement.between
     if between is None:
         return []

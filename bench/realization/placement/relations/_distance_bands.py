@@ -20,55 +20,54 @@ from ._relation import field_path
 
 @dataclass(frozen=True, slots=True)
 class DistanceBand:
-    """Each member keeps from `low_m` to `high_m` from some or from every member of a group, or all of them do so in the mean
-    from its first member."""
+    """Distances from `low_m` to `high_m` to some or every member of a group, or in the mean to its first member."""
 
     of: str
-    whom: Literal["some", "every", "mean"]
+    quantifier: Literal["some", "every", "mean"]
     low_m: float
     high_m: float
 
     def excludes(self, other: DistanceBand) -> bool:
-        """Whether nobody can keep both; two that need not be about the same member say nothing."""
-        if self.of != other.of or "every" not in (self.whom, other.whom):
+        """Whether no place satisfies both. Bands that may refer to different members never exclude each other."""
+        if self.of != other.of or "every" not in (self.quantifier, other.quantifier):
             return False
         return max(self.low_m, other.low_m) > min(self.high_m, other.high_m)
 
 
 def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBand]:
-    """The bands round a group or the vehicle's home, by the path of the field; those round a role or a point are not among them."""
+    """The bands around groups and the vehicle's home by field path; bands around roles and points are left out."""
     place = group.placement
-    found: dict[str, DistanceBand] = {}
+    bands: dict[str, DistanceBand] = {}
     if place.near:
-        found[field_path(group, "near")] = DistanceBand(place.near.of, "some", place.near.min_m, place.near.max_m)
+        bands[field_path(group, "near")] = DistanceBand(place.near.of, "some", place.near.min_m, place.near.max_m)
     if place.away:
-        found[field_path(group, "away")] = DistanceBand(place.away.of, "every", place.away.min_m, place.away.max_m)
-    for number, one in enumerate(place.distances):
-        if one.of is not None and one.of in {HOME, *(other.id for other in simspec.actors)}:
-            most_m = inf if one.max_m is None else one.max_m
-            found[field_path(group, f"distances[{number}]")] = DistanceBand(one.of, one.whom, one.min_m, most_m)
+        bands[field_path(group, "away")] = DistanceBand(place.away.of, "every", place.away.min_m, place.away.max_m)
+    for number, distance in enumerate(place.distances):
+        if distance.of is not None and distance.of in {HOME, *(other.id for other in simspec.actors)}:
+            most_m = inf if distance.max_m is None else distance.max_m
+            bands[field_path(group, f"distances[{number}]")] = DistanceBand(distance.of, distance.whom, distance.min_m, most_m)
     if mean := place.mean_distance:
         slack_m = mean.tolerance * mean.mean_m + 1e-3
-        found[field_path(group, "mean_distance")] = DistanceBand(mean.of, "mean", mean.mean_m - slack_m, mean.mean_m + slack_m)
-    return found
+        bands[field_path(group, "mean_distance")] = DistanceBand(mean.of, "mean", mean.mean_m - slack_m, mean.mean_m + slack_m)
+    return bands
 
 
 def band_ground(others: Geometry, min_m: float, max_m: float | None) -> Geometry | None:
-    """Within reach of some place there, and not so near to all of them that none is far enough; None where that is anywhere."""
+    """Ground within `max_m` of some place and not closer than `min_m` to all of them; None when unrestricted."""
     if max_m is None and min_m <= 0.0:
         return None
     reach = grown_at_least(others, max_m) if max_m is not None else None
     if min_m > 0.0:
         corners = shapely.get_coordinates(bounding_octagon(others))
-        near = shapely.intersection_all(
+        too_near = shapely.intersection_all(
             shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=QUARTER_SEGMENTS)
         )
-        reach = (EVERYWHERE if reach is None else reach).difference(near)
+        reach = (EVERYWHERE if reach is None else reach).difference(too_near)
     return reach
 
 
 def lone_member_ground(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Geometry:
-    """Where the mean distance is kept by a lone member, whose own distance it is; everywhere for several."""
+    """The ground on which a lone member keeps the mean distance; everywhere for several members."""
     mean = group.placement.mean_distance
     if mean is None or member_count(simspec, group) != 1:
         return EVERYWHERE

@@ -1,4 +1,4 @@
-"""What places of a group must keep by themselves: region, area, road, heading, and room among what already stands."""
+"""Relations of single places: region, area, road, heading, and clearance from what is placed already."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from ._relation import HOME_CLEARANCE_M, Relation, field_path
 
 
 def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
-    """What places of the group must keep by themselves."""
+    """The relations of the group that depend on no other group."""
     region = polygon_ground(region_of(simspec, group))
     shapely.prepare(region)
-    found = [_inside_region(group, region)]
+    relations = [_inside_region(group, region)]
     if group.placement.inside and group.placement.inside.area:
-        found.append(_in_area(simspec, group, group.placement.inside.area))
+        relations.append(_in_area(simspec, group, group.placement.inside.area))
     if group.placement.facing and group.placement.facing.heading_deg is not None:
-        found.append(_heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg))
+        relations.append(_heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg))
     if group.placement.along:
-        road = next(one for one in simspec.world.roads if one.id == group.placement.along.road)
-        found += _road_relations(group, group.placement.along, road)
-    return found
+        road = next(candidate for candidate in simspec.world.roads if candidate.id == group.placement.along.road)
+        relations += _road_relations(group, group.placement.along, road)
+    return relations
 
 
 def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
@@ -39,16 +39,16 @@ def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
 
 
 def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
-    area = polygon_ground(next(one for one in simspec.world.areas if one.id == name))
+    area = polygon_ground(next(candidate for candidate in simspec.world.areas if candidate.id == name))
     shapely.prepare(area)
     return _within(field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area)
 
 
 def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
-    def keeps(some: Footprints) -> Bools:
-        off = np.abs((np.degrees(some.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
-        kept: Bools = off <= within_deg + 1e-9
-        return kept
+    def keeps(candidates: Footprints) -> Bools:
+        off = np.abs((np.degrees(candidates.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
+        valid: Bools = off <= within_deg + 1e-9
+        return valid
 
     return Relation(field_path(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps)
 
@@ -56,31 +56,31 @@ def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) 
 def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
     convex = region.equals(region.convex_hull)
 
-    def keeps(some: Footprints) -> Bools:
-        corners = some.corners()
-        kept: Bools = shapely.contains_xy(region, corners[..., 0], corners[..., 1]).all(axis=1)
-        if not convex:  # corners alone may reach across a bay
-            kept[kept] = shapely.contains(region, shapely.polygons(corners[kept]))
-        return kept
+    def keeps(candidates: Footprints) -> Bools:
+        corners = candidates.corners()
+        valid: Bools = shapely.contains_xy(region, corners[..., 0], corners[..., 1]).all(axis=1)
+        if not convex:  # in a concave region an edge may cross a bay although both corners are inside
+            valid[valid] = shapely.contains(region, shapely.polygons(corners[valid]))
+        return valid
 
     return Relation(path, text, keeps, lambda: centre_ground(region, group))
 
 
 def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
-    """Away from what already stands and from the vehicle's home, but for whom one stands in."""
+    """Clearance from everything placed and from the vehicle's home, except from the hosts that members stand in."""
     around = hosts_of(simspec, group)
-    obstacles = joined([home_obstacle(simspec), *(some for name, some in placed.items() if name not in around)])
+    obstacles = joined([home_obstacle(simspec), *(members for name, members in placed.items() if name not in around)])
     hosts = joined([placed[name] for name in around if name in placed])
     text = (
         f"keep {group.placement.separation_m:g} m clear of the {len(obstacles) + len(hosts) - 1} actors already placed, "
         f"and {HOME_CLEARANCE_M:g} m of the vehicle's home"
     )
 
-    def keeps(some: Footprints) -> Bools:
-        hit = too_close(some, obstacles)
+    def keeps(members: Footprints) -> Bools:
+        hit = too_close(members, obstacles)
         if len(hosts):
-            one, other = too_close_pairs(some, hosts)
-            hit[one[~are_inside(some[one], hosts[other])]] = True
+            rows, host_rows = too_close_pairs(members, hosts)
+            hit[rows[~are_inside(members[rows], hosts[host_rows])]] = True
         return ~hit
 
     return Relation(field_path(group, "separation_m"), text, keeps)
@@ -90,14 +90,14 @@ def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Rel
     ground_m2 = road_ground(road)
     shapely.prepare(ground_m2)
 
-    def on(some: Footprints) -> Bools:
-        kept: Bools = shapely.covers(ground_m2, shapely.polygons(some.corners()))
-        return kept
+    def on(candidates: Footprints) -> Bools:
+        valid: Bools = shapely.covers(ground_m2, shapely.polygons(candidates.corners()))
+        return valid
 
-    def beside(some: Footprints) -> Bools:
-        gap = shapely.distance(ground_m2, shapely.polygons(some.corners()))
-        kept: Bools = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
-        return kept
+    def beside(candidates: Footprints) -> Bools:
+        gap = shapely.distance(ground_m2, shapely.polygons(candidates.corners()))
+        valid: Bools = (gap > 0.0) & (gap >= along.at_least_m) & (gap <= along.within_m)
+        return valid
 
     if along.where == "on":
         text = f"stand on road {road.id!r} of {road.width_m:g} m width"
@@ -112,10 +112,10 @@ def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Rel
     if along.parallel_deg is not None:
         limit = along.parallel_deg
 
-        def parallel(some: Footprints) -> Bools:
-            off = np.abs((np.degrees(some.heading_rad) - road_heading_deg(road, some.centre_m) + 90.0) % 180.0 - 90.0)
-            kept: Bools = off <= limit + 1e-9
-            return kept
+        def parallel(candidates: Footprints) -> Bools:
+            off = np.abs((np.degrees(candidates.heading_rad) - road_heading_deg(road, candidates.centre_m) + 90.0) % 180.0 - 90.0)
+            valid: Bools = off <= limit + 1e-9
+            return valid
 
         text = f"head along road {road.id!r} within {limit:g} degrees"
         yield Relation(field_path(group, "along.parallel_deg"), text, parallel)

@@ -21,7 +21,7 @@ from ._relation import field_path
 def sampled_headings_deg(
     simspec: SimSpec, group: ActorGroup, places_m: Floats, targets: Footprints | None, rng: np.random.Generator
 ) -> Floats:
-    """(n,) headings that keep the group's relations of heading at (n, 2) places, as far as one draw can."""
+    """(n,) headings drawn for (n, 2) places: within the group's heading relations when it has any, else uniform."""
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
     if facing and facing.heading_deg is not None:
@@ -35,7 +35,7 @@ def sampled_headings_deg(
         turned: Floats = np.round(towards + rng.uniform(-limit, limit, count), 3) % 360.0
         return turned
     if along and along.parallel_deg is not None:
-        road = next(one for one in simspec.world.roads if one.id == along.road)
+        road = next(candidate for candidate in simspec.world.roads if candidate.id == along.road)
         limit = 0.999 * along.parallel_deg
         stretch = road_heading_deg(road, places_m) + 180.0 * rng.integers(2, size=count)
         aimed: Floats = np.round(stretch + rng.uniform(-limit, limit, count), 3) % 360.0
@@ -44,7 +44,7 @@ def sampled_headings_deg(
 
 
 def facing_target(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Footprints | None:
-    """What the group's members are to head towards; None where nothing or where the compass says it."""
+    """The footprints that members face; None without `facing`, or with `facing.heading_deg`."""
     facing = group.placement.facing
     if facing is None or facing.heading_deg is not None:
         return None
@@ -59,10 +59,10 @@ _TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class RequiredHeading:
-    """Members head by one of these courses, either way where they follow a road, or towards somebody, within some degrees.
+    """A required heading: one of these courses (either way along a road), or towards a target, within some degrees.
 
-    `lines` are the stretches of the road, one for each course; elsewhere there is one course, or none where whom they face
-    decides it: `of` is that group, `point` that place.
+    `lines` are the stretches of the road, one for each course. Off roads there is one course, or none when members face a
+    target: the group `of` or the place `point`.
     """
 
     path: str
@@ -85,7 +85,7 @@ class RequiredHeading:
         """The middle of all courses that lead from some place to another, and how far they reach from it; None for any course."""
         if self.courses_deg:
             return self.courses_deg[0], 0.0
-        mine, others = (shapely.get_coordinates(shapely.convex_hull(one)) for one in (ground, theirs))
+        mine, others = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (ground, theirs))
         ways = (others[None, :, :] - mine[:, None, :]).reshape(-1, 2)
         hull = shapely.convex_hull(shapely.multipoints(ways))
         if shapely.distance(hull, shapely.Point(0.0, 0.0)) < _TOLERANCE:
@@ -101,11 +101,11 @@ def _slant_deg(one_deg: float, other_deg: float) -> float:
 
 
 def road_heading(simspec: SimSpec, group: ActorGroup) -> RequiredHeading | None:
-    """The wish to head along a road."""
+    """The heading along a road, if one is required."""
     along = group.placement.along
     if along is None or along.parallel_deg is None:
         return None
-    road = next(one for one in simspec.world.roads if one.id == along.road)
+    road = next(candidate for candidate in simspec.world.roads if candidate.id == along.road)
     points = np.array([(point.east_m, point.north_m) for point in road.points])
     step = np.diff(points, axis=0)
     courses = np.degrees(np.arctan2(step[:, 0], step[:, 1])).tolist()
@@ -115,7 +115,7 @@ def road_heading(simspec: SimSpec, group: ActorGroup) -> RequiredHeading | None:
 
 
 def facing_heading(group: ActorGroup) -> RequiredHeading | None:
-    """The wish to face somebody, some place, or a course."""
+    """The heading of `facing`: to a group, a point, or along a course."""
     facing = group.placement.facing
     if facing is None:
         return None
@@ -135,10 +135,9 @@ def facing_heading(group: ActorGroup) -> RequiredHeading | None:
 def headings_conflict(
     parallel: RequiredHeading, facing: RequiredHeading, ground: Geometry, theirs: Geometry, reach_m: float | None
 ) -> bool:
-    """Whether nobody on the ground can head along a road and face what is wished.
+    """Whether no heading on the ground follows the road and faces the target.
 
-    `theirs` is the ground of whom they face; `reach_m` how far from its own stretch of the road anybody can be, None where
-    nothing says.
+    `theirs` is the ground of the target; `reach_m` how far from its stretch of the road a member can be, None if unbounded.
     """
     for course, line in zip(parallel.courses_deg, parallel.lines, strict=True):
         cell = ground if reach_m is None else shapely.intersection(ground, grown_at_least(line, reach_m))

@@ -1,4 +1,4 @@
-"""Who is in sight of whom, with solid things in the way."""
+"""Lines of sight between members and eyes, blocked by solid actors."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ def unbounded(_: Geometry) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Solids:
-    """What stands in the way of sight: footprints, heights (n,) and the group of each."""
+    """Solid actors that block sight: footprints, heights (n,) and the group of each."""
 
     footprints: Footprints
     height_m: Floats
     group: tuple[str, ...]
 
     def without(self, group: str) -> Solids:
-        """Those of other groups."""
-        kept = np.array([name != group for name in self.group], dtype=np.bool_)
-        return Solids(self.footprints[kept], self.height_m[kept], tuple(name for name in self.group if name != group))
+        """The solids of other groups."""
+        mask = np.array([name != group for name in self.group], dtype=np.bool_)
+        return Solids(self.footprints[mask], self.height_m[mask], tuple(name for name in self.group if name != group))
 
     def between(self, eyes_m: Floats, eye_height_m: float, places_m: Floats, height_m: float) -> Bools:
         """(k, m) whether a solid cuts the line from eye m to the point `height_m` above place k. An eye inside sees out."""
@@ -61,25 +61,27 @@ def _box_crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Float
 
 
 def sight_relations(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iterator[GroupRelation]:
-    for name, whom in (("hidden_from", "every"), ("visible_from", "some")):
+    for name, quantifier in (("hidden_from", "every"), ("visible_from", "some")):
         sight = group.placement.place_references.get(name)
         if isinstance(sight, Sight):
             target = RelationTarget.referenced(simspec, sight)
-            yield _sight_relation(group, name, sight, target, "every" if whom == "every" else "some", solids.without(group.id))
+            yield _sight_relation(
+                group, name, sight, target, "every" if quantifier == "every" else "some", solids.without(group.id)
+            )
 
 
 def _sight_relation(
-    group: ActorGroup, name: str, sight: Sight, target: RelationTarget, whom: Quantifier, solids: Solids
+    group: ActorGroup, name: str, sight: Sight, target: RelationTarget, quantifier: Quantifier, solids: Solids
 ) -> GroupRelation:
     top_m = ASSETS[group.asset].height_m
 
-    def pairs(some: Footprints, others: Footprints) -> Bools:
-        hidden = solids.between(others.centre_m, sight.height_m, some.centre_m, top_m)
+    def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        hidden = solids.between(others.centre_m, sight.height_m, candidates.centre_m, top_m)
         return hidden if name == "hidden_from" else ~hidden
 
     verb = "out of sight" if name == "hidden_from" else "in sight"
-    text = f"stand {verb} of {target.described(whom)} at {sight.height_m:g} m"
-    return GroupRelation(field_path(group, name), text, target.of, whom, pairs, unbounded, unbounded, target.points)
+    text = f"stand {verb} of {target.described(quantifier)} at {sight.height_m:g} m"
+    return GroupRelation(field_path(group, name), text, target.of, quantifier, pairs, unbounded, unbounded, target.points)
 
 
 def placed_solids(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:

@@ -1,4 +1,4 @@
-"""What places of a group must keep towards other groups and points."""
+"""Relations of places to other groups and points: inside, distance, bearing, facing."""
 
 from __future__ import annotations
 
@@ -21,47 +21,56 @@ from ._relation import GroupRelation, Quantifier, field_path
 
 
 def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None = None) -> list[GroupRelation]:
-    """What places of the group must keep towards other groups and points; sight only where the solids are known."""
+    """The group's relations to other groups and points; sight only when the solids are given."""
     place = group.placement
-    found = []
+    relations = []
     if place.inside and place.inside.of:
-        found.append(_inside_of(group, simspec.group(place.inside.of)))
-    for name, near, whom in (("near", place.near, "some"), ("away", place.away, "every")):
-        if near:
-            target = RelationTarget.named(simspec, near.of)
-            text = f"stand {near.min_m:g} to {near.max_m:g} m from {target.described(whom)}"
-            found.append(
-                _distance(field_path(group, name), text, target, "some" if whom == "some" else "every", near.min_m, near.max_m)
+        relations.append(_inside_of(group, simspec.group(place.inside.of)))
+    for name, relation, quantifier in (("near", place.near, "some"), ("away", place.away, "every")):
+        if relation:
+            target = RelationTarget.named(simspec, relation.of)
+            text = f"stand {relation.min_m:g} to {relation.max_m:g} m from {target.described(quantifier)}"
+            relations.append(
+                _distance(
+                    field_path(group, name),
+                    text,
+                    target,
+                    "some" if quantifier == "some" else "every",
+                    relation.min_m,
+                    relation.max_m,
+                )
             )
-    for number, one in enumerate(place.distances):
-        target = RelationTarget.of_distance(simspec, group, one)
-        span = f"at least {one.min_m:g} m" if one.max_m is None else f"{one.min_m:g} to {one.max_m:g} m"
-        if target.of or target.points is not None or one.whom == "some":
-            text = f"stand {span} from {target.described(one.whom)}"
-            found.append(_distance(field_path(group, f"distances[{number}]"), text, target, one.whom, one.min_m, one.max_m))
+    for number, distance in enumerate(place.distances):
+        target = RelationTarget.of_distance(simspec, group, distance)
+        span = f"at least {distance.min_m:g} m" if distance.max_m is None else f"{distance.min_m:g} to {distance.max_m:g} m"
+        if target.of or target.points is not None or distance.whom == "some":
+            text = f"stand {span} from {target.described(distance.whom)}"
+            relations.append(
+                _distance(field_path(group, f"distances[{number}]"), text, target, distance.whom, distance.min_m, distance.max_m)
+            )
     if place.bearing:
         target = RelationTarget.referenced(simspec, place.bearing)
         sector = f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} degrees"
         low, high = place.bearing.from_deg, place.bearing.to_deg
-        found.append(_bearing(field_path(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
+        relations.append(_bearing(field_path(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
     if place.facing and place.facing.heading_deg is None:
         target = RelationTarget.referenced(simspec, place.facing)
         text = f"head towards {target.name} within {place.facing.within_deg:g} degrees"
-        found.append(_facing(field_path(group, "facing"), text, target, place.facing.within_deg))
+        relations.append(_facing(field_path(group, "facing"), text, target, place.facing.within_deg))
     if solids is not None:
-        found += sight_relations(simspec, group, solids)
-    return found
+        relations += sight_relations(simspec, group, solids)
+    return relations
 
 
 def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
     asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
     reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
 
-    def pairs(some: Footprints, others: Footprints) -> Bools:
-        kept = distances_m(some, others) <= reach_m + 1e-6
-        one, other = np.nonzero(kept)
-        kept[one, other] = are_inside(some[one], others[other])
-        return kept
+    def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        inside = distances_m(candidates, others) <= reach_m + 1e-6
+        rows, host_rows = np.nonzero(inside)
+        inside[rows, host_rows] = are_inside(candidates[rows], others[host_rows])
+        return inside
 
     def among(others: Footprints) -> Geometry:
         return shapely.union_all([centre_ground(outline, group) for outline in shapely.polygons(others.corners())])
@@ -81,38 +90,40 @@ def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
     )
 
 
-def distances_m(some: Footprints, others: Footprints) -> Floats:
+def distances_m(candidates: Footprints, others: Footprints) -> Floats:
     """(k, m) distances from centre to centre."""
-    offset = some.centre_m[:, None, :] - others.centre_m[None, :, :]
+    offset = candidates.centre_m[:, None, :] - others.centre_m[None, :, :]
     return np.hypot(offset[..., 0], offset[..., 1])
 
 
-def _distance(path: str, text: str, target: RelationTarget, whom: Quantifier, min_m: float, max_m: float | None) -> GroupRelation:
+def _distance(
+    path: str, text: str, target: RelationTarget, quantifier: Quantifier, min_m: float, max_m: float | None
+) -> GroupRelation:
     most_m = np.inf if max_m is None else max_m
 
-    def pairs(some: Footprints, others: Footprints) -> Bools:
-        distance = distances_m(some, others)
-        kept: Bools = (distance >= min_m) & (distance <= most_m)
-        return kept
+    def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        distance = distances_m(candidates, others)
+        valid: Bools = (distance >= min_m) & (distance <= most_m)
+        return valid
 
     def room(others: Geometry) -> Geometry | None:
         return band_ground(others, min_m, max_m)
 
-    return GroupRelation(path, text, target.of, whom, pairs, room, room, target.points)
+    return GroupRelation(path, text, target.of, quantifier, pairs, room, room, target.points)
 
 
-def bearings_deg(some: Footprints, others: Footprints) -> Floats:
+def bearings_deg(candidates: Footprints, others: Footprints) -> Floats:
     """(k, m) bearings of the places, clockwise from north, seen from the others."""
-    offset = some.centre_m[:, None, :] - others.centre_m[None, :, :]
+    offset = candidates.centre_m[:, None, :] - others.centre_m[None, :, :]
     return np.asarray(np.degrees(np.arctan2(offset[..., 0], offset[..., 1])) % 360.0, dtype=np.float64)
 
 
 def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_deg: float) -> GroupRelation:
     span = (to_deg - from_deg) % 360.0
 
-    def pairs(some: Footprints, others: Footprints) -> Bools:
-        kept: Bools = (bearings_deg(some, others) - from_deg) % 360.0 <= span
-        return kept
+    def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        valid: Bools = (bearings_deg(candidates, others) - from_deg) % 360.0 <= span
+        return valid
 
     there, back = _Sector(from_deg, span), _Sector((from_deg + 180.0) % 360.0, span)
     return GroupRelation(path, text, target.of, "first", pairs, there, back, target.points)
@@ -120,7 +131,7 @@ def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_d
 
 @dataclass(frozen=True, slots=True)
 class _Sector:
-    """Everything that lies in a sector as seen from somewhere in the ground given, out to beyond any document's ground."""
+    """All ground in a sector seen from anywhere in the given ground, out beyond any document's coordinates."""
 
     from_deg: float
     span_deg: float
@@ -132,7 +143,7 @@ class _Sector:
 
     def _piece(self, corners: Floats, number: int, pieces: int) -> Geometry:
         share = self.span_deg / pieces
-        # A hair wider than the sector, for the rounding of sines.
+        # A hair wider than the sector, because sines are rounded.
         arc = np.radians(np.linspace(self.from_deg + number * share - 1e-7, self.from_deg + (number + 1) * share + 1e-7, 3))
         rim = 6e5 * np.stack([np.sin(arc), np.cos(arc)], axis=-1)
         swept = np.concatenate([corners, (corners[:, None, :] + rim[None]).reshape(-1, 2)])
@@ -140,10 +151,10 @@ class _Sector:
 
 
 def _facing(path: str, text: str, target: RelationTarget, within_deg: float) -> GroupRelation:
-    def pairs(some: Footprints, others: Footprints) -> Bools:
-        towards = (bearings_deg(some, others) + 180.0) % 360.0
-        off = np.abs((np.degrees(some.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
-        kept: Bools = off <= within_deg + 1e-9
-        return kept
+    def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        towards = (bearings_deg(candidates, others) + 180.0) % 360.0
+        off = np.abs((np.degrees(candidates.heading_rad)[:, None] - towards + 180.0) % 360.0 - 180.0)
+        valid: Bools = off <= within_deg + 1e-9
+        return valid
 
     return GroupRelation(path, text, target.of, "first", pairs, unbounded, unbounded, target.points)

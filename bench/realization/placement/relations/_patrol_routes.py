@@ -1,9 +1,9 @@
-"""The ways of patrols: straight from their places to their routes, and round those.
+"""Patrol routes: the straight ways from places to routes, and round the routes.
 
 A patrol walks straight legs, begins with the nearest point of its route that it can walk to, and skips points that it cannot.
 Placement promises more than that: some point of the route can be walked to from every walker's place, and every leg of the
-route is open. What closes a leg is what stands still and is solid, grown along and across by half the walker's width, and the
-area's border for whoever starts inside it; points of a route beyond the border are then taken half a metre inside.
+route is open. A leg is blocked by solid actors that stand still, grown along and across by half the walker's width, and
+by the area's border for walkers that start inside it; route points beyond the border are then moved half a metre inside.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from .._infeasible import fewest_groups
 from ._relation import Relation, field_path
 
 BORDER_INSET_M = 0.5
-"""How far inside the border a point of a route is taken that lies beyond it; as the simulation does."""
+"""How far inside the border a route point beyond it is moved; the simulation does the same."""
 
 
 ROUNDING_MARGIN_M = 1e-6
-"""By how much more than the simulation asks ways are kept open, so that nobody's rounding closes one."""
+"""Extra width over what the simulation needs, so that rounding on either side blocks no way."""
 
 
 _SHADOW_M = 1e6
 
 
 def patrols(simspec: SimSpec, group: ActorGroup) -> bool:
-    """Whether somebody of the group patrols."""
+    """Whether the group has members that patrol."""
     return group.motion.kind == "patrol" and member_count(simspec, group) > 0
 
 
 def is_obstacle(group: ActorGroup) -> bool:
-    """Whether members of the group close ways."""
+    """Whether members of the group block ways: solid and standing still."""
     return ASSETS[group.asset].solid and group.motion.kind == "still"
 
 
 def half_width_m(walker: ActorGroup) -> float:
-    """Free room that a walker needs to either side."""
+    """Half the walker's width: the free room that it needs on either side."""
     return ASSETS[walker.asset].width_m / 2.0
 
 
 def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
-    """(k, 2) points of the route as members walk them, by whether they start inside the area; one for each way that may be."""
+    """(k, 2) points of the route as members walk them, by whether they start inside the area; an entry for each start that is possible."""
     area = polygon_ground(simspec.world.area)
     at = walker.placement.at
     if at is not None:
@@ -82,7 +82,7 @@ def _legs(points: Floats) -> Floats:
 
 
 def route_faults(simspec: SimSpec) -> Iterator[Fault]:
-    """Routes that cannot be walked wherever anybody stands: a leg leaves the area in which their walkers are held."""
+    """Routes that no placement makes walkable: a leg leaves the area that confines its walkers."""
     if not polygon_ground(simspec.world.area).is_valid:
         return
     area = shapely.buffer(polygon_ground(simspec.world.area), ROUNDING_MARGIN_M)
@@ -93,7 +93,7 @@ def route_faults(simspec: SimSpec) -> Iterator[Fault]:
                 first, second = int(out[0]) + 1, (int(out[0]) + 1) % len(points) + 1
                 yield Fault(
                     f"actors[{index}] ({group.id}).motion.route",
-                    f"the straight way from point {first} to point {second} leaves world.area, which holds whoever starts inside it",
+                    f"the straight way from point {first} to point {second} leaves world.area, which confines walkers that start inside it",
                     "add points that lead round, or widen the area",
                 )
 
@@ -105,22 +105,22 @@ def grown_outlines(walls: Footprints, by_m: float) -> Floats:
 
 
 def route_clearances(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
-    """What members of a group that closes ways must keep of the routes of others."""
+    """The routes of other groups that members of an obstacle group must leave open."""
     if not is_obstacle(group):
         return []
-    return [_clear_of_route(simspec, one) for one in simspec.actors if one.id != group.id and patrols(simspec, one)]
+    return [_clear_of_route(simspec, walker) for walker in simspec.actors if walker.id != group.id and patrols(simspec, walker)]
 
 
 def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
-    def keeps(some: Footprints) -> Bools:
-        kept: Bools = ~np.any(list(blocked_routes(simspec, walker, some).values()), axis=0)
-        return kept
+    def keeps(candidates: Footprints) -> Bools:
+        valid: Bools = ~np.any(list(blocked_routes(simspec, walker, candidates).values()), axis=0)
+        return valid
 
     return Relation(_route_field(walker), f"leave the patrol route of {walker.id!r} open", keeps)
 
 
 def blocked_routes(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
-    """(n,) which of the walls close the route, by whether its walkers start inside the area; for each way that may be."""
+    """(n,) which of the walls block the route, by whether its walkers start inside the area; for each start that is possible."""
     outlines = grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M)
     routes = {
         inside: shapely.multilinestrings(shapely.linestrings(_legs(points)))
@@ -135,59 +135,61 @@ def _route_field(walker: ActorGroup) -> str:
 
 
 def access_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
-    """What members of the group must keep so that every patrol gets to its route, given what stands."""
+    """Relations that keep every patrol's way to its route open, given what is placed."""
     if patrols(simspec, group):
         return [_reaches_route(simspec, group, placed_obstacles(simspec, placed))]
     if not is_obstacle(group):
         return []
-    walkers = [one for one in simspec.actors if patrols(simspec, one) and len(placed.get(one.id, ()))]
-    return [_clear_of_approaches(simspec, one, placed) for one in walkers]
+    walkers = [walker for walker in simspec.actors if patrols(simspec, walker) and len(placed.get(walker.id, ()))]
+    return [_clear_of_approaches(simspec, walker, placed) for walker in walkers]
 
 
 def placed_obstacles(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Footprints:
     """What closes ways, of what stands."""
-    return joined([placed[one.id] for one in simspec.actors if is_obstacle(one) and one.id in placed] or [empty_footprints()])
+    return joined(
+        [placed[group.id] for group in simspec.actors if is_obstacle(group) and group.id in placed] or [empty_footprints()]
+    )
 
 
 def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relation:
-    shut = {inside for inside, which in blocked_routes(simspec, walker, walls).items() if which.any()}
+    blocked_starts = {inside for inside, which in blocked_routes(simspec, walker, walls).items() if which.any()}
     area = polygon_ground(simspec.world.area)
 
-    def keeps(some: Footprints) -> Bools:
-        kept: Bools = np.any(open_legs(simspec, walker, some, walls)[1], axis=1)
-        inside = shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1])
-        for start in shut:
-            kept = kept & (inside != start)
-        return kept
+    def keeps(candidates: Footprints) -> Bools:
+        valid: Bools = np.any(open_legs(simspec, walker, candidates, walls)[1], axis=1)
+        inside = shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1])
+        for start in blocked_starts:
+            valid = valid & (inside != start)
+        return valid
 
     return Relation(_route_field(walker), "walk straight from its place to some point of its patrol route", keeps)
 
 
-def open_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> tuple[Floats, Bools]:
+def open_legs(simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints) -> tuple[Floats, Bools]:
     """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to straight."""
     area = polygon_ground(simspec.world.area)
-    inside: Bools = np.asarray(shapely.contains_xy(area, some.centre_m[:, 0], some.centre_m[:, 1]))
+    inside: Bools = np.asarray(shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1]))
     routes = route_points(simspec, walker)
     any_route = next(iter(routes.values()))
     ends = np.where(inside[:, None, None], routes.get(True, any_route)[None], routes.get(False, any_route)[None])
-    free = ~_blocked(some.centre_m, ends, walls, half_width_m(walker))
+    free = ~_blocked(candidates.centre_m, ends, walls, half_width_m(walker))
     if not area.equals(area.convex_hull) and free.any():
-        held = free & inside[:, None]
-        starts = np.broadcast_to(some.centre_m[:, None, :], ends.shape)
-        free[held] = shapely.covers(
-            area.buffer(ROUNDING_MARGIN_M), shapely.linestrings(np.stack([starts[held], ends[held]], axis=1))
+        confined = free & inside[:, None]
+        starts = np.broadcast_to(candidates.centre_m[:, None, :], ends.shape)
+        free[confined] = shapely.covers(
+            area.buffer(ROUNDING_MARGIN_M), shapely.linestrings(np.stack([starts[confined], ends[confined]], axis=1))
         )
     return ends, free
 
 
 def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float) -> Bools:
-    """(n, k) whether something solid closes the way from n places to k points of each."""
+    """(n, k) whether an obstacle blocks the way from n places to k points of each."""
     closed = np.zeros(ends_m.shape[:2], dtype=np.bool_)
     axes = walls.axes()
     for index in range(len(walls)):
         centre, half = walls.centre_m[index], walls.half_m[index]
         begin, end = (starts_m - centre) @ axes[index].T, (ends_m - centre) @ axes[index].T
-        # Whoever stands closer than it needs may walk away, though never through the solid itself; as the simulation does.
+        # A walker that stands closer than its half width may walk away, but never through the solid; the simulation does the same.
         touching = (np.abs(begin) <= half + need_m).all(axis=1)
         for who, wide in ((touching, half + ROUNDING_MARGIN_M), (~touching, half + need_m + ROUNDING_MARGIN_M)):
             closed[who] |= _crosses(begin[who][:, None, :], end[who], wide)
@@ -205,12 +207,12 @@ def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
     return touches
 
 
-def approach_legs(simspec: SimSpec, walker: ActorGroup, some: Footprints, walls: Footprints) -> Floats:
+def approach_legs(simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints) -> Floats:
     """(n,) lines from places to the nearest point of the route that is open to them; None where none is."""
-    ends, free = open_legs(simspec, walker, some, walls)
-    distance_m = np.linalg.norm(ends - some.centre_m[:, None, :], axis=-1)
+    ends, free = open_legs(simspec, walker, candidates, walls)
+    distance_m = np.linalg.norm(ends - candidates.centre_m[:, None, :], axis=-1)
     nearest = np.where(free, distance_m, np.inf).argmin(axis=1)
-    legs = shapely.linestrings(np.stack([some.centre_m, ends[np.arange(len(ends)), nearest]], axis=1))
+    legs = shapely.linestrings(np.stack([candidates.centre_m, ends[np.arange(len(ends)), nearest]], axis=1))
     legs[~free.any(axis=1)] = None
     return np.asarray(legs)
 
@@ -220,9 +222,9 @@ def _clear_of_approaches(simspec: SimSpec, walker: ActorGroup, placed: Mapping[s
     ways = shapely.multilinestrings([leg for leg in legs if leg is not None])
     shapely.prepare(ways)
 
-    def keeps(some: Footprints) -> Bools:
-        kept: Bools = ~shapely.intersects(ways, grown_outlines(some, half_width_m(walker) + ROUNDING_MARGIN_M))
-        return kept
+    def keeps(candidates: Footprints) -> Bools:
+        valid: Bools = ~shapely.intersects(ways, grown_outlines(candidates, half_width_m(walker) + ROUNDING_MARGIN_M))
+        return valid
 
     return Relation(_route_field(walker), f"leave {walker.id!r} a straight way to its patrol route", keeps)
 
@@ -230,14 +232,14 @@ def _clear_of_approaches(simspec: SimSpec, walker: ActorGroup, placed: Mapping[s
 def blocking_pairs(
     simspec: SimSpec, walker: ActorGroup, walkers: Footprints, walls: Footprints, standing: Footprints
 ) -> Iterator[tuple[int, int]]:
-    """Which of these places of a walker cannot be taken together with which of these of something solid."""
+    """The pairs of a walker's place and an obstacle's place that exclude each other."""
     legs = approach_legs(simspec, walker, walkers, standing)
     tree = shapely.STRtree(grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M))
-    yield from ((one, other) for one, other in tree.query(legs, predicate="intersects").T.tolist())
+    yield from ((first, second) for first, second in tree.query(legs, predicate="intersects").T.tolist())
 
 
 def visible_ground(points_m: Floats, walls: Sequence[Geometry]) -> Geometry:
-    """Everything from which a straight line to one of the points passes those solids; rather too much than too little."""
+    """All ground from which a straight line to one of the points misses the solids; errs to too much."""
     return shapely.union_all([_visible_from(point, walls) for point in points_m])
 
 
@@ -254,27 +256,27 @@ def _visible_from(point: Floats, walls: Sequence[Geometry]) -> Geometry:
 
 
 def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None:
-    """Refuse at once what is fixed on a patrol's route, or round a walker who is fixed himself."""
+    """Refuse at once fixed obstacles on a patrol route, or around a walker that is fixed too. Raises PlacementInfeasible."""
     fixed = [group for group in simspec.actors if group.id in placed]
     walls = [group for group in fixed if is_obstacle(group)]
     for walker in simspec.actors:
         others = [wall for wall in walls if wall is not walker]
         if patrols(simspec, walker) and (shutting := _blocking_groups(simspec, walker, others, placed)):
             path = f"actors[{walker.id}].motion.route"
-            said = ", ".join(f"{wall.id!r} is fixed ({field_path(wall, 'at')})" for wall in shutting)
+            wall_text = ", ".join(f"{wall.id!r} is fixed ({field_path(wall, 'at')})" for wall in shutting)
             raise PlacementInfeasible(
-                f"impossible, and proved so: {said}, and is to leave the patrol route of {walker.id!r} open ({path}). Move one of them",
+                f"impossible, and proved so: {wall_text} on the patrol route of {walker.id!r} ({path}). Move one of them",
                 clash=(*(field_path(wall, "at") for wall in shutting), path),
             )
 
-    def held(walker: ActorGroup, some: Sequence[ActorGroup]) -> bool:
-        standing = joined([placed[group.id] for group in some] or [empty_footprints()])
+    def confined(walker: ActorGroup, subset: Sequence[ActorGroup]) -> bool:
+        standing = joined([placed[group.id] for group in subset] or [empty_footprints()])
         return approach_legs(simspec, walker, placed[walker.id], standing)[0] is None
 
     for walker in fixed:
-        if patrols(simspec, walker) and held(walker, walls):
+        if patrols(simspec, walker) and confined(walker, walls):
             path = f"actors[{walker.id}].motion.route"
-            needed = [] if held(walker, []) else fewest_groups(walls, lambda some, walker=walker: held(walker, some))  # type: ignore[misc]
+            needed = [] if confined(walker, []) else fewest_groups(walls, lambda subset, walker=walker: confined(walker, subset))  # type: ignore[misc]
             raise PlacementInfeasible(
                 f"impossible, and proved so: {walker.id!r} is fixed ({field_path(walker, 'at')}) where no straight way leads to any point "
                 f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
@@ -285,9 +287,11 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
 def _blocking_groups(
     simspec: SimSpec, walker: ActorGroup, walls: Sequence[ActorGroup], placed: Mapping[str, Footprints]
 ) -> list[ActorGroup]:
-    """Of what is fixed, the fewest that close the route wherever its walkers start; none where it is open to some."""
+    """The fewest fixed obstacles that block the route wherever its walkers start; none when it is open to some."""
 
-    def fails(some: Sequence[ActorGroup]) -> bool:
-        return all(which.any() for which in blocked_routes(simspec, walker, joined([placed[one.id] for one in some])).values())
+    def fails(subset: Sequence[ActorGroup]) -> bool:
+        return all(
+            which.any() for which in blocked_routes(simspec, walker, joined([placed[group.id] for group in subset])).values()
+        )
 
     return fewest_groups(walls, fails) if walls and fails(walls) else []

@@ -1,8 +1,8 @@
-"""What the members of a group must keep, each relation with the field that states it and the words for it.
+"""Relations that members of a group must keep, each with the path of its field and its words for messages.
 
-A *relation* judges places by themselves: the region, a road, what already stands. A *tie* judges places against those of
-other members; bound to members that stand, it is a relation too. Beside the judgement each can say in which part of the
-ground centres that keep it must lie: never too small a part, often too large a one.
+A `Relation` judges places alone: the region, a road, what is placed already. A `GroupRelation` judges places against members
+of other groups; bound to placed members it becomes a `Relation`. Each may also give the ground in which valid centres lie:
+never too little ground, often too much.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Quantifier = Literal["some", "every", "first"]
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """One thing that a place must keep. `room()` holds every centre that keeps it, None where it says nothing of that."""
+    """A condition on one place. `room()` contains every valid centre, or is None when unrestricted."""
 
     path: str
     text: str
@@ -48,23 +48,25 @@ class GroupRelation:
     path: str
     text: str
     of: tuple[str, ...]
-    whom: Quantifier
+    quantifier: Quantifier
     pairs: Callable[[Footprints, Footprints], Bools]
     ground: Callable[[Geometry], Geometry | None]
     reverse_ground: Callable[[Geometry], Geometry | None]
     points: Footprints | None = None
     ground_among: Callable[[Footprints], Geometry | None] | None = None
 
-    def keeps(self, some: Footprints, others: Footprints) -> Bools:
+    def keeps(self, candidates: Footprints, others: Footprints) -> Bools:
         """(k,) whether places keep it towards all of the others who count."""
-        counted = others[np.arange(1)] if self.whom == "first" else others
-        matrix = self.pairs(some, counted)
-        kept: Bools = np.any(matrix, axis=1) if self.whom == "some" else np.all(matrix, axis=1)
-        return kept
+        counted = others[np.arange(1)] if self.quantifier == "first" else others
+        matrix = self.pairs(candidates, counted)
+        valid: Bools = np.any(matrix, axis=1) if self.quantifier == "some" else np.all(matrix, axis=1)
+        return valid
 
     def bound(self, others: Footprints) -> Relation:
         """The relation to members that stand."""
-        return Relation(self.path, self.text, lambda some: self.keeps(some, others), lambda: self._common_ground(others))
+        return Relation(
+            self.path, self.text, lambda candidates: self.keeps(candidates, others), lambda: self._common_ground(others)
+        )
 
     def _common_ground(self, others: Footprints) -> Geometry | None:
         points = shapely.points(others.centre_m)
@@ -72,9 +74,9 @@ class GroupRelation:
             return None
         if self.ground_among is not None:
             return self.ground_among(others)
-        if self.whom == "some":
+        if self.quantifier == "some":
             return self.ground(shapely.MultiPoint(points))
-        rooms = [self.ground(point) for point in points[: 1 if self.whom == "first" else 64]]
+        rooms = [self.ground(point) for point in points[: 1 if self.quantifier == "first" else 64]]
         return None if rooms[0] is None else shapely.intersection_all(rooms)
 
 

@@ -1,4 +1,4 @@
-"""Places in rows and columns, which pack without a gap to spare."""
+"""Lattices: places in rows and columns that pack without spare gaps."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from .._footprint import Footprints, footprints
 from .._geometry import Geometry
 
 ROUNDING_GAP_M = 0.002
-"""Between neighbours of a lattice, since places are rounded to the millimetre."""
+"""Extra gap between lattice neighbours, because places are rounded to the millimetre."""
 
 
 def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
     """Rows and columns along the region's longest side, from each corner, either way round; the largest first."""
     asset, gap_m = ASSETS[group.asset], group.placement.separation_m
     frame = _BoundingFrame.of(region)
-    found: dict[bytes, Footprints] = {}
+    distinct: dict[bytes, Footprints] = {}
     for quarter, corner in product((0, 1), product((0, 1), repeat=2)):
         size = np.array([asset.length_m, asset.width_m] if quarter == 0 else [asset.width_m, asset.length_m])
         pitch = np.maximum(size + gap_m, group.placement.spread_m or 0.0) + ROUNDING_GAP_M
         places = frame.rows(size, pitch, np.array(corner))
         heading = np.full(len(places), _turned_deg(group, frame.heading_deg + 90.0 * quarter))
-        found.setdefault(places.tobytes(), footprints(asset, places, heading, gap_m))
+        distinct.setdefault(places.tobytes(), footprints(asset, places, heading, gap_m))
         if asset.length_m == asset.width_m and quarter:
             break
-    return sorted(found.values(), key=len, reverse=True)
+    return sorted(distinct.values(), key=len, reverse=True)
 
 
 def _turned_deg(group: ActorGroup, heading_deg: float) -> float:

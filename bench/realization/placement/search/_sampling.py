@@ -1,4 +1,4 @@
-"""Seeded sampling: one group after the other, each place drawn at random and kept if it keeps every relation."""
+"""Seeded sampling: one group after the other, each place drawn at random and accepted if it keeps every relation."""
 
 from __future__ import annotations
 
@@ -36,17 +36,16 @@ POOL_SIZE = 4096
 
 
 CROWDING_RATIO = 4
-"""Places for each missing member of which at least one in so many must bring somebody in, or the group is crowded."""
+"""The group is crowded when fewer than one in this many places admits a missing member. Chosen, not measured."""
 
 
 Placed = dict[str, Footprints]
 
 
 class SamplingStalled(Exception):
-    """This attempt found no place for somebody; `sentence` says for whom and why, from places tried afresh.
+    """This attempt found no place for a member; `sentence` says for which and why, from freshly drawn places.
 
-    `crowded` tells that there were places enough, and that the members kept each other out of them; `share` how many of them
-    found one.
+    `crowded` is true when valid places existed but members excluded each other from them; `share` is the share that found one.
     """
 
     def __init__(self, sentence: Callable[[], str], *, crowded: bool = False, share: float = 1.0) -> None:
@@ -56,14 +55,14 @@ class SamplingStalled(Exception):
 
 @dataclass(slots=True)
 class SamplingBudget:
-    """Candidates that may still be looked at, over all attempts: what bounds the time of a hopeless scene."""
+    """Candidates that may still be drawn, over all attempts: bounds the time that a hopeless scene takes."""
 
-    left: int
+    remaining: int
 
     @property
     def spent(self) -> bool:
         """Whether nothing is left."""
-        return self.left <= 0
+        return self.remaining <= 0
 
 
 def sample_placement(
@@ -71,9 +70,9 @@ def sample_placement(
     order: Sequence[ActorGroup],
     attempt: int,
     budget: SamplingBudget,
-    left: Mapping[str, Geometry] | None = None,
+    remaining: Mapping[str, Geometry] | None = None,
 ) -> Placed:
-    """Places for every group, on the ground that is left to it where that is known. Raises Stuck."""
+    """Places for every group, on its narrowed ground where that is known. Raises SamplingStalled."""
     placed = fixed_places(order)
     for group in order:
         if group.placement.at:
@@ -81,9 +80,9 @@ def sample_placement(
         if not member_count(simspec, group):
             placed[group.id] = empty_footprints()
         else:
-            # A stream for each group by its name: adding a group leaves the draws of the others as they were.
+            # One random stream for each group, by its name: adding a group changes no draw of the others.
             rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), attempt)
-            placed[group.id] = Sampler.of(simspec, group, placed, rng, budget, left).members()
+            placed[group.id] = Sampler.of(simspec, group, placed, rng, budget, remaining).members()
     return placed
 
 
@@ -98,31 +97,31 @@ def fixed_places(order: Sequence[ActorGroup]) -> Placed:
 
 def _fixed(group: ActorGroup, at: Home, placed: Placed) -> Footprints:
     centre = np.array([[at.east_m, at.north_m]])
-    one = footprints(ASSETS[group.asset], centre, np.array([at.heading_deg]), 0.0)
+    candidate = footprints(ASSETS[group.asset], centre, np.array([at.heading_deg]), 0.0)
     for other, footprint in placed.items():
-        # Two fixed actors stand where their author put them; they only must not overlap.
-        if too_close(one, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
+        # The author decides how close two fixed actors stand; they only must not overlap.
+        if too_close(candidate, replace(footprint, gap_m=np.zeros(len(footprint)))).any():
             raise PlacementInfeasible(
                 f"groups {other!r} and {group.id!r} are fixed at places where their footprints overlap",
                 clash=(f"actors[{other}].placement.at", f"actors[{group.id}].placement.at"),
             )
-    return replace(one, gap_m=np.full(1, group.placement.separation_m))
+    return replace(candidate, gap_m=np.full(1, group.placement.separation_m))
 
 
 def kept_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> list[Relation]:
-    """All that the group must keep towards the ground and towards what stands, but for room."""
-    looks = group.placement.hidden_from or group.placement.visible_from
-    found = [*ground_relations(simspec, group), *route_clearances(simspec, group)]
-    for tie in group_relations(simspec, group, placed_solids(simspec, placed) if looks else None):
+    """All relations of the group to the ground and to what is placed, except clearance."""
+    needs_sight = group.placement.hidden_from or group.placement.visible_from
+    relations = [*ground_relations(simspec, group), *route_clearances(simspec, group)]
+    for tie in group_relations(simspec, group, placed_solids(simspec, placed) if needs_sight else None):
         others = tie.points if tie.points is not None else joined([placed[name] for name in tie.of])
-        found.append(tie.bound(others))
-    found += [way.bound(placed.__getitem__) for way in between_relations(simspec, group)]
-    return [*found, *access_relations(simspec, group, placed)]
+        relations.append(tie.bound(others))
+    relations += [way.bound(placed.__getitem__) for way in between_relations(simspec, group)]
+    return [*relations, *access_relations(simspec, group, placed)]
 
 
 @dataclass(frozen=True, slots=True)
 class Sampler:
-    """Finds the members of one group among what already stands."""
+    """Samples the members of one group among those already placed."""
 
     simspec: SimSpec
     group: ActorGroup
@@ -144,7 +143,7 @@ class Sampler:
         placed: Placed,
         rng: np.random.Generator,
         budget: SamplingBudget,
-        left: Mapping[str, Geometry] | None = None,
+        remaining: Mapping[str, Geometry] | None = None,
     ) -> Sampler:
         """A sampler for a group whose relations are all to what is placed."""
         region = polygon_ground(region_of(simspec, group))
@@ -156,21 +155,21 @@ class Sampler:
             for relation in (where.near, where.away)
             if relation
         ]
-        ring = min(rings, key=lambda one: one.area_m2, default=None)
+        ring = min(rings, key=lambda candidate: candidate.area_m2, default=None)
         if ring and ring.area_m2 > _box_area_m2(region):
             ring = None
-        # Sectors, roads and the like leave so little of the box round the region that places are drawn where they can be kept.
+        # Sectors, roads and distances leave so little of the region's box that drawing from the box would waste the budget.
         narrow = where.along or where.bearing or where.distances or where.inside or where.between
-        room = common_ground(relations) if narrow or left is not None else None
-        if room is not None and left is not None:
-            room = areal_parts(shapely.intersection_all([room, left[group.id], lone_member_ground(simspec, group, placed)]))
+        room = common_ground(relations) if narrow or remaining is not None else None
+        if room is not None and remaining is not None:
+            room = areal_parts(shapely.intersection_all([room, remaining[group.id], lone_member_ground(simspec, group, placed)]))
         facing = facing_target(simspec, group, placed)
         return cls(
             simspec, group, member_count(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget
         )
 
     def members(self) -> Footprints:
-        """The group's members. Raises _Stuck."""
+        """The group's members. Raises SamplingStalled."""
         return self._anywhere() if self.target_m is None else self._at_mean_distance(self.target_m)
 
     def _anywhere(self) -> Footprints:
@@ -179,7 +178,7 @@ class Sampler:
             missing = self.count - crowd.count
             if crowd.admit(pool, np.arange(len(pool)), self.count):
                 return crowd.members()
-            # Random places jam: when many bring few in, ever more would bring in ever fewer.
+            # Random packings jam: when many places admit few members, more places admit ever fewer.
             if len(pool) >= CROWDING_RATIO * missing and self.count - crowd.count > missing * (1.0 - 1.0 / CROWDING_RATIO):
                 raise SamplingStalled(lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count)
         raise SamplingStalled(lambda: self._explain(crowd.count))
@@ -187,42 +186,42 @@ class Sampler:
     def _at_mean_distance(self, target_m: Floats) -> Footprints:
         mean = self.group.placement.mean_distance
         assert mean is not None
-        found = empty_footprints()
+        candidates = empty_footprints()
         sentence, crowded = "", False
         for pool in self._pools(10 * self.count + 200):
-            found = joined([found, pool])
-            if len(found) < self.count:
+            candidates = joined([candidates, pool])
+            if len(candidates) < self.count:
                 continue
-            distance_m = np.hypot(*(found.centre_m - target_m).T)
+            distance_m = np.hypot(*(candidates.centre_m - target_m).T)
             low, high = reachable_means_m(distance_m, self.count)
             sentence = (
                 f"group {self.group.id!r}: the mean distance of its {self.count} members to {mean.of!r} is to be {mean.mean_m:g} m, "
                 f"but the places that keep its other relations allow means from {low:.1f} to {high:.1f} m "
-                f"({len(found)} places looked at): change mean_m, widen the region or move {mean.of!r}"
+                f"({len(candidates)} places looked at): change mean_m, widen the region or move {mean.of!r}"
             )
             short_m = max(low - mean.mean_m * (1 + mean.tolerance), mean.mean_m * (1 - mean.tolerance) - high)
-            if short_m > high - low and len(found) > CROWDING_RATIO * self.count:
-                break  # more places would hardly reach twice as far; other places of whom it is about may
+            if short_m > high - low and len(candidates) > CROWDING_RATIO * self.count:
+                break  # more places would not double the reach; another place of the target may
             if short_m > 0.0:
                 continue
-            # Halfway into the tolerance, so that nobody's rounding decides whether it is kept.
+            # Within half the tolerance, so that rounding never decides whether the mean is kept.
             crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
-            choice = MeanDistanceChoice(found, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng)
+            choice = MeanDistanceChoice(candidates, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng)
             members = choice.members()
             if members is not None:
                 return members
             sentence = sentence.replace("but the", "which crowding prevents; the")
-            if crowded := len(found) >= CROWDING_RATIO**2 * self.count:
+            if crowded := len(candidates) >= CROWDING_RATIO**2 * self.count:
                 break
-        raise SamplingStalled(lambda: sentence or self._explain(len(found)), crowded=crowded)
+        raise SamplingStalled(lambda: sentence or self._explain(len(candidates)), crowded=crowded)
 
     def _pools(self, size: int) -> Iterator[Footprints]:
-        """Ever larger pools of places that keep every relation to what already stands."""
+        """Ever larger pools of places that keep every relation to what is placed."""
         for turn in range(MAX_POOLS):
             if self.budget.spent or (self.ground is not None and self.ground.area == 0.0):
                 return
             wanted = min(size * 2**turn, 4 * POOL_SIZE)
-            self.budget.left -= wanted
+            self.budget.remaining -= wanted
             candidates = self._candidates(wanted, self.ring, self.ground)
             for relation in self.relations:
                 candidates = candidates[relation.keeps(candidates)]
@@ -240,23 +239,23 @@ class Sampler:
         heading_deg = sampled_headings_deg(self.simspec, self.group, centre, self.facing, self.rng)
         return footprints(ASSETS[self.group.asset], centre, heading_deg, self.group.placement.separation_m)
 
-    def _explain(self, found: int) -> str:
-        """The smallest set of relations that no place of a fresh pool keeps together."""
+    def _explain(self, count: int) -> str:
+        """A sentence with the smallest set of relations that no place of a fresh pool keeps together."""
         pool = self._candidates(POOL_SIZE, None)
         if self.ring is not None:
             pool = joined([pool, self._candidates(POOL_SIZE, self.ring)])
         if self.ground is not None and self.ground.area > 0.0:
             pool = joined([pool, self._candidates(POOL_SIZE, None, self.ground)])
-        kept = {f"{relation.text} ({relation.path})": relation.keeps(pool) for relation in self.relations}
-        who = f"group {self.group.id!r}: {found} of {self.count} members found a place"
-        for size in range(1, len(kept) + 1):
-            for some in itertools.combinations(kept, size):
-                if not np.logical_and.reduce([kept[text] for text in some]).any():
-                    clash = "; ".join(f"{text}, {int(kept[text].sum())} places do" for text in some)
-                    return f"{who}; of {len(pool)} places tried none does all of this: {clash}. Loosen one of these"
-        free = int(np.logical_and.reduce(list(kept.values())).sum())
+        satisfied = {f"{relation.text} ({relation.path})": relation.keeps(pool) for relation in self.relations}
+        summary = f"group {self.group.id!r}: {count} of {self.count} members found a place"
+        for size in range(1, len(satisfied) + 1):
+            for subset in itertools.combinations(satisfied, size):
+                if not np.logical_and.reduce([satisfied[text] for text in subset]).any():
+                    clash = "; ".join(f"{text}, {int(satisfied[text].sum())} places do" for text in subset)
+                    return f"{summary}; of {len(pool)} places tried none does all of this: {clash}. Loosen one of these"
+        free = int(np.logical_and.reduce(list(satisfied.values())).sum())
         return (
-            f"{who}; of {len(pool)} places tried {free} keep the relations ({'; '.join(kept)}), but they crowd each other with a "
+            f"{summary}; of {len(pool)} places tried {free} keep the relations ({'; '.join(satisfied)}), but they crowd each other with a "
             f"separation of {self.group.placement.separation_m:g} m: lower the count or the separation, or widen the region"
         )
 

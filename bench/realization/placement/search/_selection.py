@@ -1,4 +1,4 @@
-"""Members chosen from pools of places: clear of each other, and at a mean distance where one is wanted."""
+"""Members chosen from pools of places: clear of each other, and at a mean distance when one is required."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .._footprint import Footprints, too_close
 
 
 class ChosenMembers:
-    """The members found so far, who keep their distance from each other."""
+    """The members chosen so far, each with clearance and spread from the others."""
 
     def __init__(self, room: Footprints, spread_m: float) -> None:
         self._room, self._spread_m = room, spread_m
@@ -24,41 +24,45 @@ class ChosenMembers:
     def members(self) -> Footprints:
         return self._room[np.arange(self.count)]
 
-    def fits(self, one: Footprints, but: int | None = None) -> bool:
-        """Whether a single footprint keeps clear of all members, of all but one where it is to take that one's place."""
+    def fits(self, candidate: Footprints, but: int | None = None) -> bool:
+        """Whether a footprint keeps clear of all members, or of all except the member `but` that it replaces."""
         room = self._room
-        offset = room.centre_m[: self.count] - one.centre_m[0]
-        reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + one.radius_m[0]
-        reach = reach + np.maximum(room.gap_m[: self.count], one.gap_m[0])
+        offset = room.centre_m[: self.count] - candidate.centre_m[0]
+        reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + candidate.radius_m[0]
+        reach = reach + np.maximum(room.gap_m[: self.count], candidate.gap_m[0])
         square = offset[:, 0] ** 2 + offset[:, 1] ** 2
         if self._spread_m and np.any(np.delete(square, [] if but is None else but) < self._spread_m**2):
             return False
         close = np.nonzero(square < reach * reach)[0]
         if but is not None:
             close = close[close != but]
-        if self._overlaps(one, close, square[close]):
+        if self._overlaps(candidate, close, square[close]):
             return False
-        return len(close) == 0 or not bool(too_close(one, room[close])[0])
+        return len(close) == 0 or not bool(too_close(candidate, room[close])[0])
 
-    def _overlaps(self, one: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
-        """Whether circles inside footprints are too near already: most of those that do not fit are known by that."""
-        inner = self._room.half_m[close].min(axis=1) + one.half_m[0].min() + np.maximum(self._room.gap_m[close], one.gap_m[0])
+    def _overlaps(self, candidate: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
+        """Whether circles inside the footprints are too close already: a cheap test that settles most misfits."""
+        inner = (
+            self._room.half_m[close].min(axis=1)
+            + candidate.half_m[0].min()
+            + np.maximum(self._room.gap_m[close], candidate.gap_m[0])
+        )
         return bool(np.any(square_m2 < (inner - 1e-9) ** 2))
 
-    def put(self, index: int, one: Footprints) -> None:
+    def put(self, index: int, member: Footprints) -> None:
         room = self._room
-        room.centre_m[index], room.heading_rad[index] = one.centre_m[0], one.heading_rad[0]
-        room.half_m[index], room.gap_m[index] = one.half_m[0], one.gap_m[0]
+        room.centre_m[index], room.heading_rad[index] = member.centre_m[0], member.heading_rad[0]
+        room.half_m[index], room.gap_m[index] = member.half_m[0], member.gap_m[0]
 
     def admit(self, pool: Footprints, order: NDArray[np.intp], until: int) -> list[int]:
-        """Admit from the pool in that order whoever fits; the pool's indices admitted, empty while fewer than `until` stand."""
+        """Admit from the pool, in that order, what fits. Returns the admitted indices, empty while fewer than `until` members stand."""
         admitted: list[int] = []
         for index in order:
             if self.count == until:
                 break
-            one = pool[np.array([index])]
-            if self.fits(one):
-                self.put(self.count, one)
+            candidate = pool[np.array([index])]
+            if self.fits(candidate):
+                self.put(self.count, candidate)
                 self.count += 1
                 admitted.append(int(index))
         return admitted if self.count == until else []
@@ -71,7 +75,7 @@ def reachable_means_m(distance_m: Floats, count: int) -> tuple[float, float]:
 
 
 class MeanDistanceChoice:
-    """Members out of a pool of places whose mean distance comes out as wanted.
+    """Members from a pool of places with a required mean distance.
 
     Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one (the least
     change of the uniform distribution that has this mean); what is left of the error goes by exchanging members.
