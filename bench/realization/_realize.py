@@ -96,13 +96,16 @@ def _as_setup_error(draw: Callable[[], T]) -> T:
 
 def scene_seed(seed: int, design_point: str, replicate: int) -> int:
     """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing scene."""
+    # CRC-32 instead of hash(): Python salts the hash of a string in every process.
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
+    # 63 bits: the SimSpec's seeds are below 2**63.
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
 def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str) -> RealizationPlan:
     name = f"{point.id}-r{replicate}-{label}"
     seeds = Seeds(**scene.seeds.model_dump() | {"root": scene_seed(design.seed, point.scene, replicate)})
+    # A base may come with places of its own; they belong to other seeds, so they are dropped.
     simspec = scene.model_copy(update={"name": name, "agent": agent, "seeds": seeds, "realized": None})
     return RealizationPlan(name, point.id, replicate, point.levels, simspec)
 
@@ -110,6 +113,7 @@ def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, ag
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
     if not agents:
         raise SetupError(Fault("agents", "no agent is given", "add at least one, for example manifest: reference-naive"))
+    # Labels become part of realization ids, which name files.
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
     twice = [label for label, times in Counter(labels).items() if times > 1]
     if twice:
@@ -155,6 +159,7 @@ class _Patches:
         try:
             return self._with(point.levels)
         except SetupError as error:
+            # Factors are tried alone first: a fault of one factor reads better than a fault of the whole point.
             raise SetupError(self._alone(point) or self._together(point, error)) from None
 
     def rated(self, rate: Rating | None) -> Difficulties | None:

@@ -22,15 +22,15 @@ from bench.documents import Document
 from ._factor_space import FactorSpace, LevelRule
 from ._factors import FactorLevel, FactorLevels
 
+# A factor of a row that has no level yet.
 UNSET = -1
-"""A factor of a row that has no level yet."""
 
 
 MAX_COMBINATIONS = 500_000
 
 
+# Assignments that are tried before the rules count as too complex. Chosen, not measured.
 MAX_ASSIGNMENTS = 200_000
-"""Assignments that are tried before the rules count as too complex. Chosen, not measured."""
 
 
 class CoveringArray(Document):
@@ -45,6 +45,7 @@ class CoveringArray(Document):
         strength = min(self.strength, len(choices))
         sizes = [len(levels) for levels in choices.values()]
         count = sum(math.prod(chosen_sizes) for chosen_sizes in itertools.combinations(sizes, strength))
+        # Checked first: the table of uncovered combinations would not fit in memory.
         if count > MAX_COMBINATIONS:
             raise ValueError(
                 f"there are {count} combinations of {strength} levels to cover, more than {MAX_COMBINATIONS}; lower strength"
@@ -68,6 +69,7 @@ class PartialAssignments:
 
     def __call__(self, row: Sequence[int]) -> bool:
         """`row` has an index or UNSET for each factor. Raises ValueError when the search takes too long."""
+        # Only factors that a rule names decide, so rows that differ elsewhere share an answer.
         key = tuple(row[at] for at in self.bound)
         if key not in self._known:
             self._known[key] = self.filled(row) is not None
@@ -197,9 +199,11 @@ def _extend_rows(rows: list[list[int]], missing: _UncoveredCombinations, possibl
     """Give every row the level of the new factor that covers most, then add rows for what is still uncovered."""
     for row in rows:
         gains = missing.gains(row)
+        # A stable sort breaks ties the same way on every machine.
         for level in np.argsort(-gains, kind="stable").tolist():
             if not gains[level]:
-                break  # left unset, so that a later combination can use this row
+                # Left unset, so that a later combination can use this row.
+                break
             row[missing.new] = level
             if possible(row):
                 missing.strike(row)

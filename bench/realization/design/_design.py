@@ -107,6 +107,7 @@ class Design(Document):
                 raise ValueError(
                     f"take {take} exceeds the {pairs} pairs of design point and replicate; raise replicates or lower take"
                 )
+        # Counted before anything is drawn, so that a slip in a range does not fill the memory.
         if sum(counts) > MAX_POINTS:
             raise ValueError(f"the design has {sum(counts)} pairs of design point and replicate, more than {MAX_POINTS}")
         if not sum(counts):
@@ -162,6 +163,7 @@ class Design(Document):
         take = method.take if isinstance(method, FullFactorial) else None
         if take is None:
             return pairs
+        # A hash ranks each pair independently of the others, which a random stream would not.
         drawn = {(point.id, replicate) for point, replicate in sorted(pairs, key=self._lot)[:take]}
         return [pair for pair in pairs if (pair[0].id, pair[1]) in drawn]
 

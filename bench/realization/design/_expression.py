@@ -57,6 +57,7 @@ _ARITHMETIC: dict[str, Callable[[float, float], float]] = {
 }
 
 
+# By name: the number of arguments (0 means one or more) and the function.
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "min": (0, min),
     "max": (0, max),
@@ -66,7 +67,6 @@ _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "ceil": (1, math.ceil),
     "sqrt": (1, math.sqrt),
 }
-"""By name: the number of arguments (0 means one or more) and the function."""
 
 
 Evaluate = Callable[[Mapping[str, object]], Value]
@@ -167,6 +167,7 @@ class _Reader:
 
     def _conditional(self) -> Evaluate:
         self._depth += 1
+        # A limit far below Python's recursion limit: a hostile file gets a sentence, not a RecursionError.
         if self._depth > MAX_DEPTH:
             self._fail(f"is nested deeper than {MAX_DEPTH}")
         first = self._disjunction()
@@ -299,6 +300,7 @@ def _level(levels: Mapping[str, object], name: str) -> Value:
 def _number(value: Value) -> float:
     if isinstance(value, bool) or not isinstance(value, float):
         raise ValueError(f"{value!r} is no number")
+    # Written as `not <=`, so that NaN is refused too.
     if not abs(value) <= MAX_NUMBER:
         raise ValueError("a number grows too large")
     return value

@@ -9,12 +9,12 @@ from graphlib import CycleError, TopologicalSorter
 from ._expression import Expression, InactiveFactor, parse_expression
 from ._factors import INACTIVE, DesignFactor, FactorLevel, FactorLevels
 
+# Points that a sequence may have refused for each one found, before what is forbidden is said to leave too little ...
 MAX_DRAWS_PER_POINT = 1000
-"""Points that a sequence may have refused for each one found, before what is forbidden is said to leave too little ..."""
 
 
+# ... and for so many that are still to be found.
 MIN_POINTS_FOR_LIMIT = 10
-"""... and for so many that are still to be found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,7 @@ class FactorSpace:
         self._expressions = {name: _parsed(f"factor {name!r}", str(text), known) for name, text in texts.items()}
         self._forbidden = [_parsed("forbid", text, known) for text in forbid]
         try:
+            # Formulas are evaluated in dependency order, so each finds its inputs.
             order = TopologicalSorter(
                 {name: self._expressions[name].names if name in self._expressions else () for name in known}
             )
@@ -90,6 +91,7 @@ class FactorSpace:
                 allowed.append(levels)
             if len(allowed) == count:
                 break
+            # Without a limit, a `forbid` that excludes everything would draw forever.
             if drawn >= MAX_DRAWS_PER_POINT * (len(allowed) + min(count, MIN_POINTS_FOR_LIMIT)):
                 raise ValueError(f"`forbid` leaves {len(allowed)} of {drawn} points drawn; {count} are required")
         return allowed

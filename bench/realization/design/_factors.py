@@ -21,8 +21,8 @@ FactorLevel = bool | int | float | str
 FactorLevels = dict[str, FactorLevel]
 
 
+# The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing there.
 INACTIVE = "inactive"
-"""The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing there."""
 
 
 ExpressionText = Annotated[str, Field(min_length=1, max_length=MAX_CHARACTERS)]

@@ -23,8 +23,8 @@ from ._factors import DesignFactor, FactorLevels
 MAX_RUNS = 4096
 
 
+# Columns that the search for a fraction looks at before it takes more runs instead.
 MAX_COLUMNS_TRIED = 20_000
-"""Columns that the search for a fraction looks at before it takes more runs instead."""
 
 
 class FractionalFactorial(Document):
@@ -64,12 +64,14 @@ class FractionalFactorial(Document):
             return _generator_columns(names, self.generators)
         if self.resolution is not None:
             return fraction(len(names), self.resolution)
-        assert self.runs is not None  # one of the three is given
+        # One of the three is given.
+        assert self.runs is not None
         bases = self.runs.bit_length() - 1
         if len(names) <= bases:
             raise ValueError(
                 f"{len(names)} factors have {2 ** len(names)} combinations, no more than runs {self.runs}; use full_factorial"
             )
+        # The best resolution first; below III main effects would be aliased with each other.
         for resolution in range(8, 2, -1):
             if columns := _search(len(names), bases, resolution):
                 return columns
@@ -93,6 +95,7 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     """
     if factors > 2**bases - 1:
         return None
+    # Columns of many base factors first: products of few factors are the first to become aliased.
     order = sorted(range(1, 2**bases), key=lambda candidate: (-candidate.bit_count(), candidate))
     start = [1 << place for place in range(bases)]
     tried = itertools.count(1)

@@ -20,6 +20,7 @@ def conference_matrix(order: int) -> Counts | None:
         square = np.ones((order, order), dtype=np.int64)
         square[0, 0], square[1:, 0], square[1:, 1:] = 0, border, field
         return square
+    # A doubling for skew-symmetric matrices, tried when Paley's construction does not apply.
     half = conference_matrix(order // 2) if order % 4 == 0 else None
     if half is None or not np.array_equal(half.T, -half):
         return None

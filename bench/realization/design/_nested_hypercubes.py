@@ -64,6 +64,7 @@ def nested_latin_hypercube(points: int, high: int, factors: int, seed: int) -> N
     The maximin choice: of several random hypercubes the one whose closest points are farthest apart.
     """
     draws = np.random.default_rng(seed)
+    # Above 500 points one draw is kept: comparing distances takes time by the square of the points.
     designs = [_drawn_rows(points, high, factors, draws) for _ in range(MAXIMIN_DRAWS if 1 < points <= 500 else 1)]
     return max(designs, key=_closest)
 

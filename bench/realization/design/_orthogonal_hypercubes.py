@@ -26,12 +26,12 @@ MAX_ORTHOGONAL_POINTS = 1025
 MAX_NEARLY_ORTHOGONAL_POINTS = 500
 
 
+# Random starts of the search for a nearly orthogonal hypercube; the best result is kept.
 SEARCHES = 4
-"""Random starts of the search for a nearly orthogonal hypercube; the best result is kept."""
 
 
+# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison takes long.
 COLUMN_CHOICES = 60
-"""Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison takes long."""
 
 
 MAX_COMPARED_POINTS = 300
@@ -40,8 +40,8 @@ MAX_COMPARED_POINTS = 300
 MAX_SWEEPS = 60
 
 
+# The search stops at correlations below 1 / 500; nearly orthogonal designs are customarily allowed 0.03.
 CORRELATION_DIVISOR = 500
-"""The search stops at correlations below 1 / 500; nearly orthogonal designs are customarily allowed 0.03."""
 
 
 class OrthogonalLatinHypercube(Document):
@@ -151,6 +151,7 @@ def _nearly_orthogonal(points: int, factors: int, seed: int) -> Counts:
     draws = np.random.default_rng(seed)
     marks = 2 * np.arange(points, dtype=np.int64) - (points - 1)
     designs = [_decorrelated(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(SEARCHES)]
+    # Correlations are compared to two decimals; equal ones leave the choice to the spread of the points.
     return min(designs, key=lambda design: (round(largest_correlation(design), 2), -_closest(design)))
 
 
@@ -188,6 +189,7 @@ def _best_swap(mine: Counts, others: Counts, distances: Counts) -> tuple[int, in
     apart = mine[None, :] - mine[:, None]
     change = apart * (2 * (weighted[:, None] - weighted[None, :]) + apart * distances)
     least = int(change.argmin())
+    # Only strict improvements: otherwise two swaps of equal value could alternate forever.
     if change.flat[least] >= 0:
         return None
     first, second = divmod(least, len(mine))

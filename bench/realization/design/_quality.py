@@ -23,12 +23,12 @@ from ._design import DesignPoint
 from ._factor_space import FactorSpace
 from ._factors import INACTIVE, DesignFactor, FactorLevel
 
+# Equal parts of a range without steps, when combinations of levels are counted.
 RANGE_PARTS = 3
-"""Equal parts of a range without steps, when combinations of levels are counted."""
 
 
+# Above this number, discrepancy and distance are not computed: their time grows with the square of the points.
 MAX_POINTS_FOR_DISTANCE = 2000
-"""Above this number, discrepancy and distance are not computed: their time grows with the square of the points."""
 
 
 MAX_COMBINATIONS = 200_000
@@ -40,8 +40,8 @@ SHOWN_CONFIGURATIONS = 20
 SHOWN_ALIASES = 8
 
 
+# Points times two-factor interactions, above which interactions are not measured.
 MAX_INTERACTION_TERMS = 5_000_000
-"""Points times two-factor interactions, above which interactions are not measured."""
 
 
 TOLERANCE = 1e-9
@@ -178,8 +178,10 @@ def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Cover
     rows = [[_part(factor, point.levels[factor.name]) for factor in space.free] for point in points]
     covered = {(chosen, tuple(row[at] for at in chosen)) for row in rows for chosen in places}
     try:
+        # Counting needs the same search as covering arrays and can fail in the same way.
         possible = _possible(space, choices, places, sizes)
-    except ValueError:  # the forbidden combinations are too complex to be counted
+    # The forbidden combinations are too complex to be counted.
+    except ValueError:
         return None
     return Coverage(t=t, covered=len(covered), possible=max(possible, len(covered)))
 
@@ -216,7 +218,8 @@ def _part(factor: DesignFactor, level: FactorLevel) -> int:
         return len(_parts(factor)) - 1
     if factor.range is None:
         return factor.levels.index(level)
-    assert isinstance(level, int | float)  # a range holds numbers
+    # A range holds numbers.
+    assert isinstance(level, int | float)
     share = (level - factor.range.low) / (factor.range.high - factor.range.low)
     if factor.range.steps is not None:
         return round(share * (factor.range.steps - 1))
@@ -338,7 +341,8 @@ def _interactions(
     groups: dict[bytes, list[str]] = {}
     for name, column in zip([*names, *terms], np.hstack([mains, crossed]).T, strict=True):
         rounded = np.round(column, 6)
-        turned = rounded * np.sign(rounded[int(np.flatnonzero(rounded)[0])]) + 0.0  # no zero below zero
+        # No zero below zero.
+        turned = rounded * np.sign(rounded[int(np.flatnonzero(rounded)[0])]) + 0.0
         groups.setdefault(turned.tobytes(), []).append(name)
     aliased = tuple(" = ".join(group) for group in groups.values() if len(group) > 1)
     return largest, (names[first], terms[second]) if largest else (), aliased
@@ -354,7 +358,8 @@ def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
 
 
 def _discrepancy(unit: NDArray[np.float64]) -> float:
-    from scipy.stats import qmc  # half a second to import
+    # Half a second to import.
+    from scipy.stats import qmc
 
     return float(qmc.discrepancy(np.clip(unit, 0.0, 1.0), method="CD"))
 

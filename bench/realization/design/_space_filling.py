@@ -54,7 +54,8 @@ class Sobol(Document):
 
 def halton_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
     """Rows of a scrambled Halton sequence without end; the same for the same seed."""
-    from scipy.stats import qmc  # imported here: scipy.stats takes half a second, and other designs do not need it
+    # Imported here: scipy.stats takes half a second, and other designs do not need it.
+    from scipy.stats import qmc
 
     engine = qmc.Halton(d=factors, scramble=True, rng=np.random.default_rng(seed))
     while True:
@@ -62,7 +63,8 @@ def halton_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
 
 
 def _sobol_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
-    from scipy.stats import qmc  # see halton_shares
+    # See halton_shares.
+    from scipy.stats import qmc
 
     engine = qmc.Sobol(d=factors, scramble=True, rng=np.random.default_rng(seed))
     yield from engine.random_base2(8)
@@ -72,7 +74,8 @@ def _sobol_shares(factors: int, seed: int) -> Iterator[NDArray[np.float64]]:
 
 @lru_cache(maxsize=4)
 def _latin(points: int, factors: int, seed: int) -> NDArray[np.float64]:
-    from scipy.stats import qmc  # see halton_shares
+    # See halton_shares.
+    from scipy.stats import qmc
 
     # The optimiser's time grows with the square of the points; above 500 it takes too long. Chosen, not measured.
     optimise: Literal["random-cd"] | None = "random-cd" if 2 <= points <= 500 and factors > 1 else None

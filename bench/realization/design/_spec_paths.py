@@ -15,10 +15,11 @@ from bench.simspec import SimSpec
 _PART = re.compile(r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(?:\[(?P<member>[A-Za-z0-9_-]+)\])?")
 
 
+# Fields that realization itself writes into every SimSpec; factors may not set them.
 OWNED = ("format", "name", "realized", "agent", "seeds.root")
-"""Fields that realization itself writes into every SimSpec; factors may not set them."""
 
 
+# Units by the suffix of a field's name. The first match wins, so longer suffixes come first.
 UNITS = {
     "per_m": "1/m",
     "per_km2": "1/km2",
@@ -31,7 +32,6 @@ UNITS = {
     "wh": "Wh",
     "level": "level",
 }
-"""Units by the suffix of a field's name. The first match wins, so longer suffixes come first."""
 
 
 class PathFault(Exception):
@@ -90,7 +90,8 @@ def find_path(base: SimSpec, text: str) -> SpecPath:
 def _field(here: Any, name: str, steps: list[str | int]) -> Any:
     where = _dotted(steps) or "the SimSpec"
     if isinstance(here, dict):
-        return here.get(name)  # an open table such as vehicle.parameters takes any key
+        # An open table such as vehicle.parameters takes any key.
+        return here.get(name)
     if here is None:
         raise PathFault(f"{where} is not given in the base SimSpec", "write it there, so that the factor has something to change")
     if not isinstance(here, BaseModel):
@@ -106,6 +107,7 @@ def _member(here: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
     if not isinstance(here, tuple):
         raise PathFault(f"{where} is not a list", f"drop [{member}]")
     ids = [getattr(item, "id", str(index)) for index, item in enumerate(here)]
+    # Ids take precedence over numbers, because an id may consist of digits.
     if member in ids:
         index = ids.index(member)
     elif member.isdigit() and int(member) < len(here):

@@ -57,6 +57,7 @@ class Stratified(Document):
 
     def _candidates(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         drawn = space.first(map(space.at, halton_shares(len(space.free), seed)), self.candidates)
+        # Halton points can round to equal levels; a stratum must not contain one point twice.
         return list({tuple(levels.items()): levels for levels in drawn}.values())
 
     def _stratum(self, difficulties: Mapping[str, float]) -> tuple[object, ...]:

@@ -81,6 +81,7 @@ def gaps(first: Footprints, second: Footprints) -> Floats:
         along = np.abs(np.einsum("nsk,nk->ns", axes, offset))
         reach = _reach(axes, first_axes, first.half_m) + _reach(axes, second_axes, second.half_m)
         apart |= (along > reach).any(axis=1)
+    # Two convex polygons apart are closest at a corner of one of them.
     nearest = np.minimum(_corner_distance(first, second), _corner_distance(second, first))
     return np.where(apart, nearest, 0.0)
 
@@ -114,11 +115,13 @@ def too_close_pairs(candidates: Footprints, placed: Footprints) -> tuple[NDArray
     wanted = np.maximum(candidates.gap_m[:, None], placed.gap_m[None, :])
     reach = candidates.radius_m[:, None] + placed.radius_m[None, :] + wanted
     offset = candidates.centre_m[:, None, :] - placed.centre_m[None, :, :]
+    # Circles around the rectangles first: most pairs are far apart and skip the exact test.
     within_reach = np.einsum("ijk,ijk->ij", offset, offset) < reach * reach
     first, second = np.nonzero(within_reach)
     if len(first):
         gap = gaps(candidates[first], placed[second])
-        hit = (gap == 0.0) | (gap < wanted[first, second])  # a gap of 0 still forbids overlap
+        # A gap of 0 still forbids overlap.
+        hit = (gap == 0.0) | (gap < wanted[first, second])
         first, second = first[hit], second[hit]
     return first, second
 

@@ -20,21 +20,22 @@ Geometry = Any
 QUARTER_SEGMENTS = 16
 
 
+# Factor by which a polygon of `QUARTER_SEGMENTS` edges a quarter must exceed the circle that it contains.
 _CIRCUMSCRIBED = 1.0 / cos(pi / (4 * QUARTER_SEGMENTS))
-"""Factor by which a polygon of `QUARTER_SEGMENTS` edges a quarter must exceed the circle that it contains."""
 
 
+# More ground than any coordinate in a document can reach.
+# A finite box, because overlays of unbounded ground do not exist in GEOS.
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
-"""More ground than any coordinate in a document can reach."""
 
 
+# Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than about 5e-5
+# of the distance by which it shrinks a polygon.
 MARGIN_M = 1e-3
-"""Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than about 5e-5 of the
-distance by which it shrinks a polygon."""
 
 
+# GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a geometry.
 SHALLOW_CORNER = 0.01
-"""GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a geometry."""
 
 
 MAX_COORDINATES = 64
@@ -131,6 +132,8 @@ def uniform_places(room: Geometry, count: int, rng: np.random.Generator) -> Floa
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room))
     area = shapely.area(triangles)
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    # Triangles by area, then a uniform point in each: Osada, R. et al. (2002), "Shape distributions", section 4.2.
+    # The square root below keeps points from crowding at the first corner.
     chosen = corners[rng.choice(len(area), size=count, p=area / area.sum())]
     first, second = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
     places: Floats = (1 - first) * chosen[:, 0] + first * (1 - second) * chosen[:, 1] + first * second * chosen[:, 2]

@@ -26,16 +26,17 @@ from .proofs._proof import narrowed_ground, prove_infeasible
 from .relations._patrol_routes import check_fixed_routes, route_faults
 from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
+# Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies well
+# inside.
 REPORT_ERROR_SHARE = 0.8
-"""Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies well inside."""
 
 
+# Sampling runs before the solver takes over; chosen, not measured. The budget usually ends earlier.
 MAX_ATTEMPTS = 32
-"""Sampling runs before the solver takes over; chosen, not measured. The budget usually ends earlier."""
 
 
+# When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not measured.
 RETRY_SHARE = 0.8
-"""When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not measured."""
 
 
 class PlacementUnsound(RebarError):
@@ -64,6 +65,7 @@ def _searched(simspec: SimSpec) -> SimSpec:
     order = placement_order(simspec)
     check_fixed_routes(simspec, fixed_places(order))
     check_areas(simspec)
+    # Chosen, not measured: a base for small scenes and a share for each member.
     budget = SamplingBudget(60_000 + 40 * sum(member_count(simspec, group) for group in order))
     stuck: SamplingStalled | None = None
     remaining: dict[str, Geometry] | None = None
@@ -73,6 +75,7 @@ def _searched(simspec: SimSpec) -> SimSpec:
         except SamplingStalled as reason:
             if stuck is None and (clash := prove_infeasible(simspec, order)):
                 raise clash from None
+            # Narrowing costs more than a first attempt, so it waits until sampling has stalled once.
             remaining = remaining or narrowed_ground(simspec, order)
             crowded_before = stuck is not None and stuck.crowded
             if budget.spent or (reason.crowded and (crowded_before or reason.share < RETRY_SHARE)):
@@ -84,7 +87,8 @@ def _searched(simspec: SimSpec) -> SimSpec:
 
 
 def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -> SimSpec:
-    from .search._solver import solve_placement  # imported here: ortools takes 0.2 to 0.8 s, and most scenes never need it
+    # Imported here: ortools takes 0.2 to 0.8 s, and most scenes never need it.
+    from .search._solver import solve_placement
 
     placed = solve_placement(simspec, order)
     if placed is None:
@@ -100,6 +104,7 @@ def with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
 def placement_order(simspec: SimSpec) -> list[ActorGroup]:
     """The groups in placement order: fixed ones first, then each after those that it relates to. Raises SetupError for a circle."""
     faults = list(_spec_faults(simspec))
+    # A stable sort keeps the author's order among free groups, and with it their random draws.
     waiting = sorted(simspec.actors, key=lambda group: group.placement.at is None)
     ordered: list[ActorGroup] = []
     while waiting and not faults:
@@ -200,5 +205,6 @@ def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.rando
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)
     inside = np.nonzero(shapely.contains_xy(area, places[:, 0], places[:, 1]))[0]
+    # When no draw lies in the area, the first draw is kept: the error still has its distribution.
     east, north = places[inside[0] if len(inside) else 0]
     return PlacedReport(id=report.id, east_m=float(east), north_m=float(north))

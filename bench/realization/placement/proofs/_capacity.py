@@ -14,8 +14,8 @@ from .._groups import hosts_of, is_home, member_count, region_of
 from .._infeasible import fewest_groups
 from ..relations._relation import field_path
 
+# Areas that differ by less are equal, so that the rounding of sums refuses nothing that fits exactly.
 AREA_TOLERANCE_M2 = 1e-3
-"""Areas that differ by less are equal, so that the rounding of sums refuses nothing that fits exactly."""
 
 
 def check_areas(simspec: SimSpec) -> None:
@@ -62,6 +62,7 @@ def _refuse_overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGr
 def _check_area_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> None:
     """The same for members near others: a grown footprint reaches no further than its band, its own radius and half its gap."""
     asset, gap = ASSETS[group.asset], group.placement.separation_m
+    # The centre lies in the band; a footprint reaches half its diagonal, and its margin half its gap further.
     reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
     hole_m = max(0.0, relation.min_m - reach_m)
     others = 1 if is_home(simspec, relation.of) else member_count(simspec, simspec.group(relation.of))

@@ -14,8 +14,9 @@ from .._geometry import Geometry, areal_parts
 _TOLERANCE = 1e-6
 
 
+# Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a valid
+# bound.
 _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
-"""Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a valid bound."""
 
 
 def max_spaced_points(ground: Geometry, apart_m: float) -> float:
@@ -36,7 +37,8 @@ def max_spaced_points(ground: Geometry, apart_m: float) -> float:
 def _oler_bound(hull: Geometry, apart_m: float) -> float:
     if hull.is_empty:
         return 0.0
-    round_m = hull.length if hull.area > 0.0 else 2.0 * hull.length  # there and back along what has no width
+    # There and back along what has no width.
+    round_m = hull.length if hull.area > 0.0 else 2.0 * hull.length
     return float(floor(2.0 * hull.area / (sqrt(3.0) * apart_m**2) + round_m / (2.0 * apart_m) + 1.0 + _TOLERANCE))
 
 
@@ -50,7 +52,8 @@ def max_aligned_rectangles(
     at least along or across the course, and by the whole gap along it where the ground is too narrow for two side by side.
     Rectangles of one size and direction that do not overlap hold different points of a lattice of their own sides.
     """
-    turned = shapely.affinity.rotate(shapely.convex_hull(ground), course_deg, origin=(0.0, 0.0))  # the course is north now
+    # The course is north now.
+    turned = shapely.affinity.rotate(shapely.convex_hull(ground), course_deg, origin=(0.0, 0.0))
     if turned.is_empty:
         return 0.0
     west, south, east, north = shapely.bounds(turned)
@@ -96,12 +99,14 @@ def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) 
     pieces = _overlay_pieces(list(zones.values()))
     if pieces is None:
         return True
-    from ortools.sat.python import cp_model  # imported here: ortools takes half a second
+    # Imported here: ortools takes half a second.
+    from ortools.sat.python import cp_model
 
     model = cp_model.CpModel()
     names = list(zones)
     taken: dict[str, list[cp_model.IntVar]] = {name: [] for name in names}
     for piece, owners in pieces:
+        # CP-SAT takes whole numbers; this rounding can only make a scene look easier, never infeasible.
         room = ceil(100.0 * piece.area) + 1
         shares = [model.new_int_var(0, room, "") for _ in owners]
         model.add(sum(shares) <= room)
@@ -110,6 +115,7 @@ def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) 
     for name in names:
         model.add(sum(taken[name]) >= floor(100.0 * needs[name]))
     solver = cp_model.CpSolver()
+    # One worker and a deterministic limit: the same scene is refused on every run.
     solver.parameters.num_workers = 1
     solver.parameters.max_deterministic_time = 0.5
     return bool(solver.solve(model) != cp_model.INFEASIBLE)

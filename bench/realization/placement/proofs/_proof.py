@@ -54,6 +54,7 @@ def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placement
     """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is proved."""
     terms = scene_constraints(simspec, order)
     proof: Callable[[_Relaxation], bool]
+    # The cheapest proof first; the others include it.
     for proof in (_Relaxation.ground_fails, _Relaxation.areas_fail, _Relaxation.cases_fail):
         if proof(_Relaxation(simspec, order, terms)):
             core = _smallest_conflict(terms, lambda subset, proof=proof: proof(_Relaxation(simspec, order, subset)))  # type: ignore[misc]
@@ -124,6 +125,7 @@ class _Relaxation:
                 self._narrow_by_mean(group_id, mean)
             if any(ground.is_empty for ground in self.ground.values()):
                 return True
+            # Narrowing converges geometrically; what is left below this change proves nothing more.
             if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
         banded = [term for term in self.terms if term.band]
@@ -310,6 +312,7 @@ class _Relaxation:
 
     def _always_fails(self, name: str) -> bool:
         """Whether the scene fails wherever that member stands; a part that does not fail at once is halved."""
+        # Depth first over a stack: the search ends at the first part that cannot be refused.
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         bound = sum(term.tie is not None or term.midway is not None for term in self.terms)
         for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // bound)):

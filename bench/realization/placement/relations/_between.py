@@ -47,6 +47,7 @@ class BetweenRelation:
         def keeps(candidates: Footprints) -> Bools:
             way = end_m - start_m
             length_m = np.hypot(*way)
+            # Two ends at one place have nothing between them.
             if length_m == 0.0:
                 return np.zeros(len(candidates), dtype=np.bool_)
             forward, offset = way / length_m, candidates.centre_m - start_m

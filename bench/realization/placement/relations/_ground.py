@@ -59,7 +59,8 @@ def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relati
     def keeps(candidates: Footprints) -> Bools:
         corners = candidates.corners()
         valid: Bools = shapely.contains_xy(region, corners[..., 0], corners[..., 1]).all(axis=1)
-        if not convex:  # in a concave region an edge may cross a bay although both corners are inside
+        # In a concave region an edge may cross a bay although both corners are inside.
+        if not convex:
             valid[valid] = shapely.contains(region, shapely.polygons(corners[valid]))
         return valid
 
@@ -105,6 +106,7 @@ def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Rel
     else:
 
         def verge() -> Geometry:
+            # Errs to too little covered ground, since this part is taken away.
             covered = grown_at_most(ground_m2, along.at_least_m + inner_radius_m(group))
             return grown_at_least(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
 

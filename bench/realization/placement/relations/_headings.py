@@ -25,6 +25,7 @@ def sampled_headings_deg(
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
     if facing and facing.heading_deg is not None:
+        # Slightly inside the tolerance, so that rounding to the millidegree stays within it.
         limit = 0.999 * facing.within_deg
         fixed: Floats = np.round(facing.heading_deg + rng.uniform(-limit, limit, count), 3) % 360.0
         return fixed
@@ -37,6 +38,7 @@ def sampled_headings_deg(
     if along and along.parallel_deg is not None:
         road = next(candidate for candidate in simspec.world.roads if candidate.id == along.road)
         limit = 0.999 * along.parallel_deg
+        # Along a road either direction counts, so half of the members are turned around.
         stretch = road_heading_deg(road, places_m) + 180.0 * rng.integers(2, size=count)
         aimed: Floats = np.round(stretch + rng.uniform(-limit, limit, count), 3) % 360.0
         return aimed

@@ -41,7 +41,9 @@ class Solids:
             centre, half = self.footprints.centre_m[index], self.footprints.half_m[index]
             eye, end = (eyes_m - centre) @ axes[index].T, (places_m - centre) @ axes[index].T
             begins, ends = _box_crossing(eye, end, half)
+            # The line's lowest point over the box is at the end nearer to the lower of eye and top.
             low = eye_height_m + np.where(eye_height_m <= height_m, begins, ends) * (height_m - eye_height_m)
+            # An eye inside a solid sees out, as docs/placement.md promises.
             outside = (np.abs(eye) > half).any(axis=1)
             blocked |= outside[None, :] & (begins < ends) & (low < self.height_m[index])
         return blocked

@@ -64,6 +64,7 @@ def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None =
 
 def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
     asset, inner_m = ASSETS[host.asset], inner_radius_m(group)
+    # Any heading: the guest's inner circle stays in the host, so centres are at most this far apart.
     reach_m = hypot(max(asset.length_m / 2.0 - inner_m, 0.0), max(asset.width_m / 2.0 - inner_m, 0.0))
 
     def pairs(candidates: Footprints, others: Footprints) -> Bools:
@@ -137,7 +138,8 @@ class _Sector:
     span_deg: float
 
     def __call__(self, others: Geometry) -> Geometry | None:
-        pieces = 1 + int(self.span_deg // 90.0)  # each narrow enough for its sum with a hull to be convex
+        # Each narrow enough for its sum with a hull to be convex.
+        pieces = 1 + int(self.span_deg // 90.0)
         corners = shapely.get_coordinates(shapely.convex_hull(others))
         return shapely.union_all([self._piece(corners, number, pieces) for number in range(pieces)])
 
@@ -145,6 +147,7 @@ class _Sector:
         share = self.span_deg / pieces
         # A hair wider than the sector, because sines are rounded.
         arc = np.radians(np.linspace(self.from_deg + number * share - 1e-7, self.from_deg + (number + 1) * share + 1e-7, 3))
+        # Twice the half side of EVERYWHERE, so that every sector reaches beyond it.
         rim = 6e5 * np.stack([np.sin(arc), np.cos(arc)], axis=-1)
         swept = np.concatenate([corners, (corners[:, None, :] + rim[None]).reshape(-1, 2)])
         return shapely.convex_hull(shapely.MultiPoint(swept))

@@ -24,14 +24,15 @@ from .._groups import member_count, region_of
 from .._infeasible import fewest_groups
 from ._relation import Relation, field_path
 
+# How far inside the border a route point beyond it is moved; the simulation does the same.
 BORDER_INSET_M = 0.5
-"""How far inside the border a route point beyond it is moved; the simulation does the same."""
 
 
+# Extra width over what the simulation needs, so that rounding on either side blocks no way.
 ROUNDING_MARGIN_M = 1e-6
-"""Extra width over what the simulation needs, so that rounding on either side blocks no way."""
 
 
+# Beyond EVERYWHERE, so that a wall's shadow ends outside any ground.
 _SHADOW_M = 1e6
 
 
@@ -173,6 +174,7 @@ def open_legs(simspec: SimSpec, walker: ActorGroup, candidates: Footprints, wall
     any_route = next(iter(routes.values()))
     ends = np.where(inside[:, None, None], routes.get(True, any_route)[None], routes.get(False, any_route)[None])
     free = ~_blocked(candidates.centre_m, ends, walls, half_width_m(walker))
+    # In a convex area no straight way between inside points crosses the border.
     if not area.equals(area.convex_hull) and free.any():
         confined = free & inside[:, None]
         starts = np.broadcast_to(candidates.centre_m[:, None, :], ends.shape)
@@ -199,6 +201,7 @@ def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float)
 def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
     """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside the other too."""
     way = end - begin
+    # A way parallel to a side would divide by zero.
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
     first, second = (-half - begin) / way, (half - begin) / way
     enters = np.maximum(np.minimum(first, second).max(axis=-1), 0.0)

@@ -76,6 +76,7 @@ class GroupRelation:
             return self.ground_among(others)
         if self.quantifier == "some":
             return self.ground(shapely.MultiPoint(points))
+        # 64 members bound the work; leaving the others out only makes the ground larger, which is allowed.
         rooms = [self.ground(point) for point in points[: 1 if self.quantifier == "first" else 64]]
         return None if rooms[0] is None else shapely.intersection_all(rooms)
 

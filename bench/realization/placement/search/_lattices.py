@@ -15,8 +15,8 @@ from bench.simspec import ASSETS, ActorGroup
 from .._footprint import Footprints, footprints
 from .._geometry import Geometry
 
+# Extra gap between lattice neighbours, because places are rounded to the millimetre.
 ROUNDING_GAP_M = 0.002
-"""Extra gap between lattice neighbours, because places are rounded to the millimetre."""
 
 
 def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
@@ -30,6 +30,7 @@ def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
         places = frame.rows(size, pitch, np.array(corner))
         heading = np.full(len(places), _turned_deg(group, frame.heading_deg + 90.0 * quarter))
         distinct.setdefault(places.tobytes(), footprints(asset, places, heading, gap_m))
+        # A square footprint turned by a quarter gives the same lattice again.
         if asset.length_m == asset.width_m and quarter:
             break
     return sorted(distinct.values(), key=len, reverse=True)

@@ -35,8 +35,8 @@ MAX_POOLS = 5
 POOL_SIZE = 4096
 
 
+# The group is crowded when fewer than one in this many places admits a missing member. Chosen, not measured.
 CROWDING_RATIO = 4
-"""The group is crowded when fewer than one in this many places admits a missing member. Chosen, not measured."""
 
 
 Placed = dict[str, Footprints]
@@ -156,6 +156,7 @@ class Sampler:
             if relation
         ]
         ring = min(rings, key=lambda candidate: candidate.area_m2, default=None)
+        # Rings larger than the region's box would draw most places outside it.
         if ring and ring.area_m2 > _box_area_m2(region):
             ring = None
         # Sectors, roads and distances leave so little of the region's box that drawing from the box would waste the budget.
@@ -174,6 +175,7 @@ class Sampler:
 
     def _anywhere(self) -> Footprints:
         crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
+        # Sizes chosen, not measured: a few places for each member and a base for small groups.
         for pool in self._pools(4 * self.count + 60):
             missing = self.count - crowd.count
             if crowd.admit(pool, np.arange(len(pool)), self.count):
@@ -201,7 +203,8 @@ class Sampler:
             )
             short_m = max(low - mean.mean_m * (1 + mean.tolerance), mean.mean_m * (1 - mean.tolerance) - high)
             if short_m > high - low and len(candidates) > CROWDING_RATIO * self.count:
-                break  # more places would not double the reach; another place of the target may
+                # More places would not double the reach; another place of the target may.
+                break
             if short_m > 0.0:
                 continue
             # Within half the tolerance, so that rounding never decides whether the mean is kept.
@@ -217,6 +220,7 @@ class Sampler:
 
     def _pools(self, size: int) -> Iterator[Footprints]:
         """Ever larger pools of places that keep every relation to what is placed."""
+        # Pools double: an easy group is done after one small pool, a hard one gets more.
         for turn in range(MAX_POOLS):
             if self.budget.spent or (self.ground is not None and self.ground.area == 0.0):
                 return
@@ -235,6 +239,7 @@ class Sampler:
             centre = self.rng.uniform((west, south), (east, north), (count, 2))
         else:
             centre = ring.draw(self.rng, count)
+        # Documents store millimetres: places are rounded before any relation judges them.
         centre = np.round(centre, 3)
         heading_deg = sampled_headings_deg(self.simspec, self.group, centre, self.facing, self.rng)
         return footprints(ASSETS[self.group.asset], centre, heading_deg, self.group.placement.separation_m)

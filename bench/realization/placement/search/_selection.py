@@ -103,12 +103,14 @@ class MeanDistanceChoice:
     def _lots(self) -> NDArray[np.intp]:
         """All indices in the order of a weighted draw without replacement (Efraimidis and Spirakis 2006)."""
         weight = _tilted_weights(self._distance_m, self._mean_m)
+        # Weights that underflow to 0 would divide by zero; their places come last either way.
         return np.argsort(self._rng.exponential(size=len(weight)) / np.maximum(weight, 1e-300), kind="stable")
 
     def _exchange(self, crowd: ChosenMembers, chosen: list[int]) -> bool:
         distance = self._distance_m
         by_distance = np.argsort(distance, kind="stable")
         ordered = distance[by_distance]
+        # Members move by at most a quarter of the range at a time, so that corrections are shared.
         stride = (ordered[-1] - ordered[0]) / 4.0
         taken = set(chosen)
         for _ in range(60 + 12 * self._count):
@@ -134,6 +136,7 @@ class MeanDistanceChoice:
 def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:
     """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean is out of reach."""
     centred = distance_m - distance_m.mean()
+    # Per metre: at the ends the nearest or farthest places take nearly all of the weight.
     low, high = -0.5, 0.5
     for _ in range(40):
         middle = (low + high) / 2.0

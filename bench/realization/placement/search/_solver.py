@@ -39,27 +39,27 @@ from ._sampling import Placed, fixed_places
 MAX_ATTEMPTS = 2
 
 
+# Attempts when members stand in or between others, which are placed first and without knowing the later groups.
 MAX_DEPENDENT_ATTEMPTS = 12
-"""Attempts when members stand in or between others, which are placed first and without knowing the later groups."""
 
 
+# Share of a host's ground that its guests are assumed to fill. Chosen, not measured.
 HOST_FILL = 0.5
-"""Share of a host's ground that its guests are assumed to fill. Chosen, not measured."""
 
 
+# CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same places.
 ATTEMPT_LIMIT = 1.0
-"""CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same places."""
 
 
 MAX_PLACES = 6000
 
 
+# Places of one lattice that are tried for each place wanted. Chosen, not measured.
 TRIED_PER_WANTED = 12
-"""Places of one lattice that are tried for each place wanted. Chosen, not measured."""
 
 
+# Number of hosts in which lattices for guests are tried. Chosen, not measured.
 MAX_LATTICE_HOSTS = 12
-"""Number of hosts in which lattices for guests are tried. Chosen, not measured."""
 
 
 Literal = cp_model.IntVar
@@ -156,6 +156,7 @@ class _Phase:
                     self._require_relation(group, tie)
             self._require_mean(group)
         solver = cp_model.CpSolver()
+        # One worker: with more, the result would depend on the timing of threads.
         solver.parameters.num_workers = 1
         solver.parameters.random_seed = seed_of(self.simspec.seeds, "placement") % 2**31
         solver.parameters.max_deterministic_time = ATTEMPT_LIMIT
@@ -199,7 +200,8 @@ class _Phase:
         for candidates in self._candidates(group, room, wanted):
             for relation in relations:
                 candidates = candidates[relation.keeps(candidates)]
-            if len(candidates) > wanted - len(pool):  # any part of a lattice is one whose places do not crowd each other
+            # Any part of a lattice is one whose places do not crowd each other.
+            if len(candidates) > wanted - len(pool):
                 candidates = candidates[np.sort(self.rng.permutation(len(candidates))[: wanted - len(pool)])]
             pool = joined([pool, candidates])
             if len(pool) >= wanted:
@@ -212,7 +214,8 @@ class _Phase:
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
         shapely.prepare(room)
-        for lattice in lattices:  # a lattice of small assets in a wide yard has a hundred thousand places
+        # A lattice of small assets in a wide yard has a hundred thousand places.
+        for lattice in lattices:
             within = np.flatnonzero(shapely.intersects_xy(room, lattice.centre_m[:, 0], lattice.centre_m[:, 1]))
             if len(within) > TRIED_PER_WANTED * wanted:
                 within = np.sort(self.rng.permutation(within)[: TRIED_PER_WANTED * wanted])
@@ -340,6 +343,7 @@ class _Phase:
         leader_m = target_footprints(self.simspec, mean.of, self.standing).centre_m[0]
         distance_mm = np.round(1000.0 * np.hypot(*(pool.centre_m - leader_m).T)).astype(int).tolist()
         total = cp_model.LinearExpr.weighted_sum(literals, distance_mm)
+        # CP-SAT takes whole numbers, hence millimetres.
         self.model.add(total >= ceil(1000.0 * count * mean.mean_m * (1.0 - mean.tolerance / 2.0)))
         self.model.add(total <= int(1000.0 * count * mean.mean_m * (1.0 + mean.tolerance / 2.0)))
 
