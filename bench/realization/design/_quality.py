@@ -341,7 +341,7 @@ def _interactions(
     groups: dict[bytes, list[str]] = {}
     for name, column in zip([*names, *terms], np.hstack([mains, crossed]).T, strict=True):
         rounded = np.round(column, 6)
-        # No zero below zero.
+        # Adding 0.0 turns -0.0 into 0.0, which has other bytes.
         turned = rounded * np.sign(rounded[int(np.flatnonzero(rounded)[0])]) + 0.0
         groups.setdefault(turned.tobytes(), []).append(name)
     aliased = tuple(" = ".join(group) for group in groups.values() if len(group) > 1)
@@ -358,7 +358,7 @@ def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
 
 
 def _discrepancy(unit: NDArray[np.float64]) -> float:
-    # Half a second to import.
+    # Imported here: scipy.stats takes half a second.
     from scipy.stats import qmc
 
     return float(qmc.discrepancy(np.clip(unit, 0.0, 1.0), method="CD"))

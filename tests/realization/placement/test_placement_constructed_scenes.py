@@ -489,7 +489,7 @@ def test_places_depend_on_the_scene_alone() -> None:
     """The same bytes whichever scenes came before, in another process, and whatever order sets have there."""
     seeds = list(range(200, 208))
     here = Path(__file__)
-    program = f"import {here.stem} as scenes; print('\\n'.join(scenes.told({seeds[::-1]})))"
+    program = f"import {here.stem} as scenes; print('\\n'.join(scenes.outcomes({seeds[::-1]})))"
     environment = os.environ | {"PYTHONHASHSEED": "77", "PYTHONPATH": str(here.parent)}
     other = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
 
