@@ -55,10 +55,12 @@ class Bench:
         self._node = node
         self._publishers: dict[str, Publisher] = {}
         self._subscriptions: dict[str, Subscription] = {}
-        for one in sorted(wanted, key=lambda one: one.topic):
+        for topic_wanted in sorted(wanted, key=lambda topic_wanted: topic_wanted.topic):
             if node is None:
                 raise SetupError(Fault("REBAR_ZENOH", "is not set, but this agent subscribes", "set zenoh: true in its manifest"))
-            self._subscriptions[one.topic] = node.subscribe(one.topic, one.kind, latched=one.latched, depth=one.depth)
+            self._subscriptions[topic_wanted.topic] = node.subscribe(
+                topic_wanted.topic, topic_wanted.kind, latched=topic_wanted.latched, depth=topic_wanted.depth
+            )
 
     def publish(self, topic: str, document: str) -> None:
         """Publish a JSON document as std_msgs/String."""
@@ -105,7 +107,7 @@ class Bench:
     def _by_clock(self, tick_s: float) -> Iterator[Moment]:
         if CLOCK not in self._subscriptions:
             raise SetupError(Fault(CLOCK, "is not among the subscriptions", "the realtime pace takes its time from it"))
-        due = heard = time.monotonic()
+        due = advanced = time.monotonic()
         last = SimTime(-1)
         while True:
             due = max(due + tick_s, time.monotonic())
@@ -115,10 +117,10 @@ class Bench:
             moment = self._gather(last)
             now = _latest_clock(moment.samples)
             if now is not None and now > last:
-                last, heard = now, time.monotonic()
+                last, advanced = now, time.monotonic()
             if last.ns >= 0:
                 yield Moment(last, moment.samples, moment.frames)
-            if time.monotonic() - heard > SILENCE_S:
+            if time.monotonic() - advanced > SILENCE_S:
                 raise LinkLost(f"{CLOCK} has been silent for {SILENCE_S:g} s")
 
     def _gather(self, now: SimTime) -> Moment:

@@ -75,9 +75,9 @@ class MavlinkLink:
 
     def send(self, frame: bytes) -> bool:
         """Send one whole frame; False when nobody has been heard yet to send it to."""
-        gone = self._wire.send(frame)
-        self.sent += gone
-        return gone
+        was_sent = self._wire.send(frame)
+        self.sent += was_sent
+        return was_sent
 
     def _take_in(self, timeout_s: float) -> bool:
         data = self._wire.receive(timeout_s)
@@ -118,8 +118,8 @@ def _cut(data: bytes, frames: list[MavlinkFrame]) -> tuple[bytes, int]:
 class _Datagrams:
     """A UDP socket that talks to one peer: the first that it hears, or the one it was told."""
 
-    def __init__(self, own: socket.socket, peer: tuple[str, int] | None) -> None:
-        self._socket = own
+    def __init__(self, udp_socket: socket.socket, peer: tuple[str, int] | None) -> None:
+        self._socket = udp_socket
         self._peer: Any = peer
 
     def receive(self, timeout_s: float) -> bytes | None:
@@ -147,8 +147,8 @@ class _Datagrams:
 class _Stream:
     """A TCP connection."""
 
-    def __init__(self, own: socket.socket) -> None:
-        self._socket = own
+    def __init__(self, tcp_socket: socket.socket) -> None:
+        self._socket = tcp_socket
 
     def receive(self, timeout_s: float) -> bytes | None:
         self._socket.settimeout(timeout_s)
@@ -187,21 +187,21 @@ def open_link(name: str, connection: str, timeout_s: float = TIMEOUT_S) -> Itera
                 "for example udpin:127.0.0.1:14540 or tcp:127.0.0.1:5760",
             )
         )
-    with _open_socket(kind, (host, int(port)), timeout_s) as own:
-        wire = _Stream(own) if kind == "tcp" else _Datagrams(own, (host, int(port)) if kind == "udpout" else None)
+    with _open_socket(kind, (host, int(port)), timeout_s) as link_socket:
+        wire = _Stream(link_socket) if kind == "tcp" else _Datagrams(link_socket, (host, int(port)) if kind == "udpout" else None)
         yield MavlinkLink(name, wire)
 
 
 def _open_socket(kind: str, address: tuple[str, int], timeout_s: float) -> socket.socket:
     try:
         if kind == "tcp":
-            own = socket.create_connection(address, timeout_s)
-            own.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            return own
-        own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+            link_socket = socket.create_connection(address, timeout_s)
+            link_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            return link_socket
+        link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        link_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
         if kind in ("udpin", "udp"):
-            own.bind(address)
-        return own
+            link_socket.bind(address)
+        return link_socket
     except OSError as error:
         raise LinkLost(f"MAVLink {kind}:{address[0]}:{address[1]} cannot be opened: {error}") from error

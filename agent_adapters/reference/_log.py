@@ -56,8 +56,8 @@ class Log:
 
     def answer(self, order: str, reason: str, *, accepted: bool) -> None:
         """What becomes of an order, at once, and the same as a decision."""
-        said = OrderAnswer(time_s=self.now_s, order=order, accepted=accepted, reason=reason[:2000])
-        self._publish(self._topics.answers, said.model_dump_json())
+        answer = OrderAnswer(time_s=self.now_s, order=order, accepted=accepted, reason=reason[:2000])
+        self._publish(self._topics.answers, answer.model_dump_json())
         self.decide("obey" if accepted else "refuse", order, reason)
 
     def silence(self) -> None:

@@ -132,7 +132,7 @@ def test_a_single_false_detection_is_forgotten() -> None:
     tracks.take(0.0, [sight(0.0, 0.0, 0.0)])
     tracks.take(4.0, [sight(4.0, 50.0, 50.0)])
     assert [(track.east_m, track.north_m) for track in tracks] == [(50.0, 50.0)]
-    assert tracks.near(0.0, 0.0, 5.0) == []
+    assert tracks.within(0.0, 0.0, 5.0) == []
 
 
 def track_of(*labels: str, score: float = 0.9, bearings_deg: tuple[float, ...] = ()) -> Track:

@@ -84,8 +84,8 @@ class Airspace:
         if self.allows(place):
             return place
         feet = [foot for block in self.blocks for foot in block.nearest_border(place)]
-        allowed = [one for one in [*feet, *self._nodes] if self.allows(one)]
-        return min(allowed, key=lambda one: (math.dist(one, place), one), default=place)
+        allowed = [candidate for candidate in [*feet, *self._nodes] if self.allows(candidate)]
+        return min(allowed, key=lambda candidate: (math.dist(candidate, place), candidate), default=place)
 
     def route(self, a: Place, b: Place) -> list[Place]:
         """The shortest way from a to b by straight legs, both ends included.
@@ -105,7 +105,7 @@ class Airspace:
         """
         if not self.blocks and self.fence is None:
             return list(waypoints)
-        moved = [waypoints[0], *(self.nearest(one) for one in waypoints[1:])]
+        moved = [waypoints[0], *(self.nearest(waypoint) for waypoint in waypoints[1:])]
         path = [moved[0]]
         for a, b in pairwise(moved):
             path += self.route(a, b)[1:] if math.dist(a, b) > TOUCH_M else []
@@ -113,7 +113,7 @@ class Airspace:
 
     def length_m(self, a: Place, b: Place) -> float:
         """Length of the way from a to b."""
-        return sum(math.dist(one, two) for one, two in pairwise(self.route(a, b)))
+        return sum(math.dist(leg_begin, leg_end) for leg_begin, leg_end in pairwise(self.route(a, b)))
 
     @cached_property
     def _nodes(self) -> tuple[Place, ...]:
@@ -151,8 +151,8 @@ class Airspaces:
 
     def __init__(self, order: MissionOrder) -> None:
         self._areas = [
-            (one.from_s - LEAD_S, one.until_s, block_round([(c.east_m, c.north_m) for c in one.corners], NO_FLY_MARGIN_M))
-            for one in order.no_fly
+            (area.from_s - LEAD_S, area.until_s, block_round([(c.east_m, c.north_m) for c in area.corners], NO_FLY_MARGIN_M))
+            for area in order.no_fly
         ]
         self._fence = None if order.geofence is None else tuple((c.east_m, c.north_m) for c in order.geofence)
         self._edges = () if self._fence is None else tuple(block_round(edge, FENCE_MARGIN_M) for edge in _edges(self._fence))
@@ -202,12 +202,12 @@ def _hull(places: Sequence[Place]) -> tuple[Place, ...]:
     ordered = sorted(set(places))
 
     def chain(points: Sequence[Place]) -> list[Place]:
-        kept: list[Place] = []
+        hull: list[Place] = []
         for point in points:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= 1e-9:
-                kept.pop()
-            kept.append(point)
-        return kept[:-1]
+            while len(hull) > 1 and _turn(hull[-2], hull[-1], point) <= 1e-9:
+                hull.pop()
+            hull.append(point)
+        return hull[:-1]
 
     return (*chain(ordered), *chain(ordered[::-1]))
 

@@ -68,7 +68,7 @@ class Caution:
         """As fast as lets it be slow by the time that it is near anybody."""
         if self.slow_mps is None or self.slow_within_m is None or not people:
             return asked_mps
-        nearest_m = min(math.dist(place, one) for one in people)
+        nearest_m = min(math.dist(place, person) for person in people)
         room_m = max(0.0, nearest_m - self.slow_within_m - MARGIN_M)
         return min(asked_mps, math.sqrt((SLOW_SHARE * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
 
@@ -93,10 +93,10 @@ class Caution:
 def pushed(place: Place, people: list[Place], within_m: float) -> Place:
     """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as that goes."""
     for _ in range(4):
-        near = min(people, key=lambda one: (math.dist(one, place), one), default=None)
-        if near is None or math.dist(near, place) >= within_m - 1e-6:
+        nearest = min(people, key=lambda person: (math.dist(person, place), person), default=None)
+        if nearest is None or math.dist(nearest, place) >= within_m - 1e-6:
             return place
-        apart_m = math.dist(near, place)
-        east, north = ((place[0] - near[0]) / apart_m, (place[1] - near[1]) / apart_m) if apart_m > 1e-3 else (1.0, 0.0)
-        place = near[0] + within_m * east, near[1] + within_m * north
+        apart_m = math.dist(nearest, place)
+        east, north = ((place[0] - nearest[0]) / apart_m, (place[1] - nearest[1]) / apart_m) if apart_m > 1e-3 else (1.0, 0.0)
+        place = nearest[0] + within_m * east, nearest[1] + within_m * north
     return place

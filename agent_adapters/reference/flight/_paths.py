@@ -33,7 +33,7 @@ def lawnmower(
         begin_m = -half_m - near_m
         end_m = max(half_m - middle_m, begin_m + 10.0)
         along = (begin_m, end_m) if leg % 2 == 0 else (-begin_m, -end_m)
-        waypoints += [_placed(center, heading_rad, one, across_m) for one in along]
+        waypoints += [_placed(center, heading_rad, leg_m, across_m) for leg_m in along]
     return waypoints
 
 

@@ -340,8 +340,8 @@ class Pilot:
         safe_m = min(self._settings.safe_height_m, self.height_m)
         goal = self.home if self._order.return_home else self.place
         if self._order.min_altitude_m is not None or self._caution.watches or not self.airspace.clear(self.place, goal):
-            near = lambda: math.dist(self.place, goal) < OVER_HOME_M  # noqa: E731
-            if not (yield from self.follow([self.place, goal], self.speed_mps, until=near, leave=unless, home_bound=True)):
+            over_home = lambda: math.dist(self.place, goal) < OVER_HOME_M  # noqa: E731
+            if not (yield from self.follow([self.place, goal], self.speed_mps, until=over_home, leave=unless, home_bound=True)):
                 return False
         while math.dist(self.place, goal) > 1.5 or self.pose.height_m > safe_m + 2.0:
             yield from self.keep_control(home_bound=True)

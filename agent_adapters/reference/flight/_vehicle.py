@@ -301,9 +301,9 @@ class Vehicle:
     def silence_the_rest(self) -> Steps[None]:
         """Switch off every stream that came and is not read; each once, whether or not the autopilot agrees."""
         done: set[int] = set()
-        while left := sorted(self._unwanted - done):
-            done.add(left[0])
-            yield from self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, left[0], -1.0, tries=1)
+        while remaining := sorted(self._unwanted - done):
+            done.add(remaining[0])
+            yield from self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, remaining[0], -1.0, tries=1)
         self._unwanted.clear()
 
     def set_parameter(self, name: str, value: float) -> Steps[None]:

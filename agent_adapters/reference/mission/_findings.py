@@ -114,7 +114,7 @@ class Findings:
         taken = {other.target for other in self._planner.tasks.values()} | task.dismissed
         candidates = [
             (-track.share(about.class_label) * track.confidence, track.number, track)
-            for _, track in self._perception.tracks.near(*task.place, within_m)
+            for _, track in self._perception.tracks.within(*task.place, within_m)
             if track.number not in taken
             and track.frames >= CANDIDATE_FRAMES
             and track.share(about.class_label) >= CANDIDATE_SHARE

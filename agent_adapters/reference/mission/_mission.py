@@ -293,13 +293,13 @@ class Mission:
         self._asked_s = now_s
         deadline_s = self._order.report_deadline_s if self._order and self._order.report_deadline_s else math.inf
         place = self._place
-        for one in self._planner.waiting(place):
-            if not self._planner.fits(place, now_s, one, SEARCH_S):
+        for other in self._planner.waiting(place):
+            if not self._planner.fits(place, now_s, other, SEARCH_S):
                 continue
-            due_s = one.told_s + deadline_s - self._planner.travel_s(math.dist(place, one.place)) - SEARCH_S
-            if now_s + HURRY_S > due_s or not self._planner.fits(place, now_s + HURRY_S, one, SEARCH_S):
+            due_s = other.told_s + deadline_s - self._planner.travel_s(math.dist(place, other.place)) - SEARCH_S
+            if now_s + HURRY_S > due_s or not self._planner.fits(place, now_s + HURRY_S, other, SEARCH_S):
                 task.enough = True
-                self._log.decide("move_on", task.id, f"found; {one.id} would come too late otherwise")
+                self._log.decide("move_on", task.id, f"found; {other.id} would come too late otherwise")
                 return True
         return False
 

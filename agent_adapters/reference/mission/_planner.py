@@ -89,7 +89,7 @@ class Planner:
         if task.state in ("not_found", "skipped"):
             task.passes = 0
             task.dismissed.clear()
-        task.ordered = 1 + max(one.ordered for one in self.tasks.values())
+        task.ordered = 1 + max(other.ordered for other in self.tasks.values())
         if task.state != "active":
             task.state = "waiting"
 
@@ -122,4 +122,4 @@ class Planner:
 
     def more_urgent_than(self, task: Task) -> Task | None:
         """A waiting task that should not wait for this one."""
-        return next((one for one in self.waiting(task.place) if one.urgency < task.urgency), None)
+        return next((other for other in self.waiting(task.place) if other.urgency < task.urgency), None)

@@ -91,14 +91,16 @@ class BystanderAwarePolicy:
         self.surroundings_m = order.no_mark_within_m + settings.bystander_margin_m
 
     def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
-        near = self._bystanders(target, tracks, now_s)
-        if near and near[0] <= self.surroundings_m:
-            count = sum(distance_m <= self.surroundings_m for distance_m in near)
-            reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {near[0]:.0f} m"
-            return Judgement(False, reason, bystanders_seen=count, nearest_bystander_m=round(near[0], 1))
-        if near:
-            reason = f"{len(near)} bystanders may have come within {self._within_m:g} m, the nearest was last at {near[0]:.0f} m"
-            return Judgement(False, reason, look=True, bystanders_seen=len(near), nearest_bystander_m=round(near[0], 1))
+        distances_m = self._bystanders(target, tracks, now_s)
+        if distances_m and distances_m[0] <= self.surroundings_m:
+            count = sum(distance_m <= self.surroundings_m for distance_m in distances_m)
+            reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {distances_m[0]:.0f} m"
+            return Judgement(False, reason, bystanders_seen=count, nearest_bystander_m=round(distances_m[0], 1))
+        if distances_m:
+            reason = f"{len(distances_m)} bystanders may have come within {self._within_m:g} m, the nearest was last at {distances_m[0]:.0f} m"
+            return Judgement(
+                False, reason, look=True, bystanders_seen=len(distances_m), nearest_bystander_m=round(distances_m[0], 1)
+            )
         unseen = unseen_share(target.east_m, target.north_m, self.surroundings_m, now_s - self._settings.memory_s)
         if unseen > self._settings.unseen_share:
             reason = f"{unseen:.0%} of the surroundings within {self.surroundings_m:g} m not looked at"
@@ -113,12 +115,12 @@ class BystanderAwarePolicy:
 
     def _nearest_m(self, target: Track, tracks: Tracks) -> float | None:
         """Distance to the nearest bystander that is known at all, however far away."""
-        near = (
+        distances_m = (
             distance_m
-            for distance_m, track in tracks.near(target.east_m, target.north_m, FAR_M)
+            for distance_m, track in tracks.within(target.east_m, target.north_m, FAR_M)
             if track is not target and distance_m >= SAME_OBJECT_M and may_be_bystander(track, self._classes)
         )
-        distance_m = next(near, None)
+        distance_m = next(distances_m, None)
         return None if distance_m is None else round(distance_m, 1)
 
     def _bystanders(self, target: Track, tracks: Tracks, now_s: float) -> list[float]:
@@ -128,7 +130,7 @@ class BystanderAwarePolicy:
         """
         drift_mps = self._settings.bystander_drift_mps
         distances = []
-        for distance_m, track in tracks.near(target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S):
+        for distance_m, track in tracks.within(target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S):
             if track is target or distance_m < SAME_OBJECT_M or not may_be_bystander(track, self._classes):
                 continue
             unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)

@@ -25,8 +25,8 @@ class Reports:
         """Why nothing may be reported at this moment; empty when it may."""
         if reason := self._orders.silenced:
             return reason
-        if self._windows and not any(one.from_s <= now_s < one.until_s for one in self._windows):
-            later = [one.from_s for one in self._windows if one.from_s > now_s]
+        if self._windows and not any(window.from_s <= now_s < window.until_s for window in self._windows):
+            later = [window.from_s for window in self._windows if window.from_s > now_s]
             return f"reports are allowed again from {min(later):g} s" if later else "no report is allowed any more"
         return ""
 
@@ -34,11 +34,11 @@ class Reports:
         """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at any time."""
         if self._orders.silenced_for_good:
             return False
-        return not self._windows or any(one.until_s > now_s and one.from_s < until_s for one in self._windows)
+        return not self._windows or any(window.until_s > now_s and window.from_s < until_s for window in self._windows)
 
     def forget(self, subject: str) -> None:
         """It need not be said again."""
-        self.unheard = [one for one in self.unheard if one != subject]
+        self.unheard = [unheard for unheard in self.unheard if unheard != subject]
 
     def say(
         self, subject: str, target: Track, judgement: Judgement, sigma_m: float | None, *, heard: bool, why: str = ""
@@ -48,8 +48,8 @@ class Reports:
         report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")
         evidence = tuple(round(moment_s, 3) for moment_s in target.exposures)
         confidence = round(target.confidence, 4)
-        seen = f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
-        because = f"{target.label} identified: {seen}" + (f"; {why}" if why else "")
+        sightings = f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
+        because = f"{target.label} identified: {sightings}" + (f"; {why}" if why else "")
         self._log.decide("report", subject, because, evidence=evidence, confidence=confidence)
         action = "mark" if judgement.mark else "withhold_mark"
         self._log.decide(action, subject, judgement.reason, evidence=evidence, confidence=confidence)

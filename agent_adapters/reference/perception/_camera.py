@@ -43,17 +43,17 @@ class GroundCamera:
     def ground_point(self, u_px: float, v_px: float, pose: Pose, height_m: float = 0.0) -> tuple[float, float] | None:
         """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the horizon, or too far."""
         ray = ((u_px - self.cx) / self.fx, (v_px - self.cy) / self.fy, 1.0)
-        forward, left, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
+        forward, leftward, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
         if not self.level:
-            forward, left, up = _untilted(forward, left, up, pose)
+            forward, leftward, up = _untilted(forward, leftward, up, pose)
         if up >= -1e-6:
             return None
         scale = (pose.height_m - height_m) / -up
-        if scale <= 0.0 or scale * math.hypot(forward, left) > MAX_RANGE_M:
+        if scale <= 0.0 or scale * math.hypot(forward, leftward) > MAX_RANGE_M:
             return None
         sine, cosine = math.sin(pose.yaw_rad), math.cos(pose.yaw_rad)
-        east_m = pose.east_m + scale * (forward * sine - left * cosine)
-        north_m = pose.north_m + scale * (forward * cosine + left * sine)
+        east_m = pose.east_m + scale * (forward * sine - leftward * cosine)
+        north_m = pose.north_m + scale * (forward * cosine + leftward * sine)
         return east_m, north_m
 
     def in_view(self, places_enu_m: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -65,10 +65,10 @@ class GroundCamera:
         offset = places_enu_m[None, :, :] - poses[:, None, :2]
         sine, cosine = np.sin(poses[:, 3])[:, None], np.cos(poses[:, 3])[:, None]
         forward = offset[:, :, 0] * sine + offset[:, :, 1] * cosine
-        left = offset[:, :, 1] * sine - offset[:, :, 0] * cosine
+        leftward = offset[:, :, 1] * sine - offset[:, :, 0] * cosine
         up = np.broadcast_to(-poses[:, 2][:, None], forward.shape)
         a = self.axes
-        x, y, z = (a[0][i] * forward + a[1][i] * left + a[2][i] * up for i in range(3))
+        x, y, z = (a[0][i] * forward + a[1][i] * leftward + a[2][i] * up for i in range(3))
         depth = np.maximum(z, 1e-6)
         u, v = self.fx * x / depth + self.cx, self.fy * y / depth + self.cy
         inside: NDArray[np.bool_] = (z > 0.0) & (u >= 0) & (u < self.width_px) & (v >= 0) & (v < self.height_px)
@@ -77,15 +77,15 @@ class GroundCamera:
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:
         """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the ground."""
         pose = Pose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
-        near, middle, far = (self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0))
-        near_m, middle_m = (point[1] if point else 0.0 for point in (near, middle))
+        lower_edge, middle, far = (self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0))
+        near_m, middle_m = (point[1] if point else 0.0 for point in (lower_edge, middle))
         return near_m, middle_m, far[1] if far else MAX_RANGE_M
 
     def swath_m(self, height_m: float) -> float:
         """Width of the ground seen across the middle of the image."""
         pose = Pose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
-        left, right = (self.ground_point(u, self.cy, pose) for u in (0.0, float(self.width_px)))
-        return right[0] - left[0] if left and right else height_m
+        left_edge, right_edge = (self.ground_point(u, self.cy, pose) for u in (0.0, float(self.width_px)))
+        return right_edge[0] - left_edge[0] if left_edge and right_edge else height_m
 
 
 def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float, float], ...]:
@@ -101,9 +101,9 @@ def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float,
     )
 
 
-def _untilted(forward: float, left: float, up: float, pose: Pose) -> tuple[float, float, float]:
+def _untilted(forward: float, leftward: float, up: float, pose: Pose) -> tuple[float, float, float]:
     """A direction in the body (forward, left, up) as seen level: roll and pitch taken out, yaw kept."""
-    right, down = -left, -up
+    right, down = -leftward, -up
     sine, cosine = math.sin(pose.roll_rad), math.cos(pose.roll_rad)
     right, down = right * cosine - down * sine, right * sine + down * cosine
     sine, cosine = math.sin(pose.pitch_rad), math.cos(pose.pitch_rad)

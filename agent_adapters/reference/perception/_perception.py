@@ -56,10 +56,14 @@ class Perception:
 
     def take_mount(self, transforms: TFMessage) -> None:
         """The first transform to an optical frame is the camera's. A parent named base_level is a mount that keeps level."""
-        for one in transforms.transforms:
-            if one.child_frame_id.endswith("optical"):
-                level = one.header.frame_id.endswith("level") if self._mount_setting == "auto" else self._mount_setting == "level"
-                self._mount = (one.transform.rotation, level)
+        for transform in transforms.transforms:
+            if transform.child_frame_id.endswith("optical"):
+                level = (
+                    transform.header.frame_id.endswith("level")
+                    if self._mount_setting == "auto"
+                    else self._mount_setting == "level"
+                )
+                self._mount = (transform.transform.rotation, level)
                 return
 
     def hear(self, now_s: float) -> None:
@@ -76,7 +80,9 @@ class Perception:
             return False
         self.frames += 1
         self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
-        self.tracks.take(time_s, [sight for one in frame.detections if (sight := _sight(one, time_s, pose, camera, doubt_m))])
+        self.tracks.take(
+            time_s, [sight for detection in frame.detections if (sight := _sight(detection, time_s, pose, camera, doubt_m))]
+        )
         self._notice_absence(time_s, camera)
         return True
 
@@ -86,8 +92,8 @@ class Perception:
         if people:
             places = np.array([(track.east_m, track.north_m) for track in people])
             pose = np.array([self._views[-1][1:]])
-            near = np.hypot(places[:, 0] - pose[0, 0], places[:, 1] - pose[0, 1]) < USEFUL_M
-            shown = camera.in_view(places, pose)[0] & near
+            in_range = np.hypot(places[:, 0] - pose[0, 0], places[:, 1] - pose[0, 1]) < USEFUL_M
+            shown = camera.in_view(places, pose)[0] & in_range
             self.tracks.miss(track for track, was_shown in zip(people, shown, strict=True) if was_shown)
 
     def unseen_share(self, east_m: float, north_m: float, radius_m: float, since_s: float) -> float:
@@ -98,9 +104,9 @@ class Perception:
         steps = np.arange(-radius_m, radius_m + DISC_STEP_M, DISC_STEP_M)
         places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         places = places[np.hypot(places[:, 0], places[:, 1]) <= radius_m] + (east_m, north_m)
-        near = np.hypot(*(places[None, :, :] - poses[:, None, :2]).transpose(2, 0, 1)) < USEFUL_M
-        seen = (self.camera.in_view(places, poses) & near).sum(axis=0)
-        return float((seen < 2).mean())
+        in_range = np.hypot(*(places[None, :, :] - poses[:, None, :2]).transpose(2, 0, 1)) < USEFUL_M
+        frame_counts = (self.camera.in_view(places, poses) & in_range).sum(axis=0)
+        return float((frame_counts < 2).mean())
 
 
 def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCamera, doubt_m: float) -> Sight | None:
@@ -108,7 +114,7 @@ def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCame
     results, box = detection.results, detection.bbox
     if not results:
         return None
-    best = max(results, key=lambda one: one.hypothesis.score).hypothesis
+    best = max(results, key=lambda result: result.hypothesis.score).hypothesis
     middle_m = _MIDDLE_M.get(best.class_id, _USUAL_MIDDLE_M)
     point = camera.ground_point(box.center.position.x, box.center.position.y, pose, middle_m)
     if point is None:

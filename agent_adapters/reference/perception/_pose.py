@@ -84,7 +84,7 @@ class PoseHistory:
         places = self._places
         if not places or time_s < places[0].time_s - 1e-6 or time_s > places[-1].time_s + AHEAD_S:
             return None
-        after = bisect_left(places, time_s - 1e-6, key=lambda one: one.time_s)
+        after = bisect_left(places, time_s - 1e-6, key=lambda sample: sample.time_s)
         if after == len(places):
             last = places[-1]
             span_s = time_s - last.time_s
@@ -112,7 +112,7 @@ class PoseHistory:
         turns = self._turns
         if not turns or time_s < turns[0].time_s - 1e-6 or time_s > turns[-1].time_s + AHEAD_S:
             return None
-        after = bisect_left(turns, time_s - 1e-6, key=lambda one: one.time_s)
+        after = bisect_left(turns, time_s - 1e-6, key=lambda sample: sample.time_s)
         if after == len(turns):
             return turns[-1]
         if after == 0:

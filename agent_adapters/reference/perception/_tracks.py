@@ -164,10 +164,10 @@ class Tracks:
             if track.missed >= GONE_FRAMES and track.label in PEOPLE:
                 self._drop(track)
 
-    def near(self, east_m: float, north_m: float, within_m: float) -> list[tuple[float, Track]]:
+    def within(self, east_m: float, north_m: float, within_m: float) -> list[tuple[float, Track]]:
         """Tracks within a distance of a place, nearest first."""
-        found = ((track.distance_m(east_m, north_m), track) for track in self)
-        return sorted((pair for pair in found if pair[0] <= within_m), key=lambda pair: (pair[0], pair[1].number))
+        distances = ((track.distance_m(east_m, north_m), track) for track in self)
+        return sorted((pair for pair in distances if pair[0] <= within_m), key=lambda pair: (pair[0], pair[1].number))
 
     def _candidates(self, sight: Sight) -> Iterable[tuple[float, int]]:
         column, row = _cell(sight.east_m, sight.north_m)
@@ -194,8 +194,8 @@ class Tracks:
             self._cells.setdefault(after, []).append(track.number)
 
     def _forget(self, time_s: float) -> None:
-        gone = [t for t in self if t.frames < TENTATIVE_FRAMES and time_s - t.last_s > TENTATIVE_S]
-        for track in gone:
+        forgotten = [t for t in self if t.frames < TENTATIVE_FRAMES and time_s - t.last_s > TENTATIVE_S]
+        for track in forgotten:
             self._drop(track)
 
     def _drop(self, track: Track) -> None:

@@ -49,22 +49,22 @@ class Identification:
         frames, detection, wrong = (np.zeros((size, moments)) for _ in range(3))
         frames[at], detection[at], wrong[at] = target_views.frames, target_views.detection, target_views.mislabel
         seeds = batch.seeds[rows] + (actor + 1).astype(np.uint64) + _NEXT_LOOK * self._looks[rows, task]
-        seen = (uniform(seeds, _STREAM_SEEN, moments) < detection) & (frames > 0.0)
+        sighted = (uniform(seeds, _STREAM_SEEN, moments) < detection) & (frames > 0.0)
         label = np.repeat(uniform(seeds, _STREAM_LABEL, -(-moments // 4)), 4, axis=1)[:, :moments]
         away_m = stretch.place_m - places_m[np.arange(size), np.maximum(actor, 0)][:, None]
         bearing_rad = np.arctan2(away_m[:, :, 0], away_m[:, :, 1])
-        return TargetLook(rows, task, stretch.time_s, seen, label >= wrong, frames, bearing_rad)
+        return TargetLook(rows, task, stretch.time_s, sighted, label >= wrong, frames, bearing_rad)
 
     def identified_s(self, look: TargetLook) -> Floats:
         """(r,) when each of these targets is identified: before the stretch, during it, or never."""
-        state = self._after(look, look.seen)
+        state = self._after(look, look.sighted)
         rows, task = look.rows, look.task
         looks = np.clip(state.right_frames / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
         share = state.right_frames / np.maximum(state.seen_frames, 1e-9)
         confident = share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
         confident &= share > 0.5
         enough_angle = state.high - state.low >= MIN_VIEWPOINT_RAD
-        identified = look.seen & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
+        identified = look.sighted & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
         if self._due:
             due_s = (self._batch.task_delivered_s[rows, task] + self._batch.deadline_s[rows])[:, None]
             late = (look.time_s >= due_s - DEADLINE_S) & (look.time_s < due_s)
@@ -75,50 +75,50 @@ class Identification:
         return found_s
 
     def commit(self, look: TargetLook, found_s: Floats, until_s: Floats) -> None:
-        """What was seen up to a moment (r,) counts; what would have been found after it was not."""
+        """What was sighted up to a moment (r,) counts; what would have been found after it was not."""
         rows, task = look.rows, look.task
-        state = self._after(look, look.seen & (look.time_s <= until_s[:, None]))
+        state = self._after(look, look.sighted & (look.time_s <= until_s[:, None]))
         self.found_s[rows, task] = np.where(found_s <= until_s, found_s, self.found_s[rows, task])
         self.frames[rows, task], self._right[rows, task] = state.seen_frames[:, -1], state.right_frames[:, -1]
         self._low[rows, task], self._high[rows, task] = state.low[:, -1], state.high[:, -1]
         self._from[rows, task] = state.first_rad
         self._looks[rows, task] += np.uint64(1)
 
-    def _after(self, look: TargetLook, seen: Bools) -> _SeenSoFar:
-        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been seen by then."""
-        row, here = np.arange(len(seen)), (look.rows, look.task)
+    def _after(self, look: TargetLook, sighted: Bools) -> _SeenSoFar:
+        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by then."""
+        row, here = np.arange(len(sighted)), (look.rows, look.task)
         first_rad = self._from[here]
-        first_rad = np.where(np.isnan(first_rad) & seen.any(axis=1), look.bearing_rad[row, seen.argmax(axis=1)], first_rad)
+        first_rad = np.where(np.isnan(first_rad) & sighted.any(axis=1), look.bearing_rad[row, sighted.argmax(axis=1)], first_rad)
         turned = _wrapped(look.bearing_rad - np.nan_to_num(first_rad)[:, None])
-        # A moment stands for its span: the angle that goes by from its beginning to its end has been seen.
+        # A moment stands for its span: the angle that goes by from its beginning to its end has been sighted.
         step = 0.5 * _wrapped(np.diff(look.bearing_rad, axis=1))
         begin = turned - np.concatenate((step[:, :1], step), axis=1)
         end = turned + np.concatenate((step, step[:, -1:]), axis=1)
-        low, high = np.where(seen, np.minimum(begin, end), 0.0), np.where(seen, np.maximum(begin, end), 0.0)
+        low, high = np.where(sighted, np.minimum(begin, end), 0.0), np.where(sighted, np.maximum(begin, end), 0.0)
         low = np.minimum(np.minimum.accumulate(low, axis=1), self._low[here][:, None])
         high = np.maximum(np.maximum.accumulate(high, axis=1), self._high[here][:, None])
-        had = np.cumsum(np.where(seen, look.frames, 0.0), axis=1) + self.frames[here][:, None]
-        good = np.cumsum(np.where(seen & look.right, look.frames, 0.0), axis=1) + self._right[here][:, None]
-        return _SeenSoFar(had, good, low, high, first_rad)
+        had = np.cumsum(np.where(sighted, look.frames, 0.0), axis=1) + self.frames[here][:, None]
+        right = np.cumsum(np.where(sighted & look.right, look.frames, 0.0), axis=1) + self._right[here][:, None]
+        return _SeenSoFar(had, right, low, high, first_rad)
 
 
 class TargetLook:
-    """One stretch's looks at the targets of some tasks, (r, j) each: whether seen, under the right label, in how many frames."""
+    """One stretch's looks at the targets of some tasks, (r, j) each: whether sighted, under the right label, in how many frames."""
 
-    __slots__ = ("bearing_rad", "frames", "right", "rows", "seen", "task", "time_s")
+    __slots__ = ("bearing_rad", "frames", "right", "rows", "sighted", "task", "time_s")
 
     def __init__(
-        self, rows: Counts, task: Counts, time_s: Floats, seen: Bools, right: Bools, frames: Floats, bearing_rad: Floats
+        self, rows: Counts, task: Counts, time_s: Floats, sighted: Bools, right: Bools, frames: Floats, bearing_rad: Floats
     ) -> None:
         self.rows, self.task, self.time_s = rows, task, time_s
-        self.seen, self.right, self.frames, self.bearing_rad = seen, right, frames, bearing_rad
+        self.sighted, self.right, self.frames, self.bearing_rad = sighted, right, frames, bearing_rad
 
 
 class _SeenSoFar:
     __slots__ = ("first_rad", "high", "low", "right_frames", "seen_frames")
 
-    def __init__(self, had: Floats, good: Floats, low: Floats, high: Floats, first_rad: Floats) -> None:
-        self.seen_frames, self.right_frames, self.low, self.high, self.first_rad = had, good, low, high, first_rad
+    def __init__(self, had: Floats, right: Floats, low: Floats, high: Floats, first_rad: Floats) -> None:
+        self.seen_frames, self.right_frames, self.low, self.high, self.first_rad = had, right, low, high, first_rad
 
 
 def _wrapped(angle_rad: Floats) -> Floats:

@@ -124,13 +124,13 @@ def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
     ahead += north * cosine
     across = east * cosine
     across -= north * sine
-    visible = ahead > frame.near_edge[block]
-    visible &= ahead < frame.far_edge[block]
+    shown = ahead > frame.near_edge[block]
+    shown &= ahead < frame.far_edge[block]
     ahead *= frame.widens[block]
-    visible &= across - ahead < frame.right_edge[block]
+    shown &= across - ahead < frame.right_edge[block]
     across += ahead
-    visible &= across > frame.left_edge[block]
-    at, moment, actor = np.nonzero(visible)
+    shown &= across > frame.left_edge[block]
+    at, moment, actor = np.nonzero(shown)
     return at + begin, moment, actor
 
 
