@@ -50,7 +50,8 @@ def read_json_document(text: str, kind: type[D], source: str = "") -> D:
     try:
         return kind.model_validate_json(text)
     except ValidationError:
-        return read_document(text, kind, source)  # the YAML reader knows lines, so its faults name them
+        # The YAML reader knows lines, so its faults name them.
+        return read_document(text, kind, source)
 
 
 def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:

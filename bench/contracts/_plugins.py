@@ -11,7 +11,8 @@ from bench.errors import Fault, SetupError
 PluginGroup = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes", "rebar.surrogates"]
 
 
-@cache  # what is installed does not change under a running process, and looking costs tens of milliseconds
+# What is installed does not change under a running process, and looking costs tens of milliseconds.
+@cache
 def plugins(group: PluginGroup) -> dict[str, EntryPoint]:
     """Every plug-in declared for the group, by name, without importing any. Not to be changed by the caller."""
     return {entry.name: entry for entry in entry_points(group=group)}

@@ -79,7 +79,8 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
         raise SetupError(Fault(str(target), "is the recording itself", "give another file to write to"))
     container = Container(source)
     items = iter(container)
-    first = next(items, None)  # a source that is no recording must not leave an empty target behind
+    # A source that is no recording must not leave an empty target behind.
+    first = next(items, None)
     with target.open("wb") as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start(profile=PROFILE, library=LIBRARY)

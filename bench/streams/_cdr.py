@@ -18,7 +18,8 @@ from ._types import Field, RosMessage, fields_of, message_class
 HEADER = b"\x00\x01\x00\x00"  # plain CDR, little endian, no options
 _SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "d": 8}
 _FORMATS = {"int8": "b", "uint8": "B", "bool": "?", "uint16": "H", "int32": "i", "uint32": "I", "float64": "d"}
-_MAX_TRAILING = 3  # some writers pad the end of a sample to four bytes
+# Some writers pad the end of a sample to four bytes.
+_MAX_TRAILING = 3
 _LITTLE, _BIG = "<", ">"
 
 M = TypeVar("M")
@@ -328,7 +329,8 @@ def _read_numbers(code: str, order: str) -> _Read:
             return at
         at += (4 - at) % size
         end = at + length * size
-        if end > len(data):  # before the format is built: its size is the sender's
+        # Before the format is built: its size is the sender's.
+        if end > len(data):
             raise _Malformed
         values.append(struct.unpack_from(f"{order}{length}{code}", data, at))
         return end

@@ -26,8 +26,10 @@ from ._keys import RELIABLE_10, QoS, data_key, endpoint_gid, endpoint_token, is_
 from ._types import type_name_of
 
 _LEASE_MS = 60_000  # rmw_zenoh's
-INBOX_BYTES = 32 * 1024 * 1024  # of one inbox, however few the samples: what a flooding agent can cost in memory
-_QUEUED_BATCHES = 16  # the most that Zenoh allows: samples are dropped when a reader is this far behind
+# Of one inbox, however few the samples: what a flooding agent can cost in memory.
+INBOX_BYTES = 32 * 1024 * 1024
+# The most that Zenoh allows: samples are dropped when a reader is this far behind.
+_QUEUED_BATCHES = 16
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,8 @@ class Router:
         self.access = access
         self._session = session
         self._ids = itertools.count()
-        self._nodes: list[RosNode] = []  # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest
+        # Zenoh withdraws what nobody holds: a latched topic must outlive its caller's interest.
+        self._nodes: list[RosNode] = []
 
     def node(self, name: str, namespace: str = "/") -> RosNode:
         """A node in this process, which may read and write everything; it lives as long as the router."""

@@ -406,7 +406,8 @@ class Field:
 @cache
 def fields_of(kind: type[RosMessage]) -> tuple[Field, ...]:
     """The fields of a message class in the order of the wire."""
-    type_name_of(kind)  # a dataclass that is no message stops here
+    # A dataclass that is no message stops here.
+    type_name_of(kind)
     return tuple(_field(field.name, field.type) for field in fields(kind))  # type: ignore[arg-type]
 
 
