@@ -19,7 +19,8 @@ _EFFICIENCY = 0.75
 _ELECTRONICS_W = 6.0
 _PER_THRUST15 = 1.0 / math.sqrt(2.0 * _AIR_KGPM3 * _DISK_M2) / _EFFICIENCY
 _CELLS = 4
-_FULL_V, _EMPTY_V = 4.15, 3.45  # of one cell at rest; linear between, which holds from 100 % to 5 %
+# Of one cell at rest; linear in between, which holds from 100 % to 5 % of charge.
+_FULL_V, _EMPTY_V = 4.15, 3.45
 _RESISTANCE_OHM = 0.02
 
 
@@ -32,7 +33,7 @@ class BatteryModel:
         self.power_w = 0.0
 
     def drain(self, thrust_n: Sequence[float], span_s: float) -> None:
-        """Take what the rotors' thrusts and the electronics use in `span_s`."""
+        """Take the energy that rotors and electronics use in `span_s`."""
         power = _ELECTRONICS_W
         for rotor_thrust_n in thrust_n:
             power += _PER_THRUST15 * rotor_thrust_n * math.sqrt(rotor_thrust_n)
@@ -44,7 +45,7 @@ class BatteryModel:
         self._remaining_j = max(0.0, self._remaining_j - power_w * span_s)
 
     def drop_to(self, fraction: float) -> None:
-        """Lose charge at once, as a cell that fails; never gains any."""
+        """Lose charge at once, as when a cell fails; the charge never rises."""
         self._remaining_j = min(self._remaining_j, fraction * self._capacity_j)
 
     @property

@@ -1,4 +1,4 @@
-"""What breaks on a vehicle, and when: the SimSpec's timeline, at exact simulated times, and what is broken on command."""
+"""Failures of a vehicle: those of the SimSpec, at exact simulated times, and those injected on command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ._battery import BatteryModel
 from ._navigation import Navigation
 
 SetWorks = Callable[[int, bool], None]
-"""Let rotor number (from 0) turn, or not."""
+"""Lets a rotor (numbered from 0) turn, or stops it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class _FailureChange:
 
 
 class Failures:
-    """Breaks and repairs parts; `active` names what is broken. One comparison a step while nothing is due."""
+    """Breaks and repairs parts; `active` names what is broken. While nothing is due, a step costs one comparison."""
 
     def __init__(
         self,
@@ -49,14 +49,14 @@ class Failures:
         self._next_ns = self._changes[0].at_ns if self._changes else None
 
     def apply(self, now_ns: int) -> None:
-        """Do everything that is due at `now_ns`."""
+        """Break and repair everything that is due at `now_ns`."""
         while self._next_ns is not None and self._next_ns <= now_ns:
             change = self._changes.pop(0)
             self._apply_failure(change.failure, change.breaks)
             self._next_ns = self._changes[0].at_ns if self._changes else None
 
     def break_part(self, kind: str, instance: int, breaks: bool) -> bool:
-        """On command: instance 0 is all of them. False when there is no such part."""
+        """Break or repair on command; instance 0 is all of them. False where there is no such part."""
         if kind == "gps_off" and instance in (0, 1):
             self._mark_active("gps_off", breaks)
             self._navigation.set_off(breaks)

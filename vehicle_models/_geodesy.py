@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 
-_A = 6378137.0  # WGS84 semi-major axis, m
-_E2 = 6.69437999014e-3  # first eccentricity squared
+# WGS84 semi-major axis, m.
+_A = 6378137.0
+# First eccentricity squared.
+_E2 = 6.69437999014e-3
 
 
 class TangentPlane:

@@ -1,4 +1,4 @@
-"""One aircraft in JSBSim, from its file beside this package: properties in, motion out, SI outside."""
+"""One aircraft in JSBSim, loaded from its file in this package. Setters and motion are in SI units."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _READ = (
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """Where the vehicle stands at the start; `altitude_m` is that of the ground above mean sea level."""
+    """Where the vehicle is at the start; `altitude_m` is that of the ground above mean sea level."""
 
     latitude_deg: float
     longitude_deg: float
@@ -120,7 +120,8 @@ class JsbsimPlant:
         try:
             for _ in range(self.runs):
                 run()
-        except Exception as error:  # JSBSim has no exception of its own for a state that ran away
+        except Exception as error:
+            # JSBSim has no exception class of its own for a state that diverges.
             raise VehicleFault(f"the flight dynamics stopped: {error}") from error
         self._read()
 
@@ -145,7 +146,8 @@ class JsbsimPlant:
 
 def _load(name: str, place: StartPose, plane: TangentPlane, feet_m: float, physics_hz: int) -> jsbsim.FGFDMExec:
     """A fresh, silent JSBSim standing on the ground. Fresh, because a reset one does not repeat its first flight."""
-    jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))  # holds for this thread alone
+    # The logger holds for the present thread alone, so it is set for every aircraft.
+    jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     with ExitStack() as stack:
         folder = stack.enter_context(importlib.resources.as_file(importlib.resources.files("vehicle_models")))
         fdm = jsbsim.FGFDMExec(str(folder))
@@ -155,7 +157,8 @@ def _load(name: str, place: StartPose, plane: TangentPlane, feet_m: float, physi
         if not fdm.load_model(name):
             raise SetupError(Fault(f"{name}.xml", "JSBSim does not take the aircraft", "reinstall the package"))
     fdm.disable_output()
-    fdm["simulation/randomseed"] = 1  # nothing here draws from it; unseeded it would read the host's clock
+    # Nothing here draws random numbers from JSBSim, but without a seed it reads the host's clock.
+    fdm["simulation/randomseed"] = 1
     latitude, longitude = plane.geodetic_rad(place.east_m, place.north_m)
     fdm["ic/lat-geod-deg"], fdm["ic/long-gc-deg"] = math.degrees(latitude), math.degrees(longitude)
     fdm["ic/terrain-elevation-ft"] = place.altitude_m / _FT

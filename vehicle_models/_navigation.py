@@ -1,17 +1,18 @@
-"""Where the vehicle believes itself to be: truth plus the error of its satellite navigation.
+"""The position that the vehicle estimates: the truth plus the error of its satellite navigation.
 
 Horizontally a second-order Gauss-Markov wander (stationary from the start: the receiver has been on for a while) with
-white noise on every fix; vertically white noise alone, since height is held by the barometer. Second order, because what
-wanders in a receiver (ionosphere, multipath) has a rate: a first-order process is rough, and a vehicle that follows it
-shakes. What the autopilot flies by follows the fixes through a first-order filter, as an estimator would. Velocity and
+white noise on every fix; vertically white noise alone, since height is held by the barometer. It is of second
+order because the errors of a receiver (ionosphere, multipath) have a rate: a first-order process is rough, and a vehicle
+that follows it shakes. The estimate follows the fixes through a first-order filter, as an estimator would. Velocity and
 attitude are taken as exact.
 
 Source of the process: Gelb (ed.), "Applied Optimal Estimation" (1974), section 2.2: critically damped, with
 correlation exp(-b t) (1 + b t), which falls to 1/e at `wander_time_s` for b = 2.146 / wander_time_s.
 
-Without fixes the vehicle reckons on by its accelerometers alone: their bias, drawn when the fixes end (0.03 m/s2 on each
-horizontal axis, a consumer sensor after calibration), makes the velocity wrong by its time and the place by half its
-square. Height stays the barometer's. When fixes come again, the estimate follows them as before and velocity is exact.
+Without fixes the vehicle uses dead reckoning by its accelerometers alone: their bias, drawn when the fixes end (0.03 m/s2 on each
+horizontal axis, a consumer sensor after calibration), makes the velocity wrong by bias times time and the position by
+half the bias times time squared. Height is still the barometer's. When fixes return, the estimate follows them as before
+and velocity is exact.
 """
 
 from __future__ import annotations
@@ -24,11 +25,14 @@ import numpy as np
 from bench.contracts import Vector
 from bench.simspec import Gps
 
-FIX_S = 0.125  # PX4's simulated receiver gives 8 fixes a second
-_FOLLOW_S = 0.5  # time constant with which the estimate follows the fixes
+# PX4's simulated receiver gives 8 fixes a second.
+FIX_S = 0.125
+# Time constant with which the estimate follows the fixes.
+_FOLLOW_S = 0.5
 _BLOCK = 512
 _BIAS_MPS2 = 0.03
-_DECAY = 2.1461932  # b times the correlation time: the root of exp(-z) (1 + z) = 1/e
+# b times the correlation time: the root of exp(-z) (1 + z) = 1/e.
+_DECAY = 2.1461932
 
 
 class Navigation:
@@ -56,7 +60,7 @@ class Navigation:
         self._drifted_en_m = (0.0, 0.0)
 
     def set_off(self, off: bool) -> None:
-        """Fixes end, or come again."""
+        """Stop or resume fixes."""
         if off and not self.off:
             first, second, *_ = self._draw_normal()
             self._bias_en_mps2 = (_BIAS_MPS2 * first, _BIAS_MPS2 * second)
@@ -64,7 +68,7 @@ class Navigation:
         self.velocity_error_en_mps = (0.0, 0.0)
 
     def set_drift_en_mps(self, drift_en_mps: tuple[float, float] | None) -> None:
-        """Fixes begin to walk away with a velocity, or (None) are where they belong again."""
+        """Let fixes drift away with a velocity; None ends the drift."""
         self._drift_en_mps, self._drifted_en_m = drift_en_mps, (0.0, 0.0)
 
     def step(self) -> None:
@@ -122,7 +126,7 @@ class _Wander:
         m = fade * np.array([[1.0 + b * step_s, step_s], [-b * b * step_s, 1.0 - b * step_s]])
         stationary = gps.wander_m**2 * np.diag([1.0, b * b])
         q = stationary - m @ stationary @ m.T
-        # By hand, since the matrix is singular without a wander, and nearly so for a slow one.
+        # NumPy's Cholesky is not used: the matrix is singular without a wander, and nearly so for a slow one.
         rate = math.sqrt(max(q[1, 1], 0.0))
         cross = float(q[0, 1] / rate) if rate else 0.0
         return cls((*m[0].tolist(), *m[1].tolist()), (math.sqrt(max(q[0, 0] - cross * cross, 0.0)), cross, rate))

@@ -1,4 +1,4 @@
-"""One simulated aircraft with its flight controller: what the `Vehicle` contract asks, put together."""
+"""One simulated aircraft with its flight controller, which together fulfil the `Vehicle` contract."""
 
 from __future__ import annotations
 
@@ -45,8 +45,10 @@ from .controller import (
 from .x500 import FULL_THRUST_N, HOVER_THRUST, ROTORS, X500Plant
 
 _YAW_MAX_RADPS = 1.0
-_SPEED_MAX_MPS, _CLIMB_MAX_MPS, _DESCENT_MAX_MPS = 18.0, 6.0, 3.0  # what the airframe can do, whatever a parameter says
-_TILT_MAX_RAD, _RATE_MAX_RADPS = math.radians(45.0), 4.0  # of attitudes and rates that somebody gives
+# What the airframe can do, regardless of parameters; chosen, not measured.
+_SPEED_MAX_MPS, _CLIMB_MAX_MPS, _DESCENT_MAX_MPS = 18.0, 6.0, 3.0
+# Bounds of attitudes and rates that a client commands.
+_TILT_MAX_RAD, _RATE_MAX_RADPS = math.radians(45.0), 4.0
 _CRASH_MPS = 3.0
 _CRASH_TILT_RAD = math.radians(70.0)
 _NEAR_GROUND_M = 0.5
@@ -55,13 +57,13 @@ _TOUCH_M = 0.02
 
 @contextmanager
 def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[X500]:
-    """Yield an X500 standing at home, its links open. Raises SetupError for a link or a parameter that cannot be."""
+    """Yield an X500 standing at home, its links open. Raises SetupError for a link that cannot be opened or an unknown parameter."""
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
 
 
 class Plant(Protocol):
-    """What the vehicle asks of any flight dynamics."""
+    """What the vehicle needs of its flight dynamics."""
 
     @property
     def motion(self) -> VehicleMotion: ...
@@ -78,7 +80,7 @@ class Plant(Protocol):
 
 
 class SteeredAirframe(Airframe, Protocol):
-    """An airframe that steers by an estimate, which is the truth plus this error."""
+    """An airframe that steers by an estimate: the true position plus `error_enu_m`."""
 
     error_enu_m: Vector
 
@@ -109,7 +111,7 @@ class X500Airframe:
         self._yaw_rad = self._plant.motion.yaw_rad
 
     def fly(self, target: FlightTarget) -> None:
-        """Aim the true position beside the target by the error of the estimate, so that the estimate meets the target."""
+        """Steer the true position beside the target by the error of the estimate, so that the estimate meets the target."""
         if target is not self._target and target != self._target:
             self._write_constant(target)
         write = self._plant.write
@@ -124,7 +126,7 @@ class X500Airframe:
         write("flying", 1.0)
 
     def _write_constant(self, target: FlightTarget) -> None:
-        """Everything about a target that stays the same while it is flown."""
+        """Write everything of a target that stays the same while it is flown."""
         self._target = target
         write = self._plant.write
         write("position-mode", 0.0 if target.north_east_m is None else 1.0)
@@ -186,9 +188,9 @@ class X500Airframe:
 
 
 class Aircraft(ABC):
-    """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks.
+    """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks MAVLink.
 
-    Each kind says what its plant is, what steers it, which autopilots it can carry, and what it does not survive.
+    Each kind of aircraft defines its plant, what steers it, which autopilots it can carry, and what it does not survive.
     """
 
     autopilots: ClassVar[Mapping[str, Autopilot]] = AUTOPILOTS
@@ -296,7 +298,7 @@ class Aircraft(ABC):
         return self._controller.counters()
 
     def _cold_flight(self) -> FlightState:
-        """What a flight controller knows when it starts at the present moment."""
+        """The state of a flight controller that starts at the present moment."""
         latitude_e7, longitude_e7 = self._frame.to_geodetic_e7(0.0, 0.0)
         return FlightState(
             step_s=self.step_s,
@@ -321,7 +323,7 @@ class Aircraft(ABC):
         )
 
     def _restart(self) -> None:
-        """A new flight controller takes over the same aircraft and the same links; what nobody has heard yet is lost."""
+        """Start a new flight controller on the same aircraft and the same links; messages that wait are lost."""
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
         self._airframe.disarm()
         for link in self._links:
@@ -347,9 +349,9 @@ class Aircraft(ABC):
         motion = self._plant.motion
         latitude_e7, longitude_e7 = self._plane.geodetic_e7(motion.east_m, motion.north_m)
         altitude_mm = round((motion.up_m + self._ground_m) * 1000.0)
-        speeds = (round(one * 100.0) for one in (motion.vn_mps, motion.ve_mps, motion.vd_mps))
+        speeds = (round(axis * 100.0) for axis in (motion.vn_mps, motion.ve_mps, motion.vd_mps))
         airspeed = min(round(motion.airspeed_mps * 100.0), 65535)
-        forces = (round(min(max(one / 9.80665 * 1000.0, -32768.0), 32767.0)) for one in self._plant.specific_force_mps2())
+        forces = (round(min(max(axis / 9.80665 * 1000.0, -32768.0), 32767.0)) for axis in self._plant.specific_force_mps2())
         attitude = attitude_quaternion(motion.roll_rad, motion.pitch_rad, motion.yaw_rad)
         rates = (motion.p_radps, motion.q_radps, motion.r_radps)
         head = (self._flight.time_us, *attitude, *rates, latitude_e7, longitude_e7, altitude_mm)
@@ -358,7 +360,8 @@ class Aircraft(ABC):
     def _update_battery(self) -> None:
         self._drain(self._battery)
         if self._battery.fraction <= 0.0:
-            self._airframe.disarm()  # nothing turns without power, whatever the flight controller wants
+            # Nothing turns without power, whatever the flight controller commands.
+            self._airframe.disarm()
 
     def _speed_mps(self) -> float:
         motion = self._plant.motion
@@ -370,11 +373,11 @@ class Aircraft(ABC):
 
     @abstractmethod
     def _drain(self, battery: BatteryModel) -> None:
-        """Take what one step used."""
+        """Take the energy of one step from the battery."""
 
     @abstractmethod
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Whether what just happened is more than the airframe bears; the speed is that before the step."""
+        """Whether the last step was more than the airframe bears; `speed_before_mps` is the speed before it."""
 
     def _find_autopilot(self, name: str) -> Autopilot:
         try:
@@ -384,7 +387,7 @@ class Aircraft(ABC):
             raise SetupError(Fault("vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}")) from None
 
     def _sense(self) -> None:
-        """Write what the vehicle believes and feels into the state that its services read."""
+        """Write estimate and sensor readings into the state that the services read."""
         flight, motion, frame = self._flight, self._plant.motion, self._frame
         error = self._airframe.error_enu_m = self._navigation.error_enu_m
         east, north, up = motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]

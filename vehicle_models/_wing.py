@@ -16,13 +16,14 @@ from .wing import WingAirframe, WingPlant
 
 _NEAR_GROUND_M, _TOUCH_M = 0.5, 0.05
 _CRASH_SINK_MPS = 2.5
-_CRASH_MPS = 18.0  # faster than this it breaks, however flat it slides in
+# A faster touchdown breaks the wing, however flat; chosen, not measured.
+_CRASH_MPS = 18.0
 _CRASH_TILT_RAD = math.radians(50.0)
 
 
 @contextmanager
 def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing]:
-    """Yield a fixed wing on its belly at home, its links open. Raises SetupError for a link or a parameter that cannot be."""
+    """Yield a fixed wing on its belly at home, its links open. Raises SetupError for a link that cannot be opened or an unknown parameter."""
     with open_links(plan.links) as links:
         yield Wing(plan, links, tap)
 

@@ -74,7 +74,8 @@ from .telemetry._terrain import Terrain
 from .telemetry._texts import FlightEvent, Texts
 from .telemetry._truth import TruthStream
 
-COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+# MAV_COMP_ID_AUTOPILOT1
+COMPONENT = 1
 
 
 class Controller:

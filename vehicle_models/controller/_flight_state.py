@@ -1,4 +1,4 @@
-"""The one state of the vehicle that every service of the flight controller reads, and what it wants of the airframe."""
+"""The state of the vehicle that every service of the flight controller shares, and the target that the airframe flies to."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from bench.contracts import Vector
 NorthEast = tuple[float, float]
 """A place or a velocity in the local frame: north, east."""
 
-DEAD_RECKONING_NS = 5_000_000_000  # PX4's EKF2_NOAID_TOUT
+# PX4's EKF2_NOAID_TOUT.
+DEAD_RECKONING_NS = 5_000_000_000
 
 
 class LandedState(IntEnum):
@@ -23,11 +24,12 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
-_ON_GROUND = LandedState.ON_GROUND  # looked up once: it is asked for many times a step
+# Looked up once, because `flying` is read many times in a step.
+_ON_GROUND = LandedState.ON_GROUND
 
 
 class Behaviour(Enum):
-    """What a mode makes the vehicle do, whatever an autopilot calls it."""
+    """What a mode makes the vehicle do, under whatever name the autopilot has for it."""
 
     HOLD = auto()
     TAKEOFF = auto()
@@ -37,7 +39,7 @@ class Behaviour(Enum):
     MISSION = auto()
     PILOT = auto()  # sticks, of a radio or a joystick
     CIRCLE = auto()
-    FOLLOW_TARGET = auto()  # after somebody who says where they are
+    FOLLOW_TARGET = auto()  # at a distance from a leader that reports its position
     TERMINATE = auto()  # rotors off, for good
 
 
@@ -54,7 +56,7 @@ class Cause(StrEnum):
 
 
 class StickControl(Enum):
-    """What the sticks of a mode mean."""
+    """What the sticks control in a mode."""
 
     RATES = auto()
     ATTITUDE = auto()  # tilt, and thrust
@@ -87,7 +89,7 @@ class StickPositions:
 
 @dataclass(frozen=True, slots=True)
 class TargetAttitude:
-    """An attitude or body rates to hold. `thrust` is a share of all there is; None leaves climbing to the target's velocity."""
+    """An attitude or body rates to hold. `thrust` is a share of full thrust; None leaves climbing to the target's velocity."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -97,9 +99,9 @@ class TargetAttitude:
 
 @dataclass(frozen=True, slots=True)
 class FlightTarget:
-    """Where the airframe shall go: local NED metres around the flight's origin, as the vehicle itself estimates them.
+    """Where the airframe flies to: local NED metres around the flight's origin, as the vehicle itself estimates them.
 
-    A position of None on an axis pair means that the velocity alone is meant; beside a position, velocity is feed-forward.
+    A position of None on an axis pair means that the velocity alone counts; beside a position, velocity is feed-forward.
     `yaw_rad` None keeps the heading, turned by `yawrate_radps`. `attitude` takes the place of all horizontal motion.
     """
 
@@ -130,7 +132,7 @@ class ReferencePoint:
 
 
 class Airframe(Protocol):
-    """What the flight controller may ask of the aircraft that it flies."""
+    """What the flight controller needs of the aircraft that it flies."""
 
     def arm(self) -> None:
         """Let the rotors turn at idle."""
@@ -145,7 +147,7 @@ class Airframe(Protocol):
         """Stay on the ground at idle."""
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch and yaw in radians that are steered to, and thrust as a share of all there is."""
+        """Commanded roll, pitch and yaw in radians, and thrust as a share of full thrust."""
 
     def test_rotor(self, number: int, share: float) -> None:
         """Turn one rotor at a share of its full speed, 0 to 1, disarmed on the ground; 0 stops it."""
@@ -154,7 +156,7 @@ class Airframe(Protocol):
         """Speed of each rotor, 0 to 1."""
 
     def specific_force_mps2(self) -> Vector:
-        """What the accelerometer feels, body FRD."""
+        """What the accelerometer measures, body FRD."""
 
 
 @dataclass(slots=True)
@@ -196,7 +198,7 @@ class FlightState:
     failsafe: Cause | None = None  # the failsafe that acts, for the latest of its causes
     target: FlightTarget = field(default_factory=FlightTarget)
     charge_fraction: float = 1.0  # of the battery that the vehicle has
-    simulated_fraction: float | None = None  # of one that the autopilot is told of instead
+    simulated_fraction: float | None = None  # of the battery that the autopilot's simulation makes up
     battery_v: float = 16.0
     battery_a: float = 0.0
     battery_used_wh: float = 0.0
@@ -207,7 +209,7 @@ class FlightState:
     camera_pan_rad: float | None = None
     camera_tilt_rad: float | None = None
     hover_thrust: float = 0.5  # share of full thrust that carries the vehicle
-    sticks: StickPositions | None = None  # None: nobody holds any
+    sticks: StickPositions | None = None  # None: no pilot
     rc_us: tuple[int, ...] = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # of the radio
 
     @property
@@ -222,7 +224,7 @@ class FlightState:
 
     @property
     def position_ok(self) -> bool:
-        """Whether the estimate of position still counts: for five seconds it is reckoned on without fixes."""
+        """Whether the estimate of position still counts: for five seconds without fixes it is continued by dead reckoning."""
         return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < DEAD_RECKONING_NS
 
     @property

@@ -11,7 +11,8 @@ from .policies._modes import ModePolicy
 from .services._arming import Arming
 from .telemetry._texts import FlightEvent
 
-_IN_AIR_M = 0.5  # above home; where no takeoff is flown, the vehicle is in the air from here on
+# Above home; where no takeoff is flown, the vehicle is in the air from here on.
+_IN_AIR_M = 0.5
 
 
 class LiftoffAndLanding:

@@ -1,4 +1,4 @@
-"""What flies the fixed wing between a target and its attitude: course by L1, height by pitch, airspeed by the motor.
+"""Steers the fixed wing from a target to its attitude: course by L1, height by pitch, airspeed by the motor.
 
 Lateral: Park, Deyst and How, "A New Nonlinear Guidance Logic for Trajectory Tracking" (AIAA 2004-4900), in the form for
 circles that autopilots use: far away the nearest way to the centre, near the circle a proportional-derivative law in
@@ -19,15 +19,19 @@ from ._plant import AREA_M2, DRAG_0, DRAG_PER_LIFT2, LIFT_0, LIFT_PER_RAD, MASS_
 
 _G = 9.80665
 _AIR_KGPM3 = 1.225
-_SLOWEST_MPS, _FASTEST_MPS = 10.5, 22.0  # what the airframe can do, whatever a parameter says
+# What the airframe can do, regardless of parameters.
+_SLOWEST_MPS, _FASTEST_MPS = 10.5, 22.0
 _CLIMB_MPS, _DESCENT_MPS = 4.0, 4.0
-_TIGHTEST_M = 30.0  # radius of a circle
-_PERIOD_S, _DAMPING = 9.0, 0.75  # of the lateral guidance
+# Radius of a circle.
+_TIGHTEST_M = 30.0
+# Of the lateral guidance.
+_PERIOD_S, _DAMPING = 9.0, 0.75
 _BANK_MAX_RAD = math.radians(45.0)
 _PITCH_RAD = (math.radians(-20.0), math.radians(25.0))
 _CATAPULT_N, _RELEASE_MPS, _CATAPULT_MOST_S = 95.0, 14.0, 1.2
 _THROWN_PITCH_RAD = math.radians(8.0)
-_SLOW_MPS = 1.5  # slower than wanted by more: height is given up for speed
+# With a larger lack of speed, height is traded for speed.
+_SLOW_MPS = 1.5
 
 
 class WingAirframe:
@@ -55,7 +59,7 @@ class WingAirframe:
         self._lie()
 
     def fly(self, target: FlightTarget) -> None:
-        """Steer towards `target`; from rest on the ground the catapult throws it off first."""
+        """Steer towards `target`; from rest on the ground the catapult launches the aircraft first."""
         motion, write = self._plant.motion, self._plant.write
         if not self._flies:
             self._begin()
@@ -79,7 +83,7 @@ class WingAirframe:
         self._wanted = (roll, pitch, motion.yaw_rad, throttle)
 
     def _given(self, target: FlightTarget, attitude: TargetAttitude) -> tuple[float, float, float]:
-        """An attitude that somebody gives, as far as the airframe goes; body rates are not flown: wings level instead."""
+        """A commanded attitude within the airframe's bounds. Body rates are not flown; the wings are kept level instead."""
         pitch, throttle = self._climb(target)
         if attitude.rates_radps is not None:
             return 0.0, pitch, throttle
@@ -121,7 +125,7 @@ class WingAirframe:
         self._airspeed_mps = _RELEASE_MPS
 
     def _throw(self) -> None:
-        """Pull until the aircraft is fast enough through the air, or the rail ends."""
+        """Pull until the aircraft has its airspeed, or the rail ends."""
         self._thrown_s = (self._thrown_s or 0.0) + self._step_s
         over = self._plant.motion.airspeed_mps >= _RELEASE_MPS or self._thrown_s > _CATAPULT_MOST_S
         self._plant.write("catapult-n", 0.0 if over else _CATAPULT_N)
@@ -129,7 +133,7 @@ class WingAirframe:
             self._thrown_s = None
 
     def _roll_rad(self, target: FlightTarget) -> float:
-        """The bank whose turn has the acceleration that guidance wants."""
+        """The bank angle whose turn has the acceleration that guidance commands."""
         bank = min(target.bank_max_rad, _BANK_MAX_RAD) if isinstance(target, WingTarget) else _BANK_MAX_RAD
         roll = math.atan(self._sideways_mps2(target) / _G)
         return min(max(roll, -bank), bank)
@@ -193,12 +197,12 @@ def _toward(vn: float, ve: float, north: float, east: float) -> float:
 
 
 def _around(vn: float, ve: float, north: float, east: float, radius: float) -> float:
-    """Acceleration to the right for a circle of `radius` (positive clockwise) around what lies `north` and `east` of here."""
+    """Acceleration to the right for a circle of `radius` (positive clockwise) around a centre `north` and `east` of here."""
     turn = math.copysign(1.0, radius)
     away = max(math.hypot(north, east), 0.1)
     capture = _toward(vn, ve, north, east)
     outward = -(vn * north + ve * east) / away
-    # Clockwise around the centre is what leaves it on the right.
+    # A clockwise circle has its centre on the right.
     along = turn * (vn * east - ve * north) / away
     omega = 2.0 * math.pi / _PERIOD_S
     beyond = away - abs(radius)

@@ -16,7 +16,8 @@ _G = 9.80665
 _SURFACE_RAD = 0.4
 _DISK_M2 = math.pi * 0.127**2
 _AIR_KGPM3 = 1.225
-_EFFICIENCY = 0.6  # of propeller, motor and controller together
+# Of propeller, motor and controller together.
+_EFFICIENCY = 0.6
 _ELECTRONICS_W = 6.0
 _WRITTEN = ("flying", "target-roll-rad", "target-pitch-rad", "target-q-radps", "target-r-radps", "throttle", "catapult-n")
 _SURFACES = ("aileron", "elevator", "rudder")

@@ -1,16 +1,20 @@
-"""The X500 in JSBSim: from setpoints to motion, with the cascade in the aircraft's XML. SI outside, JSBSim's units inside."""
+"""The X500 in JSBSim: from setpoints to motion, with the control cascade in the aircraft's XML file."""
 
 from __future__ import annotations
 
 from .._jsbsim import JsbsimPlant, StartPose
 
 _FT = 0.3048
-_OUTER_EVERY = 4  # execrate of the outer channel in x500.xml
-_FEET_M = 0.1507  # height of the centre of gravity when the feet carry the weight
+# Execrate of the outer channel in x500.xml.
+_OUTER_EVERY = 4
+# Height of the centre of gravity when the feet carry the weight.
+_FEET_M = 0.1507
 _MAX_THRUST_N = 8.5486
 FULL_THRUST_N = 4.0 * _MAX_THRUST_N
-HOVER_THRUST = 2.0643 * 9.81 / FULL_THRUST_N  # share of full thrust that carries the vehicle
-ROTORS = ("front-right", "rear-left", "front-left", "rear-right")  # PX4's order, motors 1 to 4
+# Share of full thrust that carries the vehicle.
+HOVER_THRUST = 2.0643 * 9.81 / FULL_THRUST_N
+# PX4's order, motors 1 to 4.
+ROTORS = ("front-right", "rear-left", "front-left", "rear-right")
 
 _FROM_START = ("position/from-start-neu-n-ft", "position/from-start-neu-e-ft")
 _WANTED = ("target-roll-rad", "target-pitch-rad", "target-yaw-rad", "thrust-n")
@@ -83,7 +87,7 @@ class X500Plant(JsbsimPlant):
         return [get() for get in self._motors]
 
     def set_works(self, number: int, works: bool) -> None:
-        """Let a rotor (by its place in ROTORS) turn as it is told, or not at all."""
+        """Let a rotor (by its index in ROTORS) turn as commanded, or stop it."""
         self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:

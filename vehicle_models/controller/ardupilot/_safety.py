@@ -22,9 +22,11 @@ _BATTERY_ACTIONS = {1: Behaviour.LAND, 2: Behaviour.RETURN, 3: Behaviour.RETURN,
 _STATION_ACTIONS = {1: Behaviour.RETURN, 3: Behaviour.RETURN, 4: Behaviour.RETURN, 5: Behaviour.LAND}
 _RADIO_ACTIONS = {1: Behaviour.RETURN, 3: Behaviour.LAND, 4: Behaviour.RETURN, 5: Behaviour.RETURN}
 _RADIO_TIMEOUT_S = 0.8
-_FULL_BATTERY_V = 16.6  # of the vehicle's own battery
+# Of the vehicle's own battery.
+_FULL_BATTERY_V = 16.6
 
-_CEILING, _CIRCLE, _POLYGON = 1, 2, 4  # FENCE_TYPE
+# FENCE_TYPE
+_CEILING, _CIRCLE, _POLYGON = 1, 2, 4
 # FENCE_ACTION: report, return, land, smart return, brake, smart return or land.
 _FENCE_ACTIONS = {
     0: None,
@@ -39,7 +41,8 @@ _FENCE_TEXTS: dict[Breach, StatusText] = {
     Breach.CIRCLE: (NOTICE, "Circle fence breached"),
     Breach.POLYGON: (NOTICE, "Polygon fence breached"),
 }
-_LANDS_BEYOND_M = 100.0  # farther outside than this it lands, whatever FENCE_ACTION is
+# Farther outside than this it lands, whatever FENCE_ACTION is.
+_LANDS_BEYOND_M = 100.0
 
 
 def _failsafes(p: ParameterStore) -> FailsafeSettings:

@@ -14,12 +14,17 @@ from .._service_context import ServiceContext
 from ..parameters._store import crc32_plain
 from ._served_files import ServedFiles
 
-DATA = 239  # bytes of data in one payload
-_HEAD = struct.Struct("<HBBBBBBI")  # sequence, session, opcode, size, requested opcode, burst complete, padding, offset
-_IDLE_NS = 10_000_000_000  # a session that is not used for so long is closed
+# Bytes of data in one payload.
+DATA = 239
+# Sequence, session, opcode, size, requested opcode, burst complete, padding, offset.
+_HEAD = struct.Struct("<HBBBBBBI")
+# A session that is not used for so long is closed.
+_IDLE_NS = 10_000_000_000
 _BURST_PER_STEP = 8
-_BURST_BYTES = 35 * 1024  # then the client requests the next burst
-_MAX_CLIENTS = 64  # whose last answers are remembered
+# Then the client requests the next burst.
+_BURST_BYTES = 35 * 1024
+# Whose last answers are remembered.
+_MAX_CLIENTS = 64
 
 
 class FtpOpcode(IntEnum):

@@ -13,7 +13,8 @@ from ._served_files import FileContent
 
 FOLDER = "etc/extras"
 GENERAL = f"{FOLDER}/component_general.json.xz"
-_PARAMETERS, _EVENTS = 1, 4  # COMP_METADATA_TYPE
+# COMP_METADATA_TYPE
+_PARAMETERS, _EVENTS = 1, 4
 
 
 class Metadata:

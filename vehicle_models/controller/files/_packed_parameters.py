@@ -8,7 +8,8 @@ from urllib.parse import parse_qs
 from ..parameters._store import INT8, INT16, INT32, REAL32, ParameterStore
 
 _MAGIC, _MAGIC_DEFAULTS = 0x671B, 0x671C
-_HEAD = struct.Struct("<HHH")  # magic, number here, number in all
+# Magic, number here, number in all.
+_HEAD = struct.Struct("<HHH")
 _KINDS = {INT8: (1, "<b"), INT16: (2, "<h"), INT32: (3, "<i"), REAL32: (4, "<f")}
 _HAS_DEFAULT = 1
 
@@ -16,8 +17,8 @@ _HAS_DEFAULT = 1
 def packed_parameters(store: ParameterStore, query: str) -> bytes:
     """The file for a query such as `start=0&count=100&withdefaults=1`.
 
-    Of each: kind and flags, the length of the name shared with the one before, the rest of the name, the value, and
-    the default where it differs and was asked for. Names come sorted by their place in the list.
+    For each parameter: type and flags, the length of the prefix shared with the previous name, the rest of the name, the
+    value, and the default where it differs and was requested. Names come in the order of the list.
     """
     options = {key: values[0] for key, values in parse_qs(query).items()}
     start, count = (_number(options.get(key, "")) for key in ("start", "count"))
@@ -33,7 +34,7 @@ def packed_parameters(store: ParameterStore, query: str) -> bytes:
             bytes([flags << 4 | type_code, (len(name) - shared_length - 1) << 4 | shared_length]) + name[shared_length:].encode()
         )
         numbers = (value, default) if flags else (value,)
-        entry += b"".join(struct.pack(code_format, one if code_format == "<f" else int(one)) for one in numbers)
+        entry += b"".join(struct.pack(code_format, number if code_format == "<f" else int(number)) for number in numbers)
         data += entry
         previous = name
     return _HEAD.pack(_MAGIC_DEFAULTS if with_defaults else _MAGIC, len(names), len(store.names)) + data

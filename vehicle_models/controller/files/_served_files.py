@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 FileContent = Callable[[str], bytes]
 """Gives a file's bytes; its argument is the part of the path behind a question mark."""
 
-_MAX_BYTES = 1 << 20  # of the scratch area
+# Of the scratch area.
+_MAX_BYTES = 1 << 20
 _MAX_NAMES = 256
 
 

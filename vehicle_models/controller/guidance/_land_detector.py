@@ -1,4 +1,4 @@
-"""Whether the vehicle stands on the ground or has left it."""
+"""Whether the vehicle is on the ground or has left it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .._flight_state import FlightState, FlightTarget
 
 
 class LandDetector:
-    """On the ground: the feet touch, nothing moves, and the target is not above. Off it: the feet are clear of it."""
+    """On the ground: the feet touch, nothing moves, and the target is not above the vehicle."""
 
     SETTLE_S = 0.6
 
@@ -16,7 +16,7 @@ class LandDetector:
         self._still_s = 0.0
 
     def landed(self, flight: FlightState, target: FlightTarget) -> bool:
-        """Whether the vehicle has come to rest on the ground; to be asked once a step while it flies."""
+        """Whether the vehicle has come to rest on the ground; called once a step while it flies."""
         attitude = target.attitude
         if attitude and attitude.thrust is not None:
             low = attitude.thrust < 0.75 * flight.hover_thrust and flight.on_ground and abs(flight.vd_mps) < 0.15

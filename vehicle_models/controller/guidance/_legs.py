@@ -1,4 +1,4 @@
-"""What the items of a mission fly: manoeuvres with an end."""
+"""The legs of a mission: manoeuvres with an end."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
 HeadingFunction = Callable[[FlightState, NorthEast], "float | None"]
 """The heading to fly with towards a place; None keeps the present one."""
 
-_MAX_RADIUS_M = 2550.0  # the widest that ArduPilot can store
-_MIN_BEARING_DISTANCE_M = 3.0  # nearer than this a direction has no meaning
+# The largest radius that ArduPilot can store.
+_MAX_RADIUS_M = 2550.0
+# Closer than this a bearing has no meaning.
+_MIN_BEARING_DISTANCE_M = 3.0
 
 
 class MissionLeg(Protocol):
-    """One item being flown. `manoeuvre` is what guidance flies meanwhile."""
+    """One item that is flown. `manoeuvre` is what guidance flies meanwhile."""
 
     @property
     def manoeuvre(self) -> Manoeuvre: ...
 
     def over(self, flight: FlightState) -> bool:
-        """Whether the next item may begin; asked once a step."""
+        """Whether the next item may begin; called once a step."""
 
 
 class GotoLeg(Hold):
-    """To a place and stay there for a time (not at all: pass through; for ever: infinity)."""
+    """Fly to a place and stay there for a time: 0 passes through, infinity stays for ever."""
 
     def __init__(
         self,
@@ -72,7 +74,7 @@ class GotoLeg(Hold):
 
     @property
     def stays_at(self) -> NorthEast | None:
-        """The place that it stays at, for a time or for ever; None on the way to it, and where it only passes."""
+        """The place where it stays, for a time or for ever; None on the way there, and where it passes through."""
         stays = self._stay_ns == math.inf or (self._arrived_ns is not None and self._stay_ns > 0.0)
         return self._goal if stays else None
 
@@ -85,7 +87,7 @@ class GotoLeg(Hold):
 
 
 class ClimbLeg(Takeoff):
-    """Straight up, off the ground or in the air."""
+    """Climb straight up, from the ground or in the air."""
 
     @property
     def manoeuvre(self) -> Manoeuvre:
@@ -96,7 +98,7 @@ class ClimbLeg(Takeoff):
 
 
 class DescendLeg:
-    """Land, or return and land; over when it stands."""
+    """Land, or return and land; over when the vehicle is on the ground."""
 
     def __init__(self, manoeuvre: Land | Return) -> None:
         self.manoeuvre: Manoeuvre = manoeuvre
@@ -108,7 +110,7 @@ class DescendLeg:
 
 
 class TurnsLeg:
-    """So many turns around a place; a negative radius turns left."""
+    """Fly a number of turns around a place; a negative radius turns left."""
 
     def __init__(
         self,
@@ -169,6 +171,6 @@ class TurnsLeg:
 
 
 def bearing(flight: FlightState, place: NorthEast) -> float | None:
-    """Towards a place; None where it is too near for that."""
+    """The bearing of a place; None where it is too close to have one."""
     north, east = place[0] - flight.north_m, place[1] - flight.east_m
     return math.atan2(east, north) if math.hypot(north, east) > _MIN_BEARING_DISTANCE_M else None

@@ -1,4 +1,4 @@
-"""Manoeuvres: what can be flown, each making one target for the airframe of the present state; and which of them an aircraft has."""
+"""Manoeuvres: each turns the present state into a target for the airframe."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from typing import Literal, Protocol
 from .._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint, StickControl, StickPositions, TargetAttitude
 from ._limits import FlightLimits
 
-_STOPPING_MPS2 = 2.0  # braking that the airframe manages with ease
+# The airframe brakes harder than this when it must.
+_STOPPING_MPS2 = 2.0
 
 
 class Manoeuvre(Protocol):
-    """One thing being flown."""
+    """One manoeuvre that is flown."""
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         """Where to go during the next step."""
 
     def done(self, flight: FlightState) -> bool:
-        """Whether it has reached its end; what follows is the modes' business."""
+        """Whether the manoeuvre is complete; the modes decide what follows."""
 
 
 class Hold:
-    """Stay at a place; by default where the vehicle comes to rest when it brakes now. Also the way to a position."""
+    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly to a place and stay."""
 
     def __init__(
         self,
@@ -56,11 +57,11 @@ class Hold:
         )
 
     def face_ahead(self) -> None:
-        """Turn the nose to where it goes, as long as that is far enough away."""
+        """Turn the nose to the place, as long as that is far enough away."""
         self._faces = True
 
     def change_down(self, down_m: float) -> None:
-        """Go on to another height."""
+        """Fly to another height."""
         self._down_m = down_m
 
     def change_speed(self, speed_mps: float) -> None:
@@ -71,7 +72,7 @@ class Hold:
 
 
 class Takeoff:
-    """Straight up to a height, over the place where it began; on the ground the rotors spool up first."""
+    """Climb straight up to a height; on the ground the rotors spool up first."""
 
     REACHED_M = 0.3
     SLOWEST_MPS = 0.2
@@ -102,12 +103,12 @@ class Takeoff:
         return abs(flight.down_m - self._down_m) < self.REACHED_M
 
     def hold(self, flight: FlightState) -> Hold:
-        """Staying where it was going to."""
+        """Hold at the height of the takeoff."""
         return Hold(flight, self._place, self._down_m, self._yaw_rad)
 
 
 class Land:
-    """Straight down, slower near the ground. The ground is where the feet meet it, not where a map says."""
+    """Descend straight down, slower near the ground. The landing ends where the feet touch, at whatever height that is."""
 
     def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
         self._place = north_east_m or _stopping_place(flight)
@@ -122,7 +123,7 @@ class Land:
             share = 0.0
         speed = limits.land_mps + share * (limits.descent_mps - limits.land_mps)
         return FlightTarget(
-            # With its feet on the ground it holds still: going after a wandering position would only turn it over.
+            # With its feet on the ground the vehicle holds still: following a position that wanders would turn it over.
             north_east_m=None if flight.on_ground else self._place,
             velocity_ned_mps=(0.0, 0.0, speed),
             yaw_rad=self._yaw_rad,
@@ -178,13 +179,13 @@ class Return:
         )
 
     def _has_waited(self, flight: FlightState, limits: FlightLimits, arrived: bool) -> bool:
-        """Whether it has been above home for long enough."""
+        """Whether the vehicle has been above home for long enough."""
         if arrived and self._arrived_ns is None:
             self._arrived_ns = flight.time_ns
         return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(limits.return_waits_s * 1e9)
 
     def _yaw_home(self, flight: FlightState) -> float | None:
-        """Nose towards home on the way; kept when near, where the direction has no meaning."""
+        """The heading towards home; None near home, where a bearing has no meaning."""
         if not self._faces:
             return None
         north, east = self._home.north_m - flight.north_m, self._home.east_m - flight.east_m
@@ -195,12 +196,12 @@ class Return:
 
 
 class FollowSetpoints:
-    """The setpoints of a companion, as last given.
+    """Fly the last setpoint of a companion.
 
-    Where only acceleration is given (`pushes`: horizontally, vertically), its integral is the velocity flown.
+    Where it gives acceleration alone (`accelerates`: horizontally, vertically), the integral of it is the velocity flown.
     """
 
-    LEAD_MPS = 2.0  # so far may that integral be ahead of what the vehicle really does
+    LEAD_MPS = 2.0  # how far that integral may be ahead of the vehicle's velocity
 
     def __init__(self, flight: FlightState) -> None:
         self._rest = Hold(flight)
@@ -220,7 +221,7 @@ class FollowSetpoints:
         self._setpoint = target
 
     def lapse(self, flight: FlightState) -> None:
-        """The companion is silent: stop and stay."""
+        """Stop and stay, because no more setpoints come."""
         self._setpoint, self._rest, self._accelerates = None, Hold(flight), (False, False)
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
@@ -248,7 +249,7 @@ class FollowSetpoints:
 
 
 class Circle:
-    """Around a centre: to the nearest point of the circle first, then along it at constant speed."""
+    """Circle a centre: first to the nearest point of the circle, then along it at constant speed."""
 
     JOINED_M = 1.0
 
@@ -304,7 +305,7 @@ class Circle:
         self._flown_mps += min(max(self.speed_mps - self._flown_mps, -max_change), max_change)
 
     def _vertical(self, flight: FlightState, limits: FlightLimits) -> tuple[float | None, float]:
-        """The radio's throttle has a say in an autopilot's own circling mode."""
+        """Height and sink rate; in a mode with sticks the throttle changes the height."""
         if flight.mode.stick is None or flight.sticks is None:
             return self.down_m, 0.0
         return self._height.target(flight, limits)
@@ -318,7 +319,7 @@ class Circle:
 
 
 class ThrottleHeight:
-    """Height by a throttle stick: its middle holds, above it climbs, below it sinks."""
+    """Height by a throttle stick: its middle holds, above that it climbs, below it descends."""
 
     def __init__(self) -> None:
         self._held_m: float | None = None
@@ -336,7 +337,7 @@ class ThrottleHeight:
 
 
 class ManualFlight:
-    """Somebody's sticks."""
+    """Fly by the sticks of a pilot."""
 
     def __init__(self, flight: FlightState, stick: StickControl) -> None:
         self._stick = stick
@@ -370,7 +371,7 @@ class ManualFlight:
             beyond_dead_zone(stick, limits.sticks.dead) * limits.sticks.speed_mps for stick in (sticks.pitch, sticks.roll)
         )
         if forward == right == 0.0:
-            # On its feet it stays where it stands: going after a wandering position would turn it over.
+            # With its feet on the ground the vehicle holds still: following a position that wanders would turn it over.
             self._place = None if flight.on_ground else self._place or _stopping_place(flight)
             return 0.0, 0.0
         self._place = None
@@ -394,13 +395,13 @@ class ManualFlight:
 
 
 class Manoeuvres:
-    """How this kind of aircraft does what every kind can: the multicopter's way. Another kind overrides what it does otherwise."""
+    """The manoeuvres of a multicopter. Another kind of aircraft overrides those that it flies differently."""
 
-    approaches_landing = False  # a landing begins elsewhere than over its place
-    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0  # a waypoint counts as reached this near, if not before
+    approaches_landing = False  # whether a landing begins away from its place
+    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0  # lower bounds of how close a waypoint has to be reached
 
     def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
-        """Radius of the turns that a mission wants; 0 leaves it to the vehicle."""
+        """Radius of the turns of a mission; a request of 0 leaves it to the vehicle."""
         return requested_m or 10.0
 
     def hold(
@@ -412,7 +413,7 @@ class Manoeuvres:
         speed_mps: float | None = None,
         radius_m: float | None = None,
     ) -> Hold:
-        """Stay at a place. `radius_m` is for what cannot stand still: positive clockwise, None as the parameters say."""
+        """Stay at a place. `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters."""
         return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
 
     def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
@@ -428,7 +429,7 @@ class Manoeuvres:
         return FollowSetpoints(flight)
 
     def shaped(self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        """The target of any manoeuvre in the form that this kind of aircraft can fly."""
+        """The target of any manoeuvre, turned into one that this kind of aircraft can fly."""
         return target
 
 
@@ -438,7 +439,7 @@ def beyond_dead_zone(stick: float, dead: float) -> float:
 
 
 def _thrust(throttle: float, hover: float) -> float:
-    """Thrust of a throttle stick, -1 to 1, whose middle carries the vehicle."""
+    """Thrust of a throttle stick, -1 to 1; its middle carries the vehicle."""
     return hover * (1.0 + throttle) if throttle < 0.0 else hover + throttle * (1.0 - hover)
 
 

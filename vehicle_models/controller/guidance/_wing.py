@@ -1,4 +1,4 @@
-"""Guidance of a fixed wing: what it does where a multicopter would stand still or go straight up and down."""
+"""Guidance of a fixed wing: manoeuvres where a multicopter would hover or fly straight up and down."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from ._legs import GotoLeg, TurnsLeg
 from ._limits import FlightLimits, Seconds
 from ._manoeuvres import Circle, FollowSetpoints, Hold, Land, Manoeuvre, Manoeuvres, Return, Takeoff
 
-_LEAD_S = 2.2  # of flight, how far ahead on a line it aims: what the airframe's lateral law is made for
+# How far ahead on a line it aims, in seconds of flight; the airframe's lateral law is made for it.
+_LEAD_S = 2.2
 _BANK_MAX_RAD = math.radians(45.0)
 
 
 @dataclass(frozen=True, slots=True)
 class WingTarget(FlightTarget):
-    """A target for what has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is met by climbing on the way.
+    """A target for an aircraft that has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is met by climbing on the way.
 
     With a place, `radius_m` circles around it, clockwise when positive; None flies over it. Without one the direction of
     `velocity_ned_mps` is the course; its third component is the sink rate without `down_m`, and added to it beside one.
@@ -33,17 +34,17 @@ class WingLimits(FlightLimits):
 
     min_airspeed_mps: float
     landing_mps: float
-    loiter_radius_m: float  # negative: against the clock
+    loiter_radius_m: float  # negative: anticlockwise
     return_radius_m: float
     descend_height_m: float  # above home, circled at before landing
-    land_delay_s: Seconds | None  # of that circling; None: until told otherwise
+    land_delay_s: Seconds | None  # of that circling; None: until commanded
     glide_rad: float
     flare_height_m: float
     flare_sink_mps: float
 
 
 def wing_limits(limits: FlightLimits) -> WingLimits:
-    """The limits of a fixed wing's personality; TypeError for those of any other."""
+    """The limits as those of a fixed wing. Raises TypeError for those of a multicopter."""
     if not isinstance(limits, WingLimits):
         raise TypeError("a fixed wing needs the limits of a fixed wing")
     return limits
@@ -70,7 +71,7 @@ class WingHold(Hold):
 
 
 class WingTakeoff(Takeoff):
-    """Off the catapult, straight ahead and up to a height."""
+    """Climb off the catapult, straight ahead, to a height."""
 
     REACHED_M = 1.5
 
@@ -81,12 +82,12 @@ class WingTakeoff(Takeoff):
         return flight.down_m - self._down_m < self.REACHED_M
 
     def hold(self, flight: FlightState) -> Hold:
-        """Circling at the height, here."""
+        """Circle here, at the height."""
         return WingHold(flight, down_m=self._down_m)
 
 
 class WingLand(Land):
-    """Down in a circle to the beginning of the glide path, along it against the wind, and a flare over the place."""
+    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare over the place."""
 
     APPROACH_HEIGHT_M = 25.0
     LEAD_M = 40.0  # how far ahead on the path it aims
@@ -133,7 +134,7 @@ class WingLand(Land):
         )
 
     def _along(self, flight: FlightState) -> NorthEast:
-        """Where the vehicle is against the landing spot: metres along the landing course, and right of it."""
+        """The vehicle's place from the landing place: metres along the landing course, and to the right of it."""
         north, east = flight.north_m - self._landing_place[0], flight.east_m - self._landing_place[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return north * cos + east * sin, east * cos - north * sin
@@ -145,7 +146,7 @@ class WingLand(Land):
         return self.FLOAT_S * max(wing.landing_mps - self._headwind_mps, 0.0)
 
     def _turn_centre(self, wing: WingLimits) -> NorthEast:
-        """Of the clockwise circle that runs into the glide path."""
+        """The centre of the clockwise circle that leads into the glide path."""
         back_m, offset_m = self._entry_m(wing), abs(wing.loiter_radius_m)
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return self._landing_place[0] - back_m * cos - offset_m * sin, self._landing_place[1] - back_m * sin + offset_m * cos
@@ -159,7 +160,7 @@ class WingLand(Land):
 
 
 class WingReturn(Return):
-    """Home at the return height, down in circles over it, and (where the parameters say so) land."""
+    """Fly home at the return height, descend in circles over it, and land where the parameters ask for it."""
 
     def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
         wing = wing_limits(limits)
@@ -218,7 +219,7 @@ class WingFollowSetpoints(FollowSetpoints):
 
 
 class WingManoeuvres(Manoeuvres):
-    """A fixed wing's way."""
+    """The manoeuvres of a fixed wing."""
 
     approaches_landing = True
     min_acceptance_radius_m, min_acceptance_height_m = 25.0, 10.0
@@ -250,7 +251,7 @@ class WingManoeuvres(Manoeuvres):
         return WingFollowSetpoints(flight)
 
     def shaped(self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits) -> FlightTarget:
-        """Circles by their centre, climbs straight ahead; the rest is flown as it is."""
+        """Turn circles and climbs into what a wing flies; other targets stay as they are."""
         wing = wing_limits(limits)
         if isinstance(target, WingTarget) or target.attitude:
             return target
@@ -282,7 +283,7 @@ def _circle(
 
 
 def _aim_point(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
-    """The point of a line to aim at: ahead of the nearest, as far as it is away where that is more, and not beyond the end."""
+    """The point of a line to aim at: ahead of the nearest point by the lead or the distance to the line, whichever is more."""
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
     if length < 1.0:
@@ -307,7 +308,7 @@ def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarg
 
 
 def _into_wind(flight: FlightState) -> NorthEast:
-    """The course against the wind, and the wind, as airspeed and ground speed show them; in a calm the present course."""
+    """The course into the wind, and its speed, from airspeed and ground speed; in a calm the present course."""
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)
     east = flight.ve_mps - level * math.sin(flight.yaw_rad)

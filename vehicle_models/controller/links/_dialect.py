@@ -1,7 +1,7 @@
-"""The one dialect that the flight controller speaks: pymavlink's `all`, and the messages that it lacks.
+"""The dialect of the flight controller: pymavlink's `all`, and the messages that it lacks.
 
-pymavlink follows ArduPilot's fork of the definitions, which is without PX4's events, its component metadata and the
-plan ids of missions. Those are added here to a copy of the module of our own, so that nobody else's pymavlink changes.
+pymavlink follows ArduPilot's fork of the definitions, which lacks PX4's events, its component metadata and the plan
+ids of missions. They are added to a private copy of the module, so that pymavlink stays as it is for other code.
 """
 
 from __future__ import annotations
@@ -88,7 +88,8 @@ _CODES = {
     "int64_t": "q",
 }
 _SIZES = {"char": 1, "uint8_t": 1, "int8_t": 1, "uint16_t": 2, "uint32_t": 4, "int32_t": 4, "uint64_t": 8, "int64_t": 8}
-_Field = tuple[str, str, int]  # name, type, length of the array or 0
+# Name, type, length of the array or 0.
+_Field = tuple[str, str, int]
 
 
 def _fields(text: str) -> list[_Field]:

@@ -1,4 +1,4 @@
-"""MAVLink frames: whole ones out of bytes that may hold anything, and packed ones from plain values."""
+"""MAVLink frames: reading them from bytes that may hold anything, and packing them from plain values."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FrameReader:
         self.unread_bytes = 0
 
     def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, max_frames: int | None = None) -> list[bytes]:
-        """Every frame that is complete now, in order. What may be the beginning of another one waits for more.
+        """Every frame that is complete, in order. The beginning of another frame is kept until more bytes come.
 
         `last` says that no more will come, as at the end of a datagram: then what is incomplete is garbage, and the
         search goes on behind its first byte. Behind `patience` bytes of garbage the rest is given up as garbage unread,
@@ -104,10 +104,10 @@ def sender(frame: bytes) -> tuple[int, int]:
 
 
 class Decoder:
-    """Frames that a `FrameReader` found to pymavlink messages; None, and a count, for what has no sense.
+    """From the frames of a `FrameReader` to pymavlink messages; None, and a count, for a frame that makes no sense.
 
-    Messages of numbers alone, as setpoints are, are unpacked here at a fifth of pymavlink's price, which lies in headers
-    that nobody reads and in the checksum that the reader has seen to. They hold their fields, and nothing of the frame.
+    Messages of numbers alone, such as setpoints, are unpacked here at a fifth of pymavlink's cost, which it spends on
+    headers that are not read here and on the checksum that the reader has verified. They hold their fields alone.
     """
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class Decoder:
 
 
 def target_system(frame: bytes) -> int:
-    """The system that a frame is for, without decoding the rest of it; 0 for everybody, and where it names nobody."""
+    """The system that a frame is for, without decoding the rest of it; 0 for every system, and where it names none."""
     place = _target_place(message_id(frame))
     head = 6 if frame[0] == _V1 else 10
     return frame[head + place] if place is not None and place < frame[1] else 0
@@ -174,7 +174,7 @@ def v1_length(number: int) -> int | None:
     """Bytes of a message's payload in MAVLink 1, that is without the fields that were added later; None where the
     message has no place in MAVLink 1.
 
-    The dialect does not say which fields those are, but its CRC_EXTRA covers the others alone.
+    The dialect does not mark the later fields, but its CRC_EXTRA covers the original ones alone.
     """
     kind = _MESSAGES.get(number)
     if kind is None or number > 255:
@@ -204,7 +204,7 @@ _CRC = struct.Struct("<H")
 
 
 class Packer:
-    """Packs messages of one system and component, MAVLink 2, at a fifth of pymavlink's price.
+    """Packs messages of one system and component, MAVLink 2, at a fifth of pymavlink's cost.
 
     `values` are plain numbers in the order of the wire (the message class's `ordered_fieldnames`, arrays spread out).
     """
@@ -223,7 +223,7 @@ class Packer:
         return frame + sign(frame)
 
     def pack_v1(self, number: int, sequence: int, values: Iterable[Any]) -> bytes | None:
-        """MAVLink 1; None for what cannot be said in it."""
+        """Pack in MAVLink 1; None for a message that does not exist there."""
         length = v1_length(number)
         if length is None:
             return None
@@ -240,9 +240,9 @@ class Packer:
 
 
 def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
-    """Id and values in wire order of a message given by field names; what is left out is zero.
+    """Id and values in wire order of a message given by field names; a field that is left out is zero.
 
-    Text is bytes. For messages that are sent now and then; streams write their tuples themselves.
+    Text is bytes. This is for messages that are sent now and then; streams make their tuples themselves, which is faster.
     """
     kind = KINDS[name]
     values: list[Any] = []

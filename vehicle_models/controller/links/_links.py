@@ -1,9 +1,9 @@
 """Links: sockets that never make the simulation wait.
 
-Everything is non-blocking and bounded. Of each client only so much is read in one `poll`, and nothing while its queue is
-full: a flood then waits in the kernel, which throws away what it cannot hold, and costs nobody else anything. Clients
-are heard in turn. A TCP client that does not take its data is dropped once `BACKLOG_BYTES` wait for it; what a datagram
-socket or a serial line does not take is lost, as on a radio.
+Everything is non-blocking and bounded. One `poll` reads a bounded amount of each client, and nothing while its queue is
+full: a flood then waits in the kernel, which discards what it cannot hold, and no other client suffers. Clients are
+served in turn. A TCP client that does not read its data is dropped once `BACKLOG_BYTES` wait for it; data that a datagram
+socket or a serial line does not accept is lost, as on a radio.
 """
 
 from __future__ import annotations
@@ -28,23 +28,35 @@ from ._frames import MAX_FRAME, FrameReader
 
 BACKLOG_BYTES = 1024 * 1024
 INBOX_FRAMES = 2048
-FLOOD_FRAMES = 1536  # a client for whom more than this waits floods the link
-FLOOD_FRAMES_PER_STEP = 8  # of its messages are heard in a step
+# A client of whom more than this waits floods the link.
+FLOOD_FRAMES = 1536
+# So many messages of a client that floods the link are handled in a step.
+FLOOD_FRAMES_PER_STEP = 8
 MAX_CLIENTS = 8
-# Of one socket in one poll; then it is not listened to until the next.
+# Bounds of one socket in one poll; the rest waits for the next.
 _FRAMES_PER_POLL = 128
 _DATAGRAMS_PER_POLL = 64
 _GARBAGE_BYTES_PER_POLL = 512
-_MAX_DISCARDED = 16  # datagrams thrown away behind garbage
-_ACCEPTED_PER_POLL = 4  # TCP clients
-_CHUNK_BYTES = 2048  # bytes of a stream read at once
-_CHUNK_FRAMES = (_CHUNK_BYTES + MAX_FRAME) // 8  # there are never more in it
-_SOCKET_BYTES = 512 * 1024  # asked of the kernel for each UDP socket; it may give less
-_SOCKETS_PER_POLL = 2  # sockets opened for newcomers
-_UNKNOWN_PEERS = "strangers"  # share a queue until they have spoken twice
-_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux: counts of a socket, 32 bits each
-_SERIAL_BACKLOG_BYTES = 16 * 1024  # what waits for a serial line; more is lost, as on a line without flow control
-_DATAGRAM_BYTES = 1200  # what goes out in one datagram: several whole messages, never half of one
+# Datagrams discarded behind garbage.
+_MAX_DISCARDED = 16
+# TCP clients.
+_ACCEPTED_PER_POLL = 4
+# Bytes of a stream read at once.
+_CHUNK_BYTES = 2048
+# A chunk never holds more frames: the smallest has 8 bytes.
+_CHUNK_FRAMES = (_CHUNK_BYTES + MAX_FRAME) // 8
+# Requested of the kernel for each UDP socket; it may grant less.
+_SOCKET_BYTES = 512 * 1024
+# Sockets opened for new peers.
+_SOCKETS_PER_POLL = 2
+# Peers that have sent one datagram only share this queue.
+_UNKNOWN_PEERS = "strangers"
+# Linux: counts of a socket, 32 bits each.
+_SO_MEMINFO, _MEMINFO_DROPS = 55, 8
+# More than this is lost, as on a line without flow control.
+_SERIAL_BACKLOG_BYTES = 16 * 1024
+# A datagram holds several whole messages, never a part of one.
+_DATAGRAM_BYTES = 1200
 
 
 class Link(Protocol):
@@ -61,22 +73,22 @@ class Link(Protocol):
 
     @property
     def dropped(self) -> int:
-        """Messages that were lost; of what was thrown away unread, the datagrams."""
+        """Lost messages; of datagrams that were discarded unread, the number of datagrams."""
 
     def poll(self) -> None:
-        """Move what waits in the sockets to the inbox as whole frames."""
+        """Move the data that waits in the sockets to the inbox, as whole frames."""
 
     def connected(self) -> bool:
-        """Whether anybody would get what is sent now."""
+        """Whether there is a receiver for what is sent now."""
 
     def send(self, frames: list[bytes]) -> None:
-        """Send whole frames to everybody on the link."""
+        """Send whole frames to every client of the link."""
 
     def close(self) -> None: ...
 
 
 class Inbox:
-    """Frames that wait, a queue for each client. They are taken in turn, so that nobody's flood delays another's message."""
+    """Frames that wait, in a queue for each client. They are taken in turn, so that one client's flood delays no other's message."""
 
     def __init__(self) -> None:
         self._queues: dict[object, deque[bytes]] = {}
@@ -106,7 +118,7 @@ class Inbox:
         return True
 
     def take(self, max_frames: int) -> list[bytes]:
-        """The eldest frames, at most so many, one of each client in turn; of a client that floods the link only a few."""
+        """The oldest frames, one of each client in turn; of a client that floods the link only a few."""
         taken: list[bytes] = []
         remaining = {source: FLOOD_FRAMES_PER_STEP for source, queue in self._queues.items() if len(queue) > FLOOD_FRAMES}
         turn = deque(self._queues)
@@ -120,7 +132,7 @@ class Inbox:
                 del self._queues[source]
             elif remaining.get(source, 1):
                 turn.append(source)
-        if turn:  # whose turn it would be now begins the next time
+        if turn:  # the client whose turn it would be is the first the next time
             served = [source for source in self._queues if source not in turn]
             self._queues = {source: self._queues[source] for source in (*turn, *served)}
         self._waiting -= len(taken)
@@ -132,7 +144,7 @@ class Inbox:
 
 
 class _LinkCounters:
-    """What the kinds of link share: frames that wait, and what was lost."""
+    """What the kinds of link share: the inbox and the counts."""
 
     def __init__(self, spec: LinkSpec) -> None:
         self.spec = spec
@@ -148,8 +160,8 @@ class _LinkCounters:
         return self._dropped
 
     def _put_frames(self, source: object, reader: FrameReader, data: bytes, most: int | None = None) -> tuple[int, int]:
-        """Put what is whole into the inbox; the frames and the bytes of garbage met. `most` is for a datagram: no more
-        than so many frames are taken from it, and nothing of it is kept."""
+        """Put whole frames into the inbox; returns counts of frames and of bytes of garbage. `most` is for a datagram, of which
+        at most so many frames are taken and nothing is left for the next."""
         garbage, unread = reader.garbage_bytes, reader.unread_bytes
         frames = reader.feed(data, most is not None, _GARBAGE_BYTES_PER_POLL, most)
         self.received += len(frames)
@@ -162,7 +174,7 @@ class _LinkCounters:
         return len(frames), garbage
 
     def _read_stream(self, source: object, reader: FrameReader, read: Callable[[int], bytes]) -> None:
-        """Take what a stream has to say, as far as this poll goes. Raises what `read` raises; EOFError at the end."""
+        """Read a stream within the bounds of one poll. Raises what `read` raises; EOFError at the end."""
         frames = garbage = 0
         while frames < _FRAMES_PER_POLL and garbage < _GARBAGE_BYTES_PER_POLL and self.inbox.room(source) >= _CHUNK_FRAMES:
             data = read(_CHUNK_BYTES)
@@ -176,10 +188,10 @@ Address = tuple[str, int]
 
 
 class UdpLink(_LinkCounters):
-    """`udp_out` sends to one address; `udp_in` to everybody who has written to it.
+    """`udp_out` sends to one address; `udp_in` to every peer that has sent something.
 
-    Who has written twice gets an ear: a socket at the same port that hears nobody else, so that the kernel keeps one
-    client's flood apart from what the others say.
+    A peer that has sent twice gets a connected socket at the same port, so that the kernel keeps one client's flood apart
+    from the messages of the others.
     """
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -192,7 +204,7 @@ class UdpLink(_LinkCounters):
         if out:
             address = socket.getaddrinfo(spec.host, spec.port, socket.AF_INET)[0][4]
             self._target = str(address[0]), int(address[1])
-        self._peers: dict[Address, socket.socket | None] = {}  # who has been silent longest comes first
+        self._peers: dict[Address, socket.socket | None] = {}  # by peer, the one that has been silent longest first
         self._dropped_in_closed = 0
         port = spec.port if out else self._socket.getsockname()[1]
         self.endpoint = f"{'udpin' if out else 'udpout'}:{spec.host}:{port}"
@@ -217,10 +229,10 @@ class UdpLink(_LinkCounters):
         if newcomers:
             for peer in newcomers[:_SOCKETS_PER_POLL]:
                 self._open_peer_socket(peer)
-            self._read(self._socket)  # what they said before they had one
+            self._read(self._socket)  # what came before the peer had a socket of its own
 
     def _read(self, sock: socket.socket) -> list[Address]:
-        """Take what a socket has, as far as this poll goes; those heard again who have no ear yet."""
+        """Read a socket within the bounds of one poll; returns known peers that have no socket of their own yet."""
         frames = garbage = discarded = 0
         returning: dict[Address, None] = {}
         for _ in range(_DATAGRAMS_PER_POLL):
@@ -228,7 +240,7 @@ class UdpLink(_LinkCounters):
                 size, peer = sock.recvfrom_into(self._buffer)
             except (BlockingIOError, InterruptedError):
                 break
-            except OSError:  # an answer of the network to something sent earlier
+            except OSError:  # an ICMP answer to a datagram sent earlier
                 continue
             source: object = peer
             if peer not in self._peers:
@@ -250,8 +262,8 @@ class UdpLink(_LinkCounters):
         return list(returning)
 
     def _note_speaker(self, peer: Address) -> None:
-        """This one has spoken just now. Who has not spoken for longest gives way, so that somebody who comes and goes
-        cannot fill the list."""
+        """Make this peer the latest. The one that has been silent longest gives way, so that peers that come and go cannot fill
+        the list."""
         peer_socket = self._peers.pop(peer, None)
         if len(self._peers) >= MAX_CLIENTS:
             oldest = next(iter(self._peers))
@@ -259,9 +271,9 @@ class UdpLink(_LinkCounters):
         self._peers[peer] = peer_socket
 
     def _open_peer_socket(self, peer: Address) -> None:
-        """Open a socket that hears this peer alone; where the system cannot, the link's own goes on hearing it."""
+        """Open a socket for this peer alone; where the system cannot, the link's own continues to receive it."""
         if self._peers.get(peer, self._socket) is not None:
-            return  # gone again
+            return  # the peer was dropped meanwhile
         peer_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -306,7 +318,7 @@ class UdpLink(_LinkCounters):
 
 
 def _dropped_by_kernel(sock: socket.socket) -> int:
-    """Datagrams that the kernel threw away for want of room; 0 where it does not say."""
+    """Datagrams that the kernel discarded for lack of space; 0 where it does not report that."""
     try:
         counts = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
     except OSError:
@@ -315,7 +327,7 @@ def _dropped_by_kernel(sock: socket.socket) -> int:
 
 
 class _TcpClient:
-    """One TCP client: its frames as they come, its bytes as it takes them."""
+    """One TCP client: a reader of its frames, and the bytes that it has not accepted yet."""
 
     def __init__(self, sock: socket.socket) -> None:
         self.socket = sock
@@ -323,7 +335,7 @@ class _TcpClient:
         self.backlog = bytearray()
 
     def push(self, data: bytes) -> bool:
-        """Send as much as it takes; False when it is gone or too far behind."""
+        """Send as much as the client accepts; False when it is gone or too far behind."""
         self.backlog += data
         try:
             while self.backlog:
@@ -390,10 +402,10 @@ class TcpLink(_LinkCounters):
 
 
 class SerialLink(_LinkCounters):
-    """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or a device that exists.
+    """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or an existing device.
 
-    `auto` as a path names whatever the system gives; any other path of no device becomes a link to it. The line is raw,
-    it has no flow control and no speed: as on a UART, what is not read is lost.
+    With the path `auto` the system names the device; any other path that is no device becomes a symbolic link to it. The
+    line is raw, without flow control and speed: as on a UART, data that is not read is lost.
     """
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -407,7 +419,7 @@ class SerialLink(_LinkCounters):
             self.endpoint = spec.path
         else:
             self._terminal, far_end = os.openpty()
-            self._terminal_ends = [self._terminal, far_end]  # ours stays open, or the line would break when the companion leaves
+            self._terminal_ends = [self._terminal, far_end]  # kept open, or the line would break when the companion closes it
             os.set_blocking(self._terminal, False)
             self.endpoint = os.ttyname(far_end)
             if spec.path not in ("", "auto"):
@@ -420,7 +432,7 @@ class SerialLink(_LinkCounters):
     def _link_path(self, path: Path) -> None:
         try:
             if path.is_symlink() and not path.exists():
-                path.unlink()  # of a run that was ended by force
+                path.unlink()  # of a run that was killed
             path.symlink_to(self.endpoint)
         except OSError:
             self.close()
@@ -429,7 +441,7 @@ class SerialLink(_LinkCounters):
         self.endpoint = str(path)
 
     def poll(self) -> None:
-        with contextlib.suppress(OSError, EOFError):  # nothing there, or nobody
+        with contextlib.suppress(OSError, EOFError):  # no data, or no companion
             self._read_stream(None, self._reader, lambda size: os.read(self._terminal, size))
 
     def connected(self) -> bool:
@@ -454,7 +466,7 @@ class SerialLink(_LinkCounters):
 
 @contextmanager
 def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
-    """Yield every link, opened; leaving the block closes them all. Raises SetupError with one fault for each that fails."""
+    """Yield every link, opened; leaving the block closes them all. Raises SetupError with one fault for each link that fails."""
     with ExitStack() as stack:
         links: list[Link] = []
         faults: list[Fault] = []
@@ -490,7 +502,7 @@ def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.s
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         else:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
-        # A sender need not be reachable from elsewhere than where it sends to; on loopback it binds there.
+        # A sender need only be reachable from where it sends to; on loopback it binds there.
         host = spec.host if spec.kind != "udp_out" or spec.host.startswith("127.") or spec.host == "localhost" else ""
         opened.bind((host, port))
         opened.setblocking(False)

@@ -1,4 +1,4 @@
-"""Everything that is said: messages packed for each channel, in order, and sent together at the end of a step."""
+"""The queue of messages: packed for each channel, in order, and sent together at the end of a step."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from ._links import Link
 from ._signing import Signing
 
 _V1, _V2 = 0xFE, 0xFD
-MESSAGES_PER_STEP = 48  # messages of one link (2400 a second); the rest waits, so that a flood costs its own link only
+# Of one link, which is 2400 a second; the rest waits, so that a flood costs its own link only.
+MESSAGES_PER_STEP = 48
 
 
 class Channel:
-    """One link as the services see it: a name, a sequence number, what waits to be sent."""
+    """One link as the services see it: a name, a sequence number, a queue to send."""
 
     def __init__(self, link: Link, packer: Packer, signing: Signing, number: int = 0) -> None:
         self.link = link
         self._signing = signing
         self._number = number
         self._uses_v1 = False
-        self._known_systems: set[int] = set()  # systems that have spoken here
+        self._known_systems: set[int] = set()  # systems that have sent something here
         self.name = link.spec.name
-        self.has_client = False  # whether anybody has spoken here
+        self.has_client = False  # whether a client has sent something here
         self._packer = packer
         self._sequence = 0
         self._queue: list[bytes] = []
@@ -33,11 +34,11 @@ class Channel:
 
     @property
     def connected(self) -> bool:
-        """Whether somebody listens; settled once a step, so that all of a step goes out or nothing does."""
+        """Whether there is a receiver; decided once a step, so that all of a step is sent or nothing."""
         return self._connected
 
     def send(self, number: int, values: Iterable[Any]) -> None:
-        """Queue a message for everybody on this channel; values in wire order."""
+        """Queue a message for every client of this channel; values in wire order."""
         if not self._connected:
             return
         frame: bytes | None
@@ -56,8 +57,8 @@ class Channel:
         self.send(*wire_values(name, **fields))
 
     def admits(self, frame: bytes) -> bool:
-        """Whether what came in may be heard. From it the channel learns who is there, and which MAVLink they speak: 2,
-        unless nothing but 1 has ever been heard."""
+        """Whether a received frame may be handled. The channel learns from it which systems are there, and which MAVLink they
+        speak: 2, unless every frame so far was MAVLink 1."""
         if not self._signing.admits(frame, message_id(frame)):
             return False
         self._uses_v1 = frame[0] == _V1 and (self._uses_v1 or not self.has_client)
@@ -66,7 +67,7 @@ class Channel:
         return True
 
     def forward(self, frame: bytes) -> None:
-        """Queue somebody else's frame as it is; one for a system that has never spoken here is not for this channel."""
+        """Queue a frame of another client unchanged, unless it is for a system that has never sent anything here."""
         if self._connected and target_system(frame) in (0, *self._known_systems) and not (self._uses_v1 and frame[0] == _V2):
             self._queue.append(frame)
 
@@ -74,17 +75,17 @@ class Channel:
         return self._signing.sign(unsigned, self._number)
 
     def begin(self) -> None:
-        """A step begins."""
+        """Begin a step."""
         self._connected = self.link.connected() and not self.link.silenced
         if self.link.silenced:
             self.link.inbox.clear()
 
     def take(self) -> list[bytes]:
-        """What is heard in this step of what waits."""
+        """The frames that are handled in this step."""
         return self.link.inbox.take(MESSAGES_PER_STEP)
 
     def flush(self, tap: MavlinkTap | None) -> None:
-        """Send what waits."""
+        """Send the queue."""
         if self._queue:
             frames, self._queue = self._queue, []
             self.link.sent += len(frames)
@@ -94,7 +95,7 @@ class Channel:
 
 
 class Radio:
-    """All channels of a vehicle. `needs_hearing` keeps what nobody asked for from channels where nobody has spoken yet."""
+    """All channels of a vehicle. `waits_for_client` keeps unrequested messages off a channel until a client has sent something."""
 
     def __init__(self, channels: list[Channel], tap: MavlinkTap | None, waits_for_client: bool) -> None:
         self.channels = channels
@@ -102,7 +103,7 @@ class Radio:
         self._waits_for_client = waits_for_client
 
     def broadcast(self, name: str, **fields: Any) -> None:
-        """Say something unasked on every channel; only where somebody has spoken, when that is the autopilot's way."""
+        """Queue a message on every channel; where the autopilot waits for clients, only where one has sent something."""
         number, values = wire_values(name, **fields)
         for channel in self.channels:
             if channel.has_client or not self._waits_for_client:

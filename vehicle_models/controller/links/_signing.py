@@ -1,7 +1,7 @@
-"""Message signing of MAVLink 2: whose frames are believed, and our own signature.
+"""Message signing of MAVLink 2: which frames are accepted, and the signature of ours.
 
 The signature is the first six bytes of SHA-256 over key, frame, link id and timestamp. Timestamps count 10 us from the
-beginning of 2015 and never go back: ours are simulated time, or later when a partner's clock is ahead.
+beginning of 2015 and never go back: ours are simulated time, or later when a client's clock is ahead.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ if TYPE_CHECKING:
 
 _SIGNED, _SIGNATURE = 0x01, 13
 _UNIX_2015_S = 1_420_070_400
-_TICKS = 100_000  # a second
-_LATE_TICKS = 60 * _TICKS  # a partner not heard before may be behind by a minute
+# A second.
+_TICKS = 100_000
+# A client that is new may be behind by a minute, as the specification allows.
+_LATE_TICKS = 60 * _TICKS
 _PARTNERS = 16
 _V2 = 0xFD
-_RADIO_STATUS = 109  # radios put it in between and hold no key
+# RADIO_STATUS comes from radios on the way, which hold no key.
+_RADIO_STATUS = 109
 
 
 class Signing:
-    """One vehicle's key and its partners' timestamps. Without a key nothing is signed and nothing is asked for."""
+    """One vehicle's key and its clients' timestamps. Without a key nothing is signed or checked."""
 
     def __init__(self, key: bytes, required: bool, now_us: int) -> None:
         self.required = required
@@ -39,26 +42,26 @@ class Signing:
         self._partners: dict[tuple[int, int, int], int] = {}
 
     def set_key(self, key: bytes, ticks: int) -> None:
-        """A new key, as SETUP_SIGNING brings it; nothing but zeros ends signing."""
+        """Set a new key, as SETUP_SIGNING brings it; a key of zeros ends signing."""
         self._key = key if any(key) else b""
         self.on = bool(self._key)
         self._ticks = max(self._ticks, _ticks(self._now_us), min(ticks, 2**48 - 2**32))
         self._partners.clear()
 
     def follow(self, now_us: int) -> None:
-        """Simulated time goes on."""
+        """Follow simulated time."""
         self._now_us = now_us
         if self.on:
             self._ticks = max(self._ticks, _ticks(now_us))
 
     def sign(self, unsigned: bytes, link: int) -> bytes:
-        """The 13 bytes behind a frame whose header says already that it is signed."""
+        """The 13 bytes behind a frame whose header is already marked as signed."""
         self._ticks += 1
         tail = bytes([link]) + self._ticks.to_bytes(6, "little")
         return tail + hashlib.sha256(self._key + unsigned + tail).digest()[:6]
 
     def admits(self, frame: bytes, number: int) -> bool:
-        """Whether a frame may be believed; counts why not."""
+        """Whether a frame is accepted; counts the reasons where it is not."""
         if not self._key or number == _RADIO_STATUS:
             return True
         if frame[0] != _V2 or not frame[2] & _SIGNED:
@@ -72,7 +75,7 @@ class Signing:
         return self._in_time((frame[5], frame[6], frame[-_SIGNATURE]), int.from_bytes(frame[-12:-6], "little"))
 
     def _in_time(self, partner: tuple[int, int, int], ticks: int) -> bool:
-        """A frame said before cannot be said again."""
+        """Whether the timestamp is newer than the last, so that a recorded frame cannot be replayed."""
         last = self._partners.get(partner)
         if (ticks <= last) if last is not None else (ticks + _LATE_TICKS < self._ticks):
             self.rejected["old_timestamp"] += 1
@@ -90,7 +93,7 @@ def _ticks(unix_us: int) -> int:
 
 
 def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
-    """The signing that a vehicle's links ask for. Raises SetupError for a key that is none, or not the same everywhere."""
+    """The signing that a vehicle's links ask for. Raises SetupError for a malformed key, or for different keys."""
     keys = {link.signing_key for link in links if link.signing_key}
     if not keys:
         return Signing(b"", False, now_us)

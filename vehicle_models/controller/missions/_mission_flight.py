@@ -36,16 +36,23 @@ _FLOWN = _PASSED | {
     MAV_CMD.NAV_LOITER_TO_ALT,
     MAV_CMD.NAV_DELAY,
 }
-_WITH_COURSE = (*_PASSED, MAV_CMD.NAV_LOITER_TIME, MAV_CMD.NAV_LOITER_UNLIM)  # items towards which the vehicle need not brake
-_NO_LIFTOFF = (*_TAKEOFFS, *_LANDINGS, MAV_CMD.NAV_RETURN_TO_LAUNCH, MAV_CMD.NAV_DELAY)  # flown from the ground as they are
+# Items towards which the vehicle need not brake.
+_WITH_COURSE = (*_PASSED, MAV_CMD.NAV_LOITER_TIME, MAV_CMD.NAV_LOITER_UNLIM)
+# Flown from the ground as they are.
+_NO_LIFTOFF = (*_TAKEOFFS, *_LANDINGS, MAV_CMD.NAV_RETURN_TO_LAUNCH, MAV_CMD.NAV_DELAY)
 _ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI_LOCATION, MAV_CMD.DO_SET_ROI)
-_MAX_JUMPS = 100  # in a row: a ring of jumps without anything to fly ends the mission
-_MAX_ACTIONS = 1000  # DO and CONDITION items between two items to fly
+# In a row: a ring of jumps without anything to fly ends the mission.
+_MAX_JUMPS = 100
+# DO and CONDITION items between two items to fly.
+_MAX_ACTIONS = 1000
 _ACTIONS_PER_STEP = 20
-_MAX_DISTANCE_M = 500_000.0  # of an item from the origin
+# Of an item from the origin.
+_MAX_DISTANCE_M = 500_000.0
 _BRAKING_MPS2 = 1.5
-_MAX_RESUMED_DISTANCE_M = 20.0  # a target farther away is not where the vehicle stays
-_NO_MISSION, _NOT_STARTED, _ACTIVE, _PAUSED, _COMPLETE = 1, 2, 3, 4, 5  # MISSION_STATE
+# A target farther away is not where the vehicle stays.
+_MAX_RESUMED_DISTANCE_M = 20.0
+# MISSION_STATE
+_NO_MISSION, _NOT_STARTED, _ACTIVE, _PAUSED, _COMPLETE = 1, 2, 3, 4, 5
 
 
 class MissionFlight:
@@ -85,7 +92,7 @@ class MissionFlight:
         self._reached: int | None = None
         self._repeat_ns = 0
         self._complete = False
-        self._far = False  # an item lies where nothing can be flown
+        self._far = False  # an item is too far away to be flown
         self._started = False
         self._may_lift_off = False
         self._announced = -1  # item whose text was sent last

@@ -14,8 +14,10 @@ from ..policies._missions import MissionPolicy, MissionResult
 from ..telemetry._texts import CRITICAL, StatusText
 from ._store import FENCE, MISSION, PLACELESS, RALLY, MissionItem, StoredPlans, identity_of
 
-_ALL = 255  # MAV_MISSION_TYPE_ALL
-_GUIDED = 2  # `current` of a MISSION_ITEM that is an order to go there
+# MAV_MISSION_TYPE_ALL
+_ALL = 255
+# `current` of a MISSION_ITEM that is an order to go there.
+_GUIDED = 2
 
 
 @dataclass(slots=True)

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 from ..links._enums import MAV_FRAME
 
-MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
+# MAV_MISSION_TYPE
+MISSION, FENCE, RALLY = 0, 1, 2
 # Frames of items by what their height is measured from; MAV_FRAME_MISSION is for items without a place.
 ABOVE_SEA = frozenset({MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT})
 ABOVE_HOME = frozenset({MAV_FRAME.GLOBAL_RELATIVE_ALT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT})

@@ -15,9 +15,12 @@ from ..policies._parameters import ParameterPolicy
 from ._store import REAL32, UINT32
 
 _VALUE = KINDS["PARAM_VALUE"].id
-_DOES_NOT_EXIST, _TYPE_MISMATCH = 1, 7  # MAV_PARAM_ERROR
-_LISTED_PER_STEP = 20  # a list of a thousand takes about a second, as it does on the real autopilots
-_HASH_CHECK = "_HASH_CHECK"  # PX4's parameter that holds the hash over all others
+# MAV_PARAM_ERROR
+_DOES_NOT_EXIST, _TYPE_MISMATCH = 1, 7
+# A list of a thousand takes about a second, as it does on the real autopilots.
+_LISTED_PER_STEP = 20
+# PX4's parameter that holds the hash over all others.
+_HASH_CHECK = "_HASH_CHECK"
 _NO_INDEX = 65535
 
 

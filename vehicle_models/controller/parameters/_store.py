@@ -18,8 +18,8 @@ _RANGE = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter with its default; `kind` is a MAV_PARAM_TYPE. The rest tells people what it means: a value outside
-    `low` and `high` is taken all the same, as both autopilots do. A volatile one changes by itself."""
+    """One parameter with its default; `kind` is a MAV_PARAM_TYPE. The other fields explain it: a value outside
+    `low` and `high` is stored all the same, as on both autopilots. A volatile parameter changes by itself."""
 
     name: str
     default: float
@@ -34,7 +34,7 @@ class Parameter:
 
 
 class ParameterStore:
-    """Values by name. Integers are kept whole. Raises SetupError for names in `given` that do not exist."""
+    """Values by name; integers stay integers. Raises SetupError for names in `initial` that do not exist."""
 
     def __init__(self, parameters: Iterable[Parameter], initial: Mapping[str, float]) -> None:
         ordered = tuple(parameters)
@@ -43,7 +43,7 @@ class ParameterStore:
         self.names = list(self.kinds)
         self.index = {name: number for number, name in enumerate(self.names)}
         self._values = {parameter.name: float(parameter.default) for parameter in ordered}
-        self._saved: dict[str, float] = {}  # where that is not the present value
+        self._saved: dict[str, float] = {}  # where it differs from the present value
         self._listeners: list[Callable[[], None]] = []
         faults = [
             Fault(f"vehicle.parameters.{name}", "this autopilot has no such parameter here", self._similar_names(name))
@@ -59,9 +59,9 @@ class ParameterStore:
         return self._values[name]
 
     def put(self, name: str, value: float, *, saves: bool = True) -> bool:
-        """Store a value; True when that changed it. Raises KeyError for an unknown name; what is not finite is refused.
+        """Store a value; True when that changed it. Raises KeyError for an unknown name; a value that is not finite is refused.
 
-        What is not saved holds until the next start, which has the value from before again."""
+        A value that is not saved holds until the next start, which has the previous value again."""
         old = self._values[name]
         if not math.isfinite(value):
             return False
@@ -86,7 +86,7 @@ class ParameterStore:
         self._listeners.append(listener)
 
     def digest(self) -> int:
-        """The CRC-32 over names and values that PX4 and ground stations compute: no inversion, nothing volatile."""
+        """The CRC-32 over names and values that PX4 and ground stations compute: not inverted, without volatile parameters."""
         crc = 0
         for name, definition in self.definitions.items():
             if not definition.volatile:
@@ -94,7 +94,7 @@ class ParameterStore:
         return crc
 
     def changed(self) -> dict[str, float]:
-        """What is saved and differs from the defaults, without what changes by itself."""
+        """Saved values that differ from the defaults, without volatile parameters."""
         saved = {**self._values, **self._saved}
         return {
             name: saved[name]
@@ -113,5 +113,5 @@ class ParameterStore:
 
 
 def crc32_plain(data: bytes, crc: int = 0) -> int:
-    """CRC-32 as embedded code has it (begun at 0, not inverted): MAVLink's file transfer, PX4's parameter hash."""
+    """CRC-32 that begins at 0 and is not inverted, as MAVLink's file transfer and PX4's parameter hash use it."""
     return zlib.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF

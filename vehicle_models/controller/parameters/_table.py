@@ -1,4 +1,4 @@
-"""Tables of parameters: a CSV beside each personality, with a row for one parameter or for a row of equal ones."""
+"""Tables of parameters: a CSV file for each autopilot, with a row for one parameter or for several equal ones."""
 
 from __future__ import annotations
 

@@ -22,7 +22,8 @@ from ..links._radio import Channel
 from ..telemetry._attitude import quaternion
 from ._gimbal import DEVICE, level_quaternion
 
-COMPONENT = 100  # MAV_COMP_ID_CAMERA
+# MAV_COMP_ID_CAMERA
+COMPONENT = 100
 # Storage, zoom, focus and video: known to cameras, and denied by this one.
 _DENIED = (
     MAV_CMD.STORAGE_FORMAT,
@@ -40,12 +41,16 @@ _OLD_REQUESTS: dict[int, str] = {
     MAV_CMD.REQUEST_STORAGE_INFORMATION: "STORAGE_INFORMATION",
     MAV_CMD.REQUEST_CAMERA_CAPTURE_STATUS: "CAMERA_CAPTURE_STATUS",
 }
-_CAPTURES_IMAGES = 2  # CAMERA_CAP_FLAGS
+# CAMERA_CAP_FLAGS
+_CAPTURES_IMAGES = 2
 _IMAGE_MODE = 0
-_STORED = 1000  # pictures that can still be requested
-_NO_STORAGE = 3  # STORAGE_STATUS_NOT_SUPPORTED
+# Pictures that can still be requested.
+_STORED = 1000
+# STORAGE_STATUS_NOT_SUPPORTED
+_NO_STORAGE = 3
 _MAX_INTERVAL_S = 3600.0
-_SENSOR_WIDTH_MM = 6.4  # of a 1/2" sensor; only its ratio to the focal length means anything here
+# Of a 1/2" sensor; only its ratio to the focal length means anything here.
+_SENSOR_WIDTH_MM = 6.4
 _SECOND_NS = 1_000_000_000
 _NAMES = {kind.id: name for name, kind in KINDS.items()}
 

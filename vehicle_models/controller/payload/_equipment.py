@@ -15,7 +15,7 @@ is no such part."""
 
 @dataclass(frozen=True, slots=True)
 class Equipment:
-    """The camera, whose `gimbal` and `mavlink` say what of it is on the links, and what the bench offers.
+    """The camera, whose `gimbal` and `mavlink` define what of it is on the links, and what the bench offers.
 
     `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part` serves
     INJECT_FAILURE.

@@ -1,7 +1,7 @@
 """A gimbal by the gimbal protocol v2: the manager and, built into the autopilot, the device that it manages.
 
-The device keeps roll and pitch level by itself and turns in pan and tilt, no faster than 90 degrees a second, between 90
-degrees below and 30 above the horizon, without end around. Angles are the protocol's: pitch up, yaw clockwise.
+The device keeps itself level and turns in pan and tilt at up to 90 degrees a second, from 90 degrees below to 30 above
+the horizon, and all the way around. Angles are the protocol's: pitch up, yaw clockwise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD, MAV_MOUNT_MODE
 from ..policies._commands import CommandPolicy
 
-DEVICE = 1  # gimbal device ids 1 to 6 are devices that are no components of their own
+# Gimbal device ids 1 to 6 are devices that are no components of their own.
+DEVICE = 1
 MAX_RATE_RADPS = math.radians(90.0)
 MIN_PITCH_RAD, MAX_PITCH_RAD = math.radians(-90.0), math.radians(30.0)
 # GIMBAL_DEVICE_FLAGS
@@ -51,7 +52,7 @@ class _GimbalTarget:
 
 
 class Gimbal:
-    """Turns and keeps the direction of the camera in the flight state. The policy says who may control it."""
+    """Turns and keeps the direction of the camera in the flight state. The policy defines who may control it."""
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy, tilt_rad: float) -> None:
         self._context = context
@@ -271,7 +272,7 @@ def level_quaternion(pitch_rad: float, yaw_rad: float) -> tuple[float, float, fl
 
 
 def _controller(system: float, component: float, current: tuple[int, int], requester: tuple[int, int]) -> tuple[int, int]:
-    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0 is nobody."""
+    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0 is no controller."""
     if system == -2 or component == -2:
         return requester
     if system == -3 or component == -3:

@@ -1,4 +1,4 @@
-"""What an autopilot is, and what it says of its own accord."""
+"""What an autopilot is, and the texts that it sends without being asked."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class ModePolicy:
     orbit: FlightMode | None = None
     """The mode of DO_ORBIT; None: there is no such command."""
     pilot: tuple[FlightMode, FlightMode] | None = None
-    """What a pilot who moves the sticks takes over in: with a position, and without one."""
+    """The modes in which a pilot takes over by moving the sticks: with a position, and without one."""
     after_landing: FlightMode | None = None
     """Entered when the vehicle has been disarmed."""
     standard_modes: Mapping[str, int] = field(default_factory=dict)

@@ -41,6 +41,6 @@ class SetpointPolicy:
     """type_mask of the echo of a position; None: the bits of what is NaN."""
     echo_velocity_mask: int | None
     simulates_radio: bool
-    """Whether a radio at rest holds the sticks when nobody else does: ArduPilot's SITL has one."""
+    """Whether a radio at rest gives the sticks when no client does: ArduPilot's SITL has one."""
     radio_overrides: bool
     """Whether RC_CHANNELS_OVERRIDE is taken, and MANUAL_CONTROL as an override of the radio."""

@@ -39,7 +39,8 @@ _UNANSWERED = (
     MAV_CMD.DO_VTOL_TRANSITION,
     MAV_CMD.DO_WINCH,
 )
-_CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS
+# MAV_DO_REPOSITION_FLAGS
+_CHANGE_MODE = 1
 
 
 def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
@@ -72,7 +73,7 @@ def _refuse_reposition(flight: FlightState, command: Command) -> Refusal | None:
 
 
 def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) -> float:
-    # Above sea level whatever the frame says: so did every release that was seen, and MAVSDK relies on it.
+    # Above sea level in every frame: every observed release did so, and MAVSDK relies on it.
     return altitude_m
 
 

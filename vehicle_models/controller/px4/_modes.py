@@ -9,8 +9,10 @@ from ..parameters._store import ParameterStore
 from ..policies._modes import ModePolicy
 from ..telemetry._texts import CRITICAL
 
-READY_S = 4.2  # "Resolve system health failures first" until then
-POSITION_S = READY_S  # home is set; a client that waits for it is not refused the arming
+# "Resolve system health failures first" until then.
+READY_S = 4.2
+# Home is set; a client that waits for it is not refused the arming.
+POSITION_S = READY_S
 
 _CUSTOM, _STABILIZE = MAV_MODE_FLAG.CUSTOM_MODE_ENABLED, MAV_MODE_FLAG.STABILIZE_ENABLED
 _AUTO = int(_CUSTOM | _STABILIZE | MAV_MODE_FLAG.AUTO_ENABLED | MAV_MODE_FLAG.GUIDED_ENABLED)

@@ -1,6 +1,6 @@
 """PX4's failsafes, fence and battery. Times and texts of failsafes are as its SITL was seen to keep them.
 
-What a breach of the fence looks like on the link was not observed; it is as PX4's source has it.
+A breach of the fence was not observed on the link; its messages follow PX4's source.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ _SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
     7: Behaviour.TERMINATE,
 }
 _ACTIVATED = ((ERROR, "Failsafe activated"),)
-_SILENCE_S = 1.9  # until a silent link is noticed: with COM_DL_LOSS_T at 10, the SITL acted after 11.9 s
-_SITL_BATTERY = (60.0, 50.0)  # defaults of SIM_BAT_DRAIN and SIM_BAT_MIN_PCT
+# Until a silent link is noticed: with COM_DL_LOSS_T at 10, the SITL acted after 11.9 s.
+_SILENCE_S = 1.9
+# Defaults of SIM_BAT_DRAIN and SIM_BAT_MIN_PCT.
+_SITL_BATTERY = (60.0, 50.0)
 _FENCE_TEXTS: dict[Breach, StatusText] = {
     Breach.CEILING: (CRITICAL, "Geofence: exceeding maximum altitude above Home"),
     Breach.CIRCLE: (CRITICAL, "Geofence: exceeding maximum distance to Home"),

@@ -28,8 +28,10 @@ _WING_PARAMETERS = (
     Parameter("RTL_RETURN_ALT", 60.0),
     Parameter("SYS_AUTOSTART", 2100, INT32),
 )
-MIN_CIRCLE_HEIGHT_M = 25.0  # circles are not flown lower
-_RADIUS_RANGE_M = (30.0, 500.0)  # what the airframe can fly
+# Circles are not flown lower.
+MIN_CIRCLE_HEIGHT_M = 25.0
+# What the airframe can fly.
+_RADIUS_RANGE_M = (30.0, 500.0)
 
 
 def _definitions() -> tuple[Parameter, ...]:

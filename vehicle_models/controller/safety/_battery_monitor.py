@@ -5,7 +5,8 @@ from __future__ import annotations
 from .._service_context import ServiceContext
 from ..policies._safety import SafetyPolicy
 
-_NOMINAL_V = 14.8  # four cells of 3.7 V
+# Four cells of 3.7 V.
+_NOMINAL_V = 14.8
 
 
 class BatteryMonitor:

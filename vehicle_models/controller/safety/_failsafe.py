@@ -28,7 +28,8 @@ _NEEDS_POSITION = (
     Behaviour.MISSION,
     Behaviour.CIRCLE,
 )
-_BATTERY_OK = 1  # MAV_BATTERY_CHARGE_STATE
+# MAV_BATTERY_CHARGE_STATE
+_BATTERY_OK = 1
 
 
 class Failsafe:

@@ -11,7 +11,8 @@ from ..payload._equipment import BreakPart
 
 # FAILURE_UNIT. A battery cannot be repaired, so FAILURE_UNIT_SYSTEM_BATTERY is not offered.
 _UNITS = {4: "gps_off", 101: "motor_off", 105: "link_loss"}
-_OK, _OFF = 0, 1  # FAILURE_TYPE
+# FAILURE_TYPE
+_OK, _OFF = 0, 1
 _MAX_INSTANCE = 16
 
 

@@ -15,11 +15,16 @@ from ..services._modes import Modes
 from ._failsafe import Failsafe
 from ._fence_boundary import FenceBoundary
 
-_CHECK_NS = 100_000_000  # ten checks a second are enough for a vehicle that moves at 20 m/s
-_BRAKING_MPS2 = 1.0  # before the ceiling and the edges
-_MIN_EDGE_MPS = 0.5  # the vehicle is not slowed down below this, and may pass an edge so slowly
-_CLEARED_INSIDE_M = 1.0  # so far inside a breach is over
-_DISABLE_FLOOR = 2.0  # first parameter of DO_FENCE_ENABLE
+# Ten checks a second are enough for a vehicle that moves at 20 m/s.
+_CHECK_NS = 100_000_000
+# Before the ceiling and the edges.
+_BRAKING_MPS2 = 1.0
+# The vehicle is not slowed down below this, and may pass an edge so slowly.
+_MIN_EDGE_MPS = 0.5
+# So far inside a breach is over.
+_CLEARED_INSIDE_M = 1.0
+# First parameter of DO_FENCE_ENABLE.
+_DISABLE_FLOOR = 2.0
 
 
 class Fence:

@@ -1,4 +1,4 @@
-"""Where the fence is: its areas, and what lies beyond it."""
+"""The boundary of the fence: its areas, and which limit a place is beyond."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class FenceBoundary:
         return not self.enabled or self.breach((north_m, east_m), height_m, 0.0) is Breach.NONE
 
     def breach(self, place: NorthEast, height_m: float, margin_m: float) -> Breach:
-        """Which limit a place lies beyond, were the fence closer by a margin."""
+        """Which limit a place is beyond, with the fence closer by a margin."""
         limits = self.limits
         if limits.ceiling_m is not None and height_m > limits.ceiling_m - margin_m:
             return Breach.CEILING

@@ -14,7 +14,8 @@ from ..telemetry._texts import FlightEvent
 from ._home import HomeKeeper
 from ._modes import Modes
 
-_FORCE = 21196.0  # second parameter of COMPONENT_ARM_DISARM, as MAVLink defines it
+# Second parameter of COMPONENT_ARM_DISARM, as MAVLink defines it.
+_FORCE = 21196.0
 
 
 class Arming:

@@ -12,7 +12,8 @@ from ..links._enums import MAV_CMD
 from ..policies._commands import CommandAnswer, CommandPolicy
 
 _RESULT_SPACING_NS = 1_000_000_000
-_NO_COORDINATE = 2**31 - 1  # x or y of COMMAND_INT: left out
+# X or y of COMMAND_INT: left out.
+_NO_COORDINATE = 2**31 - 1
 
 
 class Commands:

@@ -13,10 +13,13 @@ from ..guidance._guidance import Guidance
 from ..guidance._limits import FlightLimits, FollowTargetLimits
 from ..guidance._manoeuvres import beyond_dead_zone
 
-_HAS_POSITION, _HAS_VELOCITY = 1, 2  # FOLLOW_TARGET.est_capabilities
+# FOLLOW_TARGET.est_capabilities
+_HAS_POSITION, _HAS_VELOCITY = 1, 2
 _LOST_AFTER_NS = 3_000_000_000
-_MIN_COURSE_MPS = 0.5  # a slower leader has no course
-_MAX_LEADER_MPS = 100.0  # a faster one is a client's error
+# A slower leader has no course.
+_MIN_COURSE_MPS = 0.5
+# A faster one is a client's error.
+_MAX_LEADER_MPS = 100.0
 # Sticks: half of their travel has no effect; full deflection changes this much a second, within these bounds.
 _DEAD_ZONE, _CLIMB_MPS, _DISTANCE_MPS, _AROUND_RADPS = 0.5, 1.5, 2.0, 1.5
 _MIN_DISTANCE_M, _MAX_DISTANCE_M = 1.0, 100.0

@@ -11,7 +11,8 @@ from ..links._enums import MAV_CMD
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
 
-_NOT_USER_SELECTABLE = 2  # MAV_MODE_PROPERTY
+# MAV_MODE_PROPERTY
+_NOT_USER_SELECTABLE = 2
 
 
 class Identity:

@@ -14,10 +14,13 @@ from ..policies._setpoints import SetpointPolicy
 from ..telemetry._texts import FlightEvent
 from ._modes import Modes
 
-_RADIO_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)  # a simulated radio at rest: throttle at its lowest
+# A simulated radio at rest: throttle at its lowest.
+_RADIO_US = (1500, 1500, 1000, 1500, 1800, 1000, 1000, 1800)
 _CHANNELS = len(_RADIO_US)
-_SMOOTHING_S = 0.1  # of stick rates
-_KEEP_US, _RELEASE_US = 65535, 0  # RC_CHANNELS_OVERRIDE: ignore this channel, give it back to the radio
+# Of stick rates.
+_SMOOTHING_S = 0.1
+# RC_CHANNELS_OVERRIDE: ignore this channel, give it back to the radio.
+_KEEP_US, _RELEASE_US = 65535, 0
 _PWM_RANGE_US = (800, 2200)
 
 

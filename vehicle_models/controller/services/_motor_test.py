@@ -11,9 +11,11 @@ from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..telemetry._texts import CRITICAL, INFO
 
-_PERCENT, _PWM, _PILOT = 0, 1, 2  # MOTOR_TEST_THROTTLE_TYPE
+# MOTOR_TEST_THROTTLE_TYPE
+_PERCENT, _PWM, _PILOT = 0, 1, 2
 _MAX_SPAN_S = 600.0
-_THROTTLE_CHANNEL = 2  # of the radio, counted from 0
+# Of the radio, counted from 0.
+_THROTTLE_CHANNEL = 2
 
 
 @dataclass(slots=True)

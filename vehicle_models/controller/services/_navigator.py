@@ -21,15 +21,19 @@ from ..telemetry._texts import FlightEvent
 from ._modes import Modes
 
 _MAX_REPOSITION_M = 100_000.0
-_MAX_ORBIT_MPS2 = 2.0  # towards the centre
-_CLIMB_SPEED, _DESCENT_SPEED = 2.0, 3.0  # SPEED_TYPE
-_ORBIT_FRAME = 5  # MAV_FRAME_GLOBAL_INT
-_FRONT_TANGENT_TO_CIRCLE = 3.0  # ORBIT_YAW_BEHAVIOUR
+# Towards the centre.
+_MAX_ORBIT_MPS2 = 2.0
+# SPEED_TYPE
+_CLIMB_SPEED, _DESCENT_SPEED = 2.0, 3.0
+# MAV_FRAME_GLOBAL_INT
+_ORBIT_FRAME = 5
+# ORBIT_YAW_BEHAVIOUR
+_FRONT_TANGENT_TO_CIRCLE = 3.0
 _TO_CENTRE = 0.0
 
 
 class Navigator:
-    """Carries out commands that fly somewhere; the policies say which of them exist, and when they are refused."""
+    """Carries out commands that fly somewhere; the policies define which of them exist, and when they are refused."""
 
     def __init__(
         self,

@@ -12,7 +12,8 @@ from ..links._signing import Signing
 from ..missions._store import MissionItem
 from ..policies._commands import CommandPolicy
 
-_REBOOTS = (1.0, 3.0)  # reboot; reboot and stay in the bootloader, where the autopilot accepts that
+# Reboot; reboot and stay in the bootloader, where the autopilot accepts that.
+_REBOOTS = (1.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,8 @@ from ..telemetry._texts import CRITICAL
 _FORCE, _IGNORE_YAW, _IGNORE_YAW_RATE = 0x200, 0x400, 0x800
 _IGNORE_ROLL_RATE, _IGNORE_PITCH_RATE, _IGNORE_TURN_RATE, _IGNORE_THRUST, _IGNORE_ATTITUDE = 1, 2, 4, 64, 128
 _SET_POSITION_TARGET_LOCAL_NED, _SET_POSITION_TARGET_GLOBAL_INT = 84, 86
-_MAX_SETPOINT = 1e6  # metres or anything else: a larger number is a client's error
+# Metres or anything else: a larger number is a client's error.
+_MAX_SETPOINT = 1e6
 _NAN3 = (math.nan,) * 3
 
 

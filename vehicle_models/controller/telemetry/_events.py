@@ -11,7 +11,8 @@ from .._service_context import ServiceContext
 from ._event_names import EventName
 
 _STORED = 64
-_UNAVAILABLE = 0  # MAV_EVENT_ERROR_REASON
+# MAV_EVENT_ERROR_REASON
+_UNAVAILABLE = 0
 
 
 class EventService:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from .._service_context import ServiceContext
 from ..policies._identity import IdentityPolicy
 
-_CLEAR_M = 2.5  # above the place of the takeoff: there the compass is free of what lies in the ground
-_REPEAT_NS = 1_000_000_000  # contacts closer together than this get one text
+# Above the place of the takeoff; up there nothing in the ground disturbs the compass.
+_CLEAR_M = 2.5
+# Contacts closer together than this get one text.
+_REPEAT_NS = 1_000_000_000
 
 
 class GroundTexts:

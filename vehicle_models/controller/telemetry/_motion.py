@@ -11,8 +11,10 @@ from ._attitude import AttitudeCache
 from ._units import heading_cdeg, hundredths
 
 _NAN = math.nan
-_UNKNOWN_COVARIANCES = (_NAN, *(0.0,) * 20) * 2  # of pose and velocity: NaN in the first element means unknown
-_LOCAL_NED, _BODY_FRD = 1, 12  # MAV_FRAME of ODOMETRY
+# Of pose and velocity: NaN in the first element means unknown.
+_UNKNOWN_COVARIANCES = (_NAN, *(0.0,) * 20) * 2
+# MAV_FRAME of ODOMETRY.
+_LOCAL_NED, _BODY_FRD = 1, 12
 _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT = 8, 100
 
 

@@ -10,7 +10,8 @@ from ..policies._telemetry import TelemetryPolicy
 from ..safety._battery_monitor import BatteryMonitor
 from ._units import hundredths
 
-_MAX_ROTOR_RPM = 8000.0  # chosen, not measured
+# Chosen, not measured.
+_MAX_ROTOR_RPM = 8000.0
 _NO_CELL = 65535
 _UNKNOWN_TEMPERATURE = 32767
 _ESC_TEMPERATURE_C = 25

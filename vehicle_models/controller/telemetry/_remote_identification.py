@@ -8,11 +8,15 @@ from collections.abc import Mapping
 from .._service import Stream, Values
 from .._service_context import ServiceContext
 
-_EPOCH_US = 1_546_300_800_000_000  # 2019-01-01, from which Open Drone ID counts
+# 2019-01-01, from which Open Drone ID counts.
+_EPOCH_US = 1_546_300_800_000_000
 _NO_ID = (0,) * 20
-_ON_GROUND, _AIRBORNE = 1, 2  # MAV_ODID_STATUS
-_OVER_TAKEOFF = 0  # MAV_ODID_HEIGHT_REF
-_ACCURACIES = (12, 5, 5, 3, 1)  # within 1 m, 3 m and (pressure) 3 m; 1 m/s; 0.1 s
+# MAV_ODID_STATUS
+_ON_GROUND, _AIRBORNE = 1, 2
+# MAV_ODID_HEIGHT_REF
+_OVER_TAKEOFF = 0
+# Within 1 m, 3 m and (pressure) 3 m; 1 m/s; 0.1 s.
+_ACCURACIES = (12, 5, 5, 3, 1)
 _NO_ALTITUDE_M = -1000.0
 
 

@@ -15,9 +15,11 @@ _SEA_LEVEL_HPA = 1013.25
 _STANDARD_GRAVITY_MPS2 = 9.80665
 # Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of the field.
 _FIELD_NED = (0.2146, 0.0133, 0.4329)
-_ALL_FIELDS_UPDATED = 0x1FFF  # HIGHRES_IMU.fields_updated
+# HIGHRES_IMU.fields_updated
+_ALL_FIELDS_UPDATED = 0x1FFF
 _TEMPERATURE_C, _CASE_TEMPERATURE_CDEG, _PRESSURE_TEMPERATURE_CDEG = 15.0, 3500, 1500
-_FACING_DOWN = 25  # MAV_SENSOR_ORIENTATION
+# MAV_SENSOR_ORIENTATION
+_FACING_DOWN = 25
 _SATELLITES = 10
 
 

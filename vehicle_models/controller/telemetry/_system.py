@@ -13,10 +13,13 @@ from ..policies._telemetry import TelemetryPolicy
 from ..safety._battery_monitor import BatteryMonitor
 from ._units import hundredths
 
-_MAVLINK_VERSION = 3  # of HEARTBEAT; it did not change with MAVLink 2
-_GPS, _XY_POSITION_CONTROL = 0x20, 0x4000  # MAV_SYS_STATUS_SENSOR
+# Of HEARTBEAT; it did not change with MAVLink 2.
+_MAVLINK_VERSION = 3
+# MAV_SYS_STATUS_SENSOR
+_GPS, _XY_POSITION_CONTROL = 0x20, 0x4000
 _ESTIMATOR_OK = 1023
-_ESTIMATOR_BY_GPS = 8 | 16 | 256 | 512  # ESTIMATOR_STATUS_FLAGS: horizontal position, and its prediction
+# ESTIMATOR_STATUS_FLAGS: horizontal position, and its prediction.
+_ESTIMATOR_BY_GPS = 8 | 16 | 256 | 512
 _NAN = math.nan
 
 

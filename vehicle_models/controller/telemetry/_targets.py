@@ -11,9 +11,12 @@ from ..policies._setpoints import SetpointPolicy
 from ._attitude import attitude_quaternion
 
 _NAN = math.nan
-_LOCAL_NED, _GLOBAL = 1, 0  # MAV_FRAME
-_NO_HORIZONTAL, _NO_VERTICAL = 3, 4  # bits of POSITION_TARGET_TYPEMASK
-_GLOBAL_MASK = 65016  # position alone
+# MAV_FRAME
+_LOCAL_NED, _GLOBAL = 1, 0
+# Bits of POSITION_TARGET_TYPEMASK.
+_NO_HORIZONTAL, _NO_VERTICAL = 3, 4
+# Position alone.
+_GLOBAL_MASK = 65016
 
 
 class TargetTelemetry:

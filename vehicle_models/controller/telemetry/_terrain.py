@@ -11,9 +11,12 @@ from collections.abc import Mapping
 from .._service import Stream, Values
 from .._service_context import ServiceContext
 
-_METRES_PER_E7 = 0.011131884502145034  # metres of 1e-7 degree, as ArduPilot has them
-_BLOCK_NORTH, _BLOCK_EAST = 24, 28  # spacings between the corners of neighbouring grids
-_PARTS = 56  # 4 by 4 points each, in a grid
+# Metres of 1e-7 degree, as ArduPilot has them.
+_METRES_PER_E7 = 0.011131884502145034
+# Spacings between the corners of neighbouring grids.
+_BLOCK_NORTH, _BLOCK_EAST = 24, 28
+# 4 by 4 points each, in a grid.
+_PARTS = 56
 
 
 class Terrain:
