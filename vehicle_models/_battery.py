@@ -35,6 +35,7 @@ class BatteryModel:
     def drain(self, thrust_n: Sequence[float], span_s: float) -> None:
         """Take the energy that rotors and electronics use in `span_s`."""
         power = _ELECTRONICS_W
+        # T^1.5 as T times its root: a power with a fraction is slower.
         for rotor_thrust_n in thrust_n:
             power += _PER_THRUST15 * rotor_thrust_n * math.sqrt(rotor_thrust_n)
         self.spend(power, span_s)

@@ -45,9 +45,11 @@ class Gusts:
 
     def step(self, height_m: float, airspeed_mps: float) -> Vector:
         """The gust velocity over the next step, north, east, down, in m/s; taken at 0.5 m/s of airspeed at least."""
+        # Drawing numbers in blocks is faster than one at a time.
         if not self._draws:
             self._draws = self._random.standard_normal((_BLOCK, 3)).tolist()
         x, y, z = self._draws.pop()
+        # The specification defines the low-altitude model from 10 to 1000 ft.
         h = min(max(height_m / _FT, 10.0), 1000.0)
         k = 0.177 + 0.000823 * h
         sigma_down = 0.1 * self._w20_mps

@@ -140,6 +140,7 @@ class JsbsimPlant:
         motion.roll_rad, motion.pitch_rad, motion.yaw_rad = phi, theta, psi
         motion.p_radps, motion.q_radps, motion.r_radps = p, q, r
         motion.airspeed_mps = airspeed * _FT
+        # One sum finds a NaN or an infinity in any of them.
         if not math.isfinite(east + north + motion.up_m + vn + ve + vd + phi + theta + psi + p + q + r):
             raise VehicleFault("the state of the flight dynamics is no longer finite")
 
@@ -164,7 +165,8 @@ def _load(name: str, place: StartPose, plane: TangentPlane, feet_m: float, physi
     fdm["ic/terrain-elevation-ft"] = place.altitude_m / _FT
     fdm["ic/h-agl-ft"] = feet_m / _FT
     fdm["ic/psi-true-deg"] = math.degrees(place.heading_rad)
-    fdm["simulation/gravity-model"] = 1  # WGS84
+    # WGS84
+    fdm["simulation/gravity-model"] = 1
     fdm["atmosphere/turb-type"] = 0
     fdm.run_ic()
     return fdm

@@ -112,6 +112,7 @@ class X500Airframe:
 
     def fly(self, target: FlightTarget) -> None:
         """Steer the true position beside the target by the error of the estimate, so that the estimate meets the target."""
+        # Most steps repeat the target; comparing is cheaper than writing some twenty properties.
         if target is not self._target and target != self._target:
             self._write_constant(target)
         write = self._plant.write
@@ -389,6 +390,7 @@ class Aircraft(ABC):
     def _sense(self) -> None:
         """Write estimate and sensor readings into the state that the services read."""
         flight, motion, frame = self._flight, self._plant.motion, self._frame
+        # The estimate is the truth plus the navigation error, and all that the services ever see.
         error = self._airframe.error_enu_m = self._navigation.error_enu_m
         east, north, up = motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]
         flight.time_ns = self.time.ns - self._booted_ns
@@ -445,6 +447,7 @@ class X500(Aircraft):
         motion = self._plant.motion
         if motion.up_m > _NEAR_GROUND_M:
             return False
+        # The angle between the body's down axis and the vertical, from roll and pitch.
         tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
         return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)
 

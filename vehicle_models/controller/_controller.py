@@ -102,10 +102,12 @@ class Controller:
         self._flight = flight
         self._tap = tap
         parameters = ParameterStore(autopilot.parameters.definitions, persistent.parameters if persistent else initial_parameters)
+        # The parameter is a float of any value; MAVLink system ids are 1 to 255.
         self._system = min(max(int(parameters[autopilot.parameters.system_id]), 1), 255)
         self._signing = persistent.signing if persistent else open_signing([link.spec for link in links], flight.unix_start_us)
         packer = Packer(self._system, COMPONENT)
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
+        # Everything below shares one radio, so that messages leave in the order in which services queue them.
         radio = Radio(self.channels, tap, autopilot.telemetry.waits_for_client)
         texts = Texts(radio, autopilot.identity.texts, autopilot.identity.text_ending)
         self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
@@ -128,6 +130,7 @@ class Controller:
         flight, parameters = context.flight, context.parameters
         fence_policy = autopilot.safety.fence
 
+        # Plans call their listeners in order: the boundary follows a new fence before the mission is judged by it.
         boundary = FenceBoundary(fence_policy, flight, context.frame, parameters, plans.fence)
         rally = Rally(fence_policy, context.frame, parameters, plans.rally)
         limits = autopilot.parameters.limits(parameters)
@@ -187,6 +190,7 @@ class Controller:
         ]
         if gimbal:
             services.append(gimbal)
+        # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
         if equipment.truth:
             services.append(TruthStream(equipment.truth))
         if equipment.break_part:
@@ -268,7 +272,8 @@ class Controller:
         if not flight.crashed:
             flight.crashed = True
             if flight.mode.behaviour is Behaviour.TERMINATE:
-                return  # stays armed, with rotors that do not turn
+                # Stays armed, with rotors that do not turn.
+                return
             self._arming.disarm(FlightEvent.CRASHED)
 
     def changed_parameters(self) -> dict[str, float]:
@@ -328,6 +333,7 @@ class Controller:
             return
         for_us = message is None or _is_addressed(message, self._system, self._autopilot.commands.any_component)
         for_us_alone = message is not None and for_us and message_target(message) == self._system
+        # Like an autopilot with several links, the controller routes messages between its clients.
         if not for_us_alone:
             for other in self.channels:
                 if other is not channel:

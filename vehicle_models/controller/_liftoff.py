@@ -59,6 +59,7 @@ class LiftoffAndLanding:
             takes_off = isinstance(guidance.manoeuvre, Takeoff)
             if guidance.manoeuvre.done(flight) if takes_off else flight.height_m > _IN_AIR_M:
                 flight.landed = LandedState.IN_AIR
+                # Guided mode has no takeoff mode of its own; from here on it waits for setpoints.
                 if takes_off and flight.mode.behaviour is Behaviour.OFFBOARD and not self._policy.takeoff:
                     guidance.begin(Behaviour.OFFBOARD, flight)
         elif flight.landed is LandedState.LANDING:

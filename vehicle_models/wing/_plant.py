@@ -64,5 +64,6 @@ class WingPlant(JsbsimPlant):
         """What the battery gives. Motor by momentum theory in axial flight: P = T (V + v), v = T / (2 rho A (V + v))."""
         speed = self.motion.airspeed_mps
         thrust = self._power() * most_thrust_n(speed)
+        # The positive root of v (V + v) = T / (2 rho A).
         inflow = math.sqrt(0.25 * speed * speed + thrust / (2.0 * _AIR_KGPM3 * _DISK_M2)) - 0.5 * speed
         return thrust * (speed + inflow) / _EFFICIENCY + _ELECTRONICS_W

@@ -87,6 +87,7 @@ def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
 
 def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     base = flight.mode.base | (_ARMED if flight.armed or flight.tests_motors else 0)
+    # While it starts, the SITL shows a mode that steers position, whatever the mode is.
     if flight.time_s < STANDBY_S:
         return _STEERS, MAV_STATE.BOOT
     if flight.failsafe and flight.armed:

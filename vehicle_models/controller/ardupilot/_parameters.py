@@ -106,6 +106,7 @@ def limits(p: ParameterStore) -> FlightLimits:
         orbit_radius_max_m=math.inf,
         circle_radius_m=max(p["CIRCLE_RADIUS"], 100.0) / 100.0,
         circle_radps=math.radians(p["CIRCLE_RATE"]),
+        # Bit 3 of GUID_OPTIONS (SetAttitudeTarget_ThrustAsThrust) turns climb rate into thrust.
         thrust_is_climb=not int(p["GUID_OPTIONS"]) & 8,
     )
 

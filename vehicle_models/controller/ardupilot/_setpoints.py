@@ -11,6 +11,7 @@ SETPOINTS = SetpointPolicy(
     local_frames={
         MAV_FRAME.LOCAL_NED: "local",
         MAV_FRAME.LOCAL_OFFSET_NED: "offset",
+        # ArduPilot treats both body frames as offsets from the vehicle, turned by its heading.
         MAV_FRAME.BODY_NED: "body",
         MAV_FRAME.BODY_OFFSET_NED: "body",
     },

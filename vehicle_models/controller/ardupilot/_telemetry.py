@@ -95,6 +95,7 @@ def _wind(flight: FlightState) -> tuple[float, float, float] | None:
 
 TELEMETRY = TelemetryPolicy(
     messages=frozenset({*_ON_REQUEST, *(name for group in _GROUPS.values() for name in group)}),
+    # ArduPilot streams nothing until a client asks, except its TIMESYNC every 10 s.
     stream_sets={"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}},
     stream_groups=_GROUPS,
     stream_parameters=_RATE_PARAMETERS,

@@ -53,7 +53,8 @@ class FtpOpcode(IntEnum):
 class FtpError(IntEnum):
     """Error codes of a NAK."""
 
-    ERRNO = 2  # a POSIX number follows
+    # A POSIX error number follows in the data.
+    ERRNO = 2
     INVALID_SIZE = 3
     INVALID_SESSION = 4
     NO_SESSIONS = 5
@@ -154,12 +155,14 @@ class FileTransfer:
         sequence, session, opcode, size, _, _, _, offset = _HEAD.unpack_from(payload)
         client = (sender.system, sender.component, sender.channel.name)
         previous, answer = self._last.get(client, (b"", b""))
-        if payload == previous and answer:  # the client repeats it because the answer was lost
+        # The client repeats its request because the answer was lost; carrying out a rename twice would fail.
+        if payload == previous and answer:
             self._send(sender, answer)
             return
         self._close_idle()
         request = _Request(sequence, session, opcode, size, offset, payload[_HEAD.size : _HEAD.size + min(size, DATA)])
         answer = self._answer(request, sender)
+        # Clients may come under ever new ids; forgetting all answers costs one repetition at most.
         if len(self._last) > _MAX_CLIENTS:
             self._last.clear()
         self._last[client] = (payload, answer)
@@ -179,6 +182,7 @@ class FileTransfer:
             data = handler(request)
         except _FtpRefusal as refused:
             return _payload(request.sequence + 1, request.session, FtpOpcode.NAK, request.opcode, request.offset, refused.data)
+        # The answer to an opening carries the number of the new session.
         session = self._opened if request.opcode in (FtpOpcode.OPEN, FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE) else request.session
         return _payload(request.sequence + 1, session, FtpOpcode.ACK, request.opcode, request.offset, data)
 

@@ -55,6 +55,7 @@ class Metadata:
             events = {str(event.number & 0xFFFFFF): {"name": event.name, "message": event.message} for event in self._events}
             groups = {"default": {"events": events}}
             return {"version": 2, "components": {"1": {"namespace": "px4", "enums": {}, "event_groups": groups}}}
+        # The general file lists the others with their checksums, so that a client can keep them.
         types = [
             {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32_plain(self._make(path))} for kind, path in listed.items()
         ]

@@ -142,6 +142,7 @@ class ServedFiles:
             raise OSError(errno.EROFS, path)
         if not name or name in self._contents or any(served.startswith(f"{name}/") for served in self._contents):
             raise OSError(errno.EACCES, path)
+        # A path must not leave the root, though there is nothing behind it but memory.
         if ".." in name.split("/"):
             raise OSError(errno.EACCES, path)
         return name

@@ -87,6 +87,7 @@ class Guidance:
         """Where to go during the next step, and where the nose points meanwhile."""
         target = self.manoeuvre.target(flight, self.limits)
         target = self.manoeuvres.shaped(self.manoeuvre, target, flight, self.limits)
+        # An attitude setpoint has a heading of its own, which no region of interest changes.
         if self.heading and target.attitude is None:
             yaw = self.heading.yaw_rad(flight)
             return replace(target, yaw_rad=yaw, yawrate_radps=0.0, turn_max_radps=self.heading.turn_max_radps)

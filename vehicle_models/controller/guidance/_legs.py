@@ -105,6 +105,7 @@ class DescendLeg:
         self._flew = False
 
     def over(self, flight: FlightState) -> bool:
+        # Before the takeoff the vehicle is on the ground as well, and has not landed.
         self._flew = self._flew or flight.flying
         return self._flew and flight.landed is LandedState.ON_GROUND
 
@@ -144,6 +145,7 @@ class TurnsLeg:
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         angle, radius = self._angle(flight), self._radius_m
+        # Centripetal acceleration of 2 m/s2 at most.
         speed = min(self.speed_mps or limits.cruise_mps, math.sqrt(2.0 * radius))
         north, east = math.cos(angle), math.sin(angle)
         distance_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])

@@ -201,7 +201,8 @@ class FollowSetpoints:
     Where it gives acceleration alone (`accelerates`: horizontally, vertically), the integral of it is the velocity flown.
     """
 
-    LEAD_MPS = 2.0  # how far that integral may be ahead of the vehicle's velocity
+    # How far that integral may be ahead of the vehicle's velocity.
+    LEAD_MPS = 2.0
 
     def __init__(self, flight: FlightState) -> None:
         self._rest = Hold(flight)
@@ -235,6 +236,7 @@ class FollowSetpoints:
         lower = (-target.speed_max_mps, -target.speed_max_mps, -target.climb_max_mps)
         velocity = []
         for axis, acceleration in enumerate(target.acceleration_ned_mps2):
+            # The bound around the estimated velocity keeps the integral from winding up.
             speed = self._velocity_mps[axis] + acceleration * flight.step_s
             speed = min(max(speed, estimated[axis] - self.LEAD_MPS), estimated[axis] + self.LEAD_MPS)
             velocity.append(min(max(speed, lower[axis]), upper[axis]))
@@ -276,6 +278,7 @@ class Circle:
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         north, east = flight.north_m - self.centre[0], flight.east_m - self.centre[1]
+        # Away from the circle the vehicle first flies to its nearest point, without speed along it.
         if self._angle_rad is None and abs(math.hypot(north, east) - self.radius_m) > self.JOINED_M:
             angle, speed = math.atan2(east, north), 0.0
         else:
@@ -390,15 +393,18 @@ class ManualFlight:
                 sticks.yaw * stick_limits.yaw_radps,
             )
             return TargetAttitude(thrust=thrust, rates_radps=rates)
-        share = 0.0 if flight.on_ground else 1.0  # no tilting on the feet
+        # On its feet the vehicle would turn over when it tilts.
+        share = 0.0 if flight.on_ground else 1.0
         return TargetAttitude(sticks.roll * stick_limits.tilt_rad * share, -sticks.pitch * stick_limits.tilt_rad * share, thrust)
 
 
 class Manoeuvres:
     """The manoeuvres of a multicopter. Another kind of aircraft overrides those that it flies differently."""
 
-    approaches_landing = False  # whether a landing begins away from its place
-    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0  # lower bounds of how close a waypoint has to be reached
+    # Whether a landing begins away from its place.
+    approaches_landing = False
+    # A wing cannot meet a point exactly, so it raises these lower bounds of the acceptance radius.
+    min_acceptance_radius_m, min_acceptance_height_m = 0.0, 0.0
 
     def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
         """Radius of the turns of a mission; a request of 0 leaves it to the vehicle."""

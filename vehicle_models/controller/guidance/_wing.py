@@ -90,8 +90,10 @@ class WingLand(Land):
     """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare over the place."""
 
     APPROACH_HEIGHT_M = 25.0
-    LEAD_M = 40.0  # how far ahead on the path it aims
-    FLOAT_S = 2.1  # of flight at landing speed: the flare floats so far
+    # How far ahead on the path it aims.
+    LEAD_M = 40.0
+    # How long the flare floats, in seconds at landing speed; the glide path ends so far before the place.
+    FLOAT_S = 2.1
 
     def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
         self._landing_place = north_east_m or (flight.north_m, flight.east_m)

@@ -115,7 +115,8 @@ def _message_class(module: Any, number: int, name: str, text: str) -> type[Any]:
     """A message class as pymavlink's generator would write it."""
     base_text, _, extensions = text.partition("|")
     fields = _fields(base_text) + _fields(extensions)
-    base = sorted(_fields(base_text), key=lambda field: -_SIZES[field[1]])  # the wire's order: the largest first, stably
+    # The wire's order: the largest first, stably.
+    base = sorted(_fields(base_text), key=lambda field: -_SIZES[field[1]])
     wire = [*base, *_fields(extensions)]
     codes = "<" + "".join(f"{length or ''}{_CODES[kind]}" for _, kind, length in wire)
     order = [name for name, _, _ in wire]

@@ -33,7 +33,7 @@ class FrameReader:
     def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, max_frames: int | None = None) -> list[bytes]:
         """Every frame that is complete, in order. The beginning of another frame is kept until more bytes come.
 
-        `last` says that no more will come, as at the end of a datagram: then what is incomplete is garbage, and the
+        `last` means that no more bytes follow, as at the end of a datagram: then what is incomplete is garbage, and the
         search goes on behind its first byte. Behind `patience` bytes of garbage the rest is given up as garbage unread,
         because looking through it costs time. Behind `most` frames the rest is thrown away unread, and counted.
         """
@@ -181,6 +181,7 @@ def v1_length(number: int) -> int | None:
         return None
     fields = _wire_fields(kind)
     for count in range(len(fields), 0, -1):
+        # Original fields are sorted by size, extensions are not.
         sizes = [_SIZES[type_name] for _, type_name, _ in fields[:count]]
         if sizes == sorted(sizes, reverse=True) and _crc_extra(kind.msgname, fields[:count]) == kind.crc_extra:
             return _bytes(fields[:count])
@@ -216,6 +217,7 @@ class Packer:
     def pack_signed(self, number: int, sequence: int, values: Iterable[Any], sign: Callable[[bytes], bytes]) -> bytes:
         """As `pack`, with the signature that `sign` makes of the frame."""
         pack, extra = self._kinds[number]
+        # MAVLink 2 cuts zeros at the end of a payload, but keeps its first byte.
         payload = pack(*values).rstrip(b"\0") or b"\0"
         head = _HEAD.pack(len(payload), _SIGNED, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16)
         body = head + payload

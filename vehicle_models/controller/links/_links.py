@@ -132,7 +132,8 @@ class Inbox:
                 del self._queues[source]
             elif remaining.get(source, 1):
                 turn.append(source)
-        if turn:  # the client whose turn it would be is the first the next time
+        # The client whose turn would be next is the first in the next step, or a flood of many clients would starve it.
+        if turn:
             served = [source for source in self._queues if source not in turn]
             self._queues = {source: self._queues[source] for source in (*turn, *served)}
         self._waiting -= len(taken)
@@ -229,7 +230,8 @@ class UdpLink(_LinkCounters):
         if newcomers:
             for peer in newcomers[:_SOCKETS_PER_POLL]:
                 self._open_peer_socket(peer)
-            self._read(self._socket)  # what came before the peer had a socket of its own
+            # Take what came before the peer had a socket of its own; it would arrive out of order later.
+            self._read(self._socket)
 
     def _read(self, sock: socket.socket) -> list[Address]:
         """Read a socket within the bounds of one poll; returns known peers that have no socket of their own yet."""
@@ -273,7 +275,8 @@ class UdpLink(_LinkCounters):
     def _open_peer_socket(self, peer: Address) -> None:
         """Open a socket for this peer alone; where the system cannot, the link's own continues to receive it."""
         if self._peers.get(peer, self._socket) is not None:
-            return  # the peer was dropped meanwhile
+            # The peer was dropped meanwhile, or has a socket already.
+            return
         peer_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -288,7 +291,8 @@ class UdpLink(_LinkCounters):
             self._peers[peer] = peer_socket
             self._poll_set.register(peer_socket, select.POLLIN)
         finally:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)  # or others could take the port too
+            # With the option still set, other processes could bind the port too.
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
 
     def _close(self, peer_socket: socket.socket | None) -> None:
         if peer_socket:
@@ -370,6 +374,7 @@ class TcpLink(_LinkCounters):
             except OSError:
                 return
             sock.setblocking(False)
+            # A step is one write; Nagle's algorithm would hold it back until the client acknowledges the last.
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._clients.append(_TcpClient(sock))
 
@@ -432,7 +437,8 @@ class SerialLink(_LinkCounters):
     def _link_path(self, path: Path) -> None:
         try:
             if path.is_symlink() and not path.exists():
-                path.unlink()  # of a run that was killed
+                # A run that was killed has left a dangling link.
+                path.unlink()
             path.symlink_to(self.endpoint)
         except OSError:
             self.close()
@@ -441,7 +447,8 @@ class SerialLink(_LinkCounters):
         self.endpoint = str(path)
 
     def poll(self) -> None:
-        with contextlib.suppress(OSError, EOFError):  # no data, or no companion
+        # There is no data, or no companion has opened the other end.
+        with contextlib.suppress(OSError, EOFError):
             self._read_stream(None, self._reader, lambda size: os.read(self._terminal, size))
 
     def connected(self) -> bool:
@@ -499,6 +506,7 @@ def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.s
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(socket.socket(socket.AF_INET, kind))
         if kind is socket.SOCK_STREAM:
+            # A server that restarts must not wait for the old connections of its port to time out.
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         else:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)

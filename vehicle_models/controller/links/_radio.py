@@ -61,6 +61,7 @@ class Channel:
         speak: 2, unless every frame so far was MAVLink 1."""
         if not self._signing.admits(frame, message_id(frame)):
             return False
+        # One MAVLink 2 frame is enough to show that a client understands it.
         self._uses_v1 = frame[0] == _V1 and (self._uses_v1 or not self.has_client)
         self.has_client = True
         self._known_systems.add(sender(frame)[0])
@@ -77,6 +78,7 @@ class Channel:
     def begin(self) -> None:
         """Begin a step."""
         self._connected = self.link.connected() and not self.link.silenced
+        # Messages that arrive during a simulated loss of the link are lost, not delayed.
         if self.link.silenced:
             self.link.inbox.clear()
 

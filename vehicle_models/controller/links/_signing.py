@@ -45,7 +45,9 @@ class Signing:
         """Set a new key, as SETUP_SIGNING brings it; a key of zeros ends signing."""
         self._key = key if any(key) else b""
         self.on = bool(self._key)
+        # The client proposes a timestamp; a bound keeps 48 bits from overflowing within the session.
         self._ticks = max(self._ticks, _ticks(self._now_us), min(ticks, 2**48 - 2**32))
+        # Timestamps under the old key say nothing about the new one.
         self._partners.clear()
 
     def follow(self, now_us: int) -> None:

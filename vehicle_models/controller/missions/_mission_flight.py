@@ -132,7 +132,8 @@ class MissionFlight:
             self._continue(flight, self._leg)
 
     def _continue(self, flight: FlightState, leg: MissionLeg) -> None:
-        if self._guidance.manoeuvre is leg.manoeuvre:  # else it is paused
+        # Another manoeuvre means that a command has paused the mission.
+        if self._guidance.manoeuvre is leg.manoeuvre:
             if leg.over(flight):
                 self._leg_over(flight)
             if self._actions:
@@ -309,7 +310,8 @@ class MissionFlight:
             return
         down = self._down_m(item)
         if not flight.flying and item.command not in _NO_LIFTOFF:
-            self._lift(flight, down)  # and then the item itself
+            # The item itself follows in the air.
+            self._lift(flight, down)
             return
         self._fly(self._leg_of(flight, item, down))
 
@@ -516,7 +518,8 @@ class MissionFlight:
         if not flight.mission_ready and not (policy.starts_without_mission and not flight.armed):
             self._send(policy.start_refused_text)
             if policy.start_refused_text is None:
-                self._modes.request(self._mode.custom)  # which sends the reason
+                # The request is refused, which sends ArduPilot's text with the reason.
+                self._modes.request(self._mode.custom)
                 return CommandResult.FAILED
             return CommandResult.DENIED
         first = command.params[0]

@@ -129,7 +129,8 @@ class MissionProtocol:
     def _take_item(self, m: Any, sender: MessageSender, as_float: bool) -> None:
         policy, upload = self._policy, self._upload
         if m.current == _GUIDED and self._guided_items:
-            return  # the navigator takes it
+            # The navigator takes this item; it is no part of a plan.
+            return
         if upload is None:
             self._take_item_without_upload(m, sender)
             return

@@ -114,6 +114,7 @@ class Gimbal:
         pan_rad = aim.yaw_rad - flight.yaw_rad if aim.locked else aim.yaw_rad
         most = MAX_RATE_RADPS * flight.step_s
         pitch_by = min(max(aim.pitch_rad - self._pitch_rad, -most), most)
+        # The shorter way around; the yaw axis has no stop.
         pan_by = min(max(math.remainder(pan_rad - self._pan_rad, 2.0 * math.pi), -most), most)
         self._aim = aim
         self._pitch_rad += pitch_by
@@ -144,6 +145,7 @@ class Gimbal:
             self._aim = _GimbalTarget(0.0, 0.0)
             return
         locked = bool(flags & _YAW_LOCK)
+        # A locked yaw is in the earth frame unless the flags name the vehicle frame, as the protocol defines.
         in_earth = bool(flags & _EARTH_FRAME) or (locked and not flags & _VEHICLE_FRAME)
         nose_rad = flight.yaw_rad
         if not math.isfinite(yaw_rad):

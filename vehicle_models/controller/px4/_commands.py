@@ -46,6 +46,7 @@ _CHANGE_MODE = 1
 def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
     accepted, denied = (CommandResult.ACCEPTED,), CommandAnswer((CommandResult.DENIED,))
     match command.number:
+        # The SITL answered the first gripper command with IN_PROGRESS, later ones at once.
         case MAV_CMD.DO_GRIPPER:
             return CommandAnswer(accepted, first_time=(CommandResult.IN_PROGRESS, CommandResult.ACCEPTED))
         case MAV_CMD.PREFLIGHT_CALIBRATION | MAV_CMD.PREFLIGHT_STORAGE if flight.armed:

@@ -83,6 +83,7 @@ def _armable(flight: FlightState) -> bool:
 def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     base = flight.mode.base
     lacks_setpoints = flight.mode.behaviour is Behaviour.OFFBOARD and not has_setpoints
+    # The SITL showed a bare custom mode for OFFBOARD until setpoints arrived.
     if lacks_setpoints and not flight.armed:
         base = int(_CUSTOM)
     if flight.mode.behaviour is Behaviour.TERMINATE:

@@ -108,6 +108,7 @@ def limits(p: ParameterStore) -> FlightLimits:
         orbit_radius_max_m=max(p["MC_ORBIT_RAD_MAX"], 1.0),
         circle_radius_m=20.0,
         circle_radps=0.05,
+        # PX4 takes the thrust of an attitude setpoint as thrust.
         thrust_is_climb=False,
     )
 

@@ -7,6 +7,7 @@ from ..policies._setpoints import SetpointPolicy
 from ..telemetry._texts import CRITICAL
 
 SETPOINTS = SetpointPolicy(
+    # In the body frame PX4 takes velocities and accelerations, and no positions.
     local_frames={MAV_FRAME.LOCAL_NED: "local", MAV_FRAME.BODY_NED: "body-velocity"},
     global_frames={
         MAV_FRAME.GLOBAL_INT: "amsl",

@@ -77,6 +77,7 @@ def _sensors(flight: FlightState) -> SensorBits:
 
 
 TELEMETRY = TelemetryPolicy(
+    # Every message of a stream set may also be requested.
     messages=frozenset({*_ONBOARD_RATES_HZ, *_GCS_RATES_HZ, "HEARTBEAT", "GPS_GLOBAL_ORIGIN"}),
     stream_sets={"onboard": _ONBOARD_RATES_HZ, "gcs": _GCS_RATES_HZ, "none": {}},
     gimbal_rates_hz={"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5},
@@ -87,6 +88,7 @@ TELEMETRY = TelemetryPolicy(
     unknown_request=CommandResult.DENIED,
     min_interval_us=0,
     load_permille=130,
+    # MAV_BATTERY_TYPE_LION
     battery_type=3,
     vtol_state=0,
     gps_quality=GpsQuality(fix_type=GPS_FIX_TYPE.FIX_3D, eph=70, epv=110, h_acc_mm=900, v_acc_mm=1780),

@@ -98,14 +98,16 @@ class Failsafe:
         self._send(reaction.texts)
         active_strength = max((_strength(active) for active in self._active.values()), default=0)
         if reaction.shows:
-            self._active.pop(cause, None)  # so that it becomes the latest
+            # Insert it again, so that it becomes the latest cause, which the heartbeat and the recording show.
+            self._active.pop(cause, None)
             self._active[cause] = reaction
             flight.failsafe = cause
         if reaction.action is None or (settings.strongest and _strength(reaction) <= active_strength):
             return
         if reaction.action is Behaviour.TERMINATE:
             self._hold = None  # a termination does not wait for the Hold of another cause
-        if self._hold:  # the Hold that runs already ends for this cause
+        # The Hold that runs already ends for this cause.
+        if self._hold:
             self._hold = (self._hold[0], cause)
             return
         self._previous_mode = self._previous_mode or flight.mode
@@ -232,6 +234,7 @@ class Failsafe:
     def _enter(self, behaviour: Behaviour) -> None:
         """Change the mode, marked as the failsafe's own change and not the operator's."""
         flight = self._context.flight
+        # Neither a return nor a hold can be flown without a position.
         if behaviour in (Behaviour.RETURN, Behaviour.HOLD) and (flight.home is None or not flight.position_ok):
             behaviour = Behaviour.LAND
         self._acting = True
@@ -257,6 +260,7 @@ class Failsafe:
 
     def _parameters_changed(self) -> None:
         self._settings = self._policy.failsafes(self._context.parameters)
+        # A parameter may have removed a step that was passed already.
         self._battery_step = min(self._battery_step, len(self._settings.battery))
 
     def _send(self, texts: Iterable[StatusText]) -> None:

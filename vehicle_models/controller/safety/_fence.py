@@ -65,6 +65,7 @@ class Fence:
             farther = outside_m > (self._acted_m or 0.0) + self._policy.repeat_distance_m
             if self._acted_m is None or (self._breach is not Breach.POLYGON and farther):
                 self._act(flight, outside_m)
+        # A margin keeps noise of the position from ending and renewing the breach.
         elif self._acted_m is not None and boundary.breach(place, flight.height_m, _CLEARED_INSIDE_M) is Breach.NONE:
             self._acted_m = None
             self._failsafe.clear(Cause.FENCE)
@@ -82,7 +83,8 @@ class Fence:
     def _under_ceiling(self, flight: FlightState, target: FlightTarget, margin_m: float) -> FlightTarget:
         ceiling_m = self._boundary.limits.ceiling_m
         if ceiling_m is None or flight.height_m > ceiling_m:
-            return target  # too late: the reaction to the breach is flown
+            # Too late: the reaction to the breach is flown.
+            return target
         remaining_m = ceiling_m - margin_m - flight.height_m
         north, east, down = target.velocity_ned_mps
         max_climb_mps = math.sqrt(2.0 * _BRAKING_MPS2 * remaining_m) if remaining_m > 0.0 else 0.0
@@ -116,7 +118,8 @@ class Fence:
         """FENCE_STATUS; None while there is no fence."""
         if not self._boundary.enabled:
             return None
-        kind = min(self._breach, Breach.CIRCLE)  # FENCE_BREACH has one value for every boundary
+        # FENCE_BREACH has one value for every boundary.
+        kind = min(self._breach, Breach.CIRCLE)
         return (
             self._breached_ns // 1_000_000,
             self._count,
@@ -139,6 +142,7 @@ class Fence:
     def _enable(self, command: Command) -> CommandResult | None:
         if command.params[0] not in (0.0, 1.0, _DISABLE_FLOOR):
             return CommandResult.FAILED
-        if command.params[0] != _DISABLE_FLOOR:  # there is no floor here
+        # There is no floor here, so there is nothing to disable.
+        if command.params[0] != _DISABLE_FLOOR:
             self._boundary.enable(command.params[0] == 1.0)
         return CommandResult.ACCEPTED

@@ -53,6 +53,7 @@ def fence_areas(plan: StoredPlan, frame: LocalFrame) -> tuple[FenceArea, ...]:
     while index < len(plan.items):
         item = plan.items[index]
         polygon = item.command in _POLYGONS
+        # The number of vertices stands in each vertex, as a float that a client may set to anything.
         count = int(min(max(item.params[0], 1.0), 1e5)) if polygon and math.isfinite(item.params[0]) else 1
         places = [local_place(vertex, frame) for vertex in plan.items[index : index + count]]
         corners = tuple(place for place in places if place is not None)

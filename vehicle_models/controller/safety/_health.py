@@ -36,6 +36,7 @@ class Health:
             return
         failures = self._failures()
         age_ns = flight.time_ns - self._sent_ns
+        # ArduPilot repeats failing checks every 30 s, and soon after one that had passed in between.
         if failures and (age_ns > _REPEAT_NS or (self._recovered and age_ns > _REPEAT_AFTER_RECOVERY_NS)):
             self._sent_ns = flight.time_ns
             self._recovered = False

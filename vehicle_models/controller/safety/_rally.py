@@ -36,6 +36,7 @@ class Rally:
         if distance_m > self._policy.rally_limit_m(p):
             return home
         home_m = math.hypot(home.north_m - flight.north_m, home.east_m - flight.east_m)
+        # ArduPilot counts home among the rally points only where RALLY_INCL_HOME allows it.
         if self._policy.rally_includes_home(p) and home_m <= distance_m:
             return home
         return replace(home, latitude_e7=item.x, longitude_e7=item.y, north_m=north, east_m=east)

@@ -46,6 +46,7 @@ class Arming:
         flight, limits = self._context.flight, self._guidance.limits
         if not flight.armed or flight.landed is not LandedState.ON_GROUND:
             return
+        # After a landing by sticks ArduPilot waits for the idle time, not for the short time after a landing.
         if flight.mode.behaviour is Behaviour.PILOT and not self._policy.manual_landing_disarms:
             idle_since_ns = max(self._landed_ns or 0, flight.armed_since_ns)
             self._disarm_after(idle_since_ns, limits.idle_disarm_s, FlightEvent.DISARMED_IDLE)
@@ -65,6 +66,7 @@ class Arming:
         """Stop the rotors, for whatever reason."""
         context, flight = self._context, self._context.flight
         flight.armed = False
+        # Disarmed by force in the air it falls, and lands later.
         flight.landed = LandedState.ON_GROUND if flight.on_ground else flight.landed
         context.airframe.disarm()
         self._landed_ns = None

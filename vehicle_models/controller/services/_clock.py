@@ -29,7 +29,8 @@ class ClockService:
         return (self._flight.time_us, self._ping_number, 0, 0)
 
     def _answer_timesync(self, message: Any, sender: MessageSender) -> None:
-        if message.tc1 == 0:  # else it is an answer
+        # Any other is an answer, and answering answers would never end.
+        if message.tc1 == 0:
             sender.channel.send_message(
                 "TIMESYNC",
                 tc1=self._flight.time_ns,
@@ -39,7 +40,8 @@ class ClockService:
             )
 
     def _answer_ping(self, message: Any, sender: MessageSender) -> None:
-        if message.target_system == 0 and message.target_component == 0:  # else it is an answer
+        # Any other is an answer, and answering answers would never end.
+        if message.target_system == 0 and message.target_component == 0:
             sender.channel.send_message(
                 "PING",
                 time_usec=message.time_usec,

@@ -49,7 +49,8 @@ class Commands:
     def _cancel(self, m: Any, sender: MessageSender) -> None:
         """End a command that is in progress, and acknowledge that to its sender; anything else is not answered."""
         if m.target_system == 0:
-            return  # the specification forbids to broadcast it
+            # The specification forbids to broadcast a COMMAND_CANCEL.
+            return
         for pending in [pending for pending in self._pending if pending[1].number == m.command]:
             self._pending.remove(pending)
             self._acknowledge(pending[1], CommandResult.CANCELLED)

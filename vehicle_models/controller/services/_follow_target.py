@@ -123,6 +123,7 @@ class FollowTargetService:
             guidance.manoeuvre = guidance.manoeuvres.hold(flight)
 
     def _take_report(self, m: Any, sender: MessageSender) -> None:
+        # 0, 0 is the report of a leader without a position.
         has_position = m.est_capabilities & _HAS_POSITION and not (m.lat == 0 and m.lon == 0)
         if not has_position or abs(m.lat) > 900_000_000 or abs(m.lon) > 1_800_000_000:
             return

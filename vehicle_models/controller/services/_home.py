@@ -37,6 +37,7 @@ class HomeKeeper:
     def set_here(self) -> None:
         """Set home to the estimated position; on the ground to the ground's height."""
         flight = self._context.flight
+        # The estimated height is noisy; on the ground the ground's own height is better.
         down = flight.down_m if flight.flying else 0.0
         self._set(flight.latitude_e7, flight.longitude_e7, flight.origin.altitude_m - down, flight.north_m, flight.east_m)
 

@@ -75,6 +75,7 @@ class Identity:
         modes, index = self._modes.modes, command.params[1]
         if index == 0.0:
             return [self._mode(number, mode) for number, mode in enumerate(modes, start=1)]
+        # NaN is not equal to itself.
         if index == index and 1 <= index <= len(modes):
             return self._mode(int(index), modes[int(index) - 1])
         return None

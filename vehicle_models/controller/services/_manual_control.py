@@ -126,7 +126,8 @@ class ManualControl:
     def _override_by_joystick(self, right: int, forward: int, up: int, turn: int) -> None:
         lowest_us, highest_us = _PWM_RANGE_US
         for channel, pwm_us in ((0, 1500 + right // 2), (1, 1500 - forward // 2), (2, 1000 + up), (3, 1500 + turn // 2)):
-            if lowest_us <= pwm_us <= highest_us:  # else the axis is INT16_MAX or similar, which means that it is not given
+            # An axis of INT16_MAX means that it is not given.
+            if lowest_us <= pwm_us <= highest_us:
                 self._overrides_us[channel] = pwm_us
         self._apply_overrides()
 

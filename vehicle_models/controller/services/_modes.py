@@ -90,6 +90,7 @@ class Modes:
             return Refusal(CommandResult.TEMPORARILY_REJECTED)
         refusal = policy.refuse_mode(flight, mode, number, self._has_setpoints())
         if refusal is None and mode is not None:
+            # Entering the present mode again would restart its manoeuvre.
             if mode is not flight.mode:
                 self.switch(mode)
             return None

@@ -49,6 +49,7 @@ class MotorTest:
         elapsed_ns = flight.time_ns - run.begun_ns
         if run.share is None or flight.armed or (elapsed_ns >= run.span_ns and run.remaining <= 1):
             self._end()
+        # A rotor turns for the span and stops for half of it; integers keep that exact.
         elif elapsed_ns * 2 >= run.span_ns * 3:
             run.position, run.remaining, run.begun_ns, run.pauses = run.position + 1, run.remaining - 1, flight.time_ns, False
             self._turn(run.position, run.share)

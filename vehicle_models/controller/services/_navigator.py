@@ -139,7 +139,8 @@ class Navigator:
         down = self._down_m(command, altitude)
         if not self._fence.allows(*(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down):
             return self._send_refusal(self._fence.policy.outside)
-        previous_speed = guidance.speed_mps  # a change of mode forgets it
+        # Entering the mode resets the speed.
+        previous_speed = guidance.speed_mps
         self._modes.switch(self._mode_policy.reposition)
         guidance.manoeuvre = guidance.manoeuvres.hold(
             flight,
@@ -200,6 +201,7 @@ class Navigator:
         down = self._down_m(command, altitude)
         assert self._mode_policy.orbit
         self._modes.switch(self._mode_policy.orbit)
+        # The centripetal acceleration bounds the speed on a small circle.
         max_speed = min(limits.speed_max_mps, math.sqrt(_MAX_ORBIT_MPS2 * abs(radius)))
         speed = math.copysign(min(abs(speed), max_speed), radius * (speed or 1.0))
         heading: Literal["in", "ahead", "kept"] = "kept"
@@ -261,6 +263,7 @@ class Navigator:
 
     def _look_at_roi(self, command: Command) -> CommandResult:
         latitude, longitude = command.params[4:6]
+        # 0, 0 means that the command gives no place.
         valid = abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude != 0.0 or longitude != 0.0)
         if valid and self._policy.roi_names_place(command):
             self._guidance.heading = HeadingToPlace(self._context.frame.to_local_m(latitude, longitude))

@@ -116,6 +116,7 @@ class Setpoints:
         if self._ignores_mode():
             return
         position, velocity, acceleration = self._vectors(m, (0.0, 0.0, m.alt))
+        # A position with one open axis is none: the horizontal axes of a geodetic position cannot be separated.
         if not math.isnan(sum(position)):
             frame = self._policy.global_frames.get(m.coordinate_frame)
             if frame is None:
@@ -143,13 +144,15 @@ class Setpoints:
         policy = self._policy
         grouped = policy.axes_in_groups
         if m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED and policy.local_frames.get(m.coordinate_frame) == "body-velocity":
-            grouped = True  # a body that tilts mixes the axes
+            # The body tilts, so one missing axis leaves all three unknown.
+            grouped = True
         mask = m.type_mask
         velocity, acceleration = (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz)
         return _masked(place, mask, grouped), _masked(velocity, mask >> 3, grouped), _masked(acceleration, mask >> 6, grouped)
 
     def _take(self, name: str, m: Any, setpoint: _Setpoint) -> None:
         policy = self._policy
+        # The specification allows forces in place of accelerations; PX4 refuses them with this text.
         if m.type_mask & _FORCE and (m.type_mask >> 6 & 7) != 7:
             self._complain(f"{name} force not supported")
             return

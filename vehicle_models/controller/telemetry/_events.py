@@ -38,6 +38,7 @@ class EventService:
         return {"CURRENT_EVENT_SEQUENCE": lambda command: None} if self._names else {}
 
     def _send_event(self, severity: int, text: str) -> None:
+        # The texts hold numbers behind their beginning, so only the beginning identifies an event.
         name = next((name for name in self._names if text.startswith(name.text)), None)
         if name is None:
             return

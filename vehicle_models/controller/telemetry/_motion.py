@@ -76,6 +76,7 @@ class MotionTelemetry:
             return None
         body = self._body.now()
         velocity = body.rotated(f.vn_mps, f.ve_mps, f.vd_mps)
+        # Velocity of ODOMETRY is in the child frame, the body; position in the parent frame.
         pose = (f.north_m, f.east_m, f.down_m, *body.quaternion)
         rates = (f.p_radps, f.q_radps, f.r_radps)
         frames = (_LOCAL_NED, _BODY_FRD, 0, _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT)

@@ -59,7 +59,8 @@ class PowerTelemetry:
         outputs = [*self._context.airframe.outputs(), 0.0, 0.0, 0.0, 0.0][:4]
         turning = sum(output > 0.0 for output in outputs) or 1
         amperes = [f.battery_a / turning if output > 0.0 else 0.0 for output in outputs]
-        used_mah = round(f.battery_used_wh / _NOMINAL_V * 250.0) & 0xFFFF  # a quarter each
+        # Each motor has used a quarter.
+        used_mah = round(f.battery_used_wh / _NOMINAL_V * 250.0) & 0xFFFF
         count = f.time_ms // 20 & 0xFFFF
         volts_c = (min(max(round(self._battery.volts() * 100.0), 0), 65535),) * 4
         amperes_c = [min(max(round(current * 100.0), 0), 65535) for current in amperes]

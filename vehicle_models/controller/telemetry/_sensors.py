@@ -71,6 +71,7 @@ class SensorTelemetry:
     def _gps(self) -> Values:
         f, quality = self._flight, self._policy.gps_quality
         speed = math.hypot(f.vn_mps, f.ve_mps)
+        # A slow receiver reports no meaningful course.
         course = heading_cdeg(math.atan2(f.ve_mps, f.vn_mps)) if speed > 0.1 else 0
         altitude = round(f.fix_altitude_m * 1000.0)
         if not f.gps_ok:

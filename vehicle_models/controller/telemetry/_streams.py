@@ -145,7 +145,8 @@ class Streams:
             for stream in self._schedules[channel.name]:
                 if stream.due_ns <= now_ns:
                     stream.due_ns += stream.interval_ns
-                    if stream.due_ns <= now_ns:  # the rate exceeds the controller's, or no client was there
+                    # The rate exceeds the controller's, or no client was there; a backlog is dropped, not sent in a burst.
+                    if stream.due_ns <= now_ns:
                         stream.due_ns = now_ns + 1
                     values = stream.values()
                     if values is not None:
@@ -161,6 +162,7 @@ class Streams:
 
     def send_heartbeat(self) -> None:
         """Send a heartbeat with this step, behind the answers and beside those that are due."""
+        # Behind the acknowledgement of the command that changed the mode, as on ArduPilot.
         self._requested += [(channel, _HEARTBEAT) for channel in self._context.radio.channels]
 
     def _start(self, channel: Channel) -> None:
@@ -168,7 +170,8 @@ class Streams:
         if name not in sets:
             raise SetupError(Fault(f"link {channel.name}", f"there is no stream set {name!r}", f"there are {', '.join(sets)}"))
         rates = {"HEARTBEAT": 1.0, **sets[name]}
-        if sets[name]:  # a link without streams gets none of the gimbal either
+        # A link without streams gets none of the gimbal either.
+        if sets[name]:
             rates.update({name: hz for name, hz in self._policy.gimbal_rates_hz.items() if KINDS[name].id in self._values})
         for message, hz in rates.items():
             self._schedule(channel, KINDS[message].id, round(1e9 / hz))
@@ -233,7 +236,8 @@ class Streams:
     def _get_interval(self, command: Command) -> CommandResult | None:
         number, channel = _message_id(command.params[0]), command.sender.channel
         known = number in self._supported
-        not_streamed_us = -1 if known else 0  # as MESSAGE_INTERVAL defines it
+        # As MESSAGE_INTERVAL defines it.
+        not_streamed_us = -1 if known else 0
         intervals_us = [stream.interval_ns // 1000 for stream in self._schedules[channel.name] if stream.number == number]
         interval_us = intervals_us[0] if intervals_us else not_streamed_us
         channel.send_message("MESSAGE_INTERVAL", message_id=min(max(number, 0), 65535), interval_us=interval_us)
@@ -255,6 +259,7 @@ class Streams:
         if number in self._supported:
             self._requested.append((channel, number))
             return CommandResult.ACCEPTED
+        # ArduPilot accepts requests for messages of devices that are not there.
         if number in self._policy.promised_messages:
             return CommandResult.ACCEPTED
         return self._policy.unknown_request

@@ -70,6 +70,7 @@ class SystemTelemetry:
     def _status(self) -> Values:
         f = self._flight
         bits = self._policy.sensors(f)
+        # Without fixes the position is continued by dead reckoning, and only then control by it is lost.
         lost = 0 if f.gps_ok else _GPS if f.position_ok else _GPS | _XY_POSITION_CONTROL
         battery = (self._policy.load_permille, self._battery.millivolts(), hundredths(f.battery_a))
         percent = round(100.0 * f.battery_fraction)

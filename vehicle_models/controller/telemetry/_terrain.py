@@ -50,6 +50,7 @@ class Terrain:
         """South-west corner of the grid: grids are counted from whole degrees."""
         f = self._flight
         latitude, longitude = f.latitude_e7 // 10_000_000 * 10_000_000, f.longitude_e7 // 10_000_000 * 10_000_000
+        # ArduPilot takes the mean latitude between the point and the corner of its degree.
         narrowing = math.cos(math.radians((latitude + f.latitude_e7) / 2e7))
         north_m, east_m = (f.latitude_e7 - latitude) * _METRES_PER_E7, (f.longitude_e7 - longitude) * _METRES_PER_E7 * narrowing
         north = int(north_m / spacing_m) // _BLOCK_NORTH * _BLOCK_NORTH * spacing_m / _METRES_PER_E7
