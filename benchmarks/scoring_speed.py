@@ -21,7 +21,7 @@ import numpy as np
 import polars as pl
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, difficulty_of_values, score_table, summary_frame
+from bench.scoring import Difficulty, ScoredRun, difficulty_of_values, score_table, summary_frame
 from bench.statistics import Trials, competence, count_trials
 from decompositions import Decomposition, DecompositionDocument, decomposition_of
 
@@ -82,7 +82,7 @@ def runs_of(observables: Decomposition, count: int) -> list[ScoredRun]:
     return [_run(observables, number, difficulties, rng) for number in range(count)]
 
 
-def _run(observables: Decomposition, number: int, difficulties: list, rng: np.random.Generator) -> ScoredRun:
+def _run(observables: Decomposition, number: int, difficulties: list[Difficulty], rng: np.random.Generator) -> ScoredRun:
     point = number // 6
     xs, considered = rng.random(len(observables.observables)), rng.random(len(observables.observables)) < 0.9
     observations = tuple(

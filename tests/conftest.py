@@ -5,8 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
+
+# A test must not fail because the host is busy: no deadline for an example, and slow drawing of data is no fault.
+settings.register_profile("any host", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any host")
 
 # A folder, or the beginning of a file's path below tests/, and the marker of every test in it.
 MARKED_PLACES = {

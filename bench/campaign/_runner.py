@@ -31,7 +31,7 @@ from .storage._recovery import parse_rerun_outcomes, reconcile, reset_for_rerun
 if TYPE_CHECKING:
     from decompositions import Decomposition
 
-Finish = Callable[[CampaignFolder], None]
+Finish = Callable[[CampaignFolder], object]
 """Writes scores and report of a campaign that has all its results. `manifest.json` is written after it."""
 
 

@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from bench.arrays import Floats
+
 from ._terms import FactorColumn, FactorIndependence, OmittedTerm, Term, Terms, design_matrix, independence, terms_of
 
 # Below this share of the total sum of squares a residual is rounding: float64 carries squares to about 1e-32.
@@ -68,7 +70,9 @@ class Anova:
     note: str = ""
 
 
-def anova(values: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str], *, interactions: bool = True) -> Anova:
+def anova(
+    values: Sequence[float] | Floats, factors: Sequence[FactorColumn], points: Sequence[str], *, interactions: bool = True
+) -> Anova:
     """Test which factors the values follow. `points` names the design point of each run; runs that share one are not independent.
 
     Never raises for terms that the design cannot carry: they are listed in `left_out`.

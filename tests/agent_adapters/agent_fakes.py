@@ -313,7 +313,7 @@ class World:
         number = 0
         while self.vehicle.time_s < until_s:
             agent.act(
-                Moment(SimTime(round(self.vehicle.time_s * 1e9)), self._samples(number), {"onboard": self.vehicle.frames()})
+                Moment(SimTime(round(self.vehicle.time_s * 1e9)), self._samples(number), {"onboard": self.vehicle.frames()})  # type: ignore[arg-type]
             )
             for _ in range(5):
                 self.vehicle.step(STEP_S / 5)

@@ -90,7 +90,7 @@ def test_only_the_careful_one_is_slow_near_people() -> None:
             {0.0: intelligence("alpha", "mobile_radar", 125.0, 0.0)},
             mission=order(bystander_slow_within_m=20.0, bystander_slow_mps=5.0),
             each_beat=note,
-        ).fly(policy)  # type: ignore[arg-type]
+        ).fly(policy)
         assert near
         fastest[policy] = max(near)
     assert fastest["naive"] > 8.0

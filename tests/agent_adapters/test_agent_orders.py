@@ -93,7 +93,7 @@ def test_deactivated_it_lands_where_it_is_and_falls_silent() -> None:
     assert math.dist(trail.at[40.0][:2], (flown.vehicle.east_m, flown.vehicle.north_m)) < 30.0
     assert math.hypot(flown.vehicle.east_m, flown.vehicle.north_m) > 50.0
     assert trail.at[46.0][2] < trail.at[40.0][2] - 3.0
-    assert not [one for one in (*flown.reports, *flown.decisions) if one.time_s > 40.2]
+    assert not [one for one in (*flown.reports, *flown.decisions) if one.time_s > 40.2]  # type: ignore[attr-defined]
     assert flown.tracks.time_s <= 40.2
 
 

@@ -1,3 +1,5 @@
+# mypy: disable-error-code=unreachable
+# `take_mount` sets an attribute that the type checker takes to be None still.
 """From pixels to places, and from places to tracks."""
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,7 +34,7 @@ def plan(
     return AgentPlan(manifest, scratch.parent, simspec(**options), endpoints, scratch)
 
 
-def python(scratch: Path, code: str, **options: str | float | int | bool) -> AgentPlan:
+def python(scratch: Path, code: str, **options: Any) -> AgentPlan:
     return plan(scratch, "{python}", "-c", code, **options)
 
 

@@ -41,7 +41,7 @@ def shortest_m(areas: list[Polygon], begin: Place, end: Place) -> float:
     inner = [area.buffer(-1e-5) for area in areas]
     nodes = [begin, end, *(corner for area in areas for corner in area.exterior.coords[:-1])]
     nodes = [node for node in nodes if not any(area.contains(ShapelyPoint(node)) for area in inner)]
-    graph = nx.Graph()
+    graph: nx.Graph[tuple[float, float]] = nx.Graph()
     graph.add_nodes_from(nodes)
     for a, b in combinations(nodes, 2):
         if a != b and not any(LineString([a, b]).intersects(area) for area in inner):

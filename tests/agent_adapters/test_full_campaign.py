@@ -22,7 +22,9 @@ def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() ->
     wanted = {*get_args(OrderKind), "operator_link", "detections", "gps_drift", "gps_off", "battery_drop", "link_loss"}
     for kind in wanted:
         holding = [
-            scene for scene in scenes if kind in {one.kind for one in (*scene.orders, *scene.outages, *scene.vehicle.failures)}
+            scene
+            for scene in scenes
+            if kind in {one.kind for one in (*scene.orders, *scene.outages, *scene.vehicle.failures)}  # type: ignore[attr-defined]
         ]
         assert len(holding) >= 2, kind
     down = [scene for scene in scenes if any(one.kind == "operator_link" for one in scene.outages)]

@@ -212,7 +212,11 @@ def test_whole_numbers_narrow_to_as_many_steps_as_there_are(tmp_path: Path) -> N
 
 def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
     """Nothing follows wind, but what is forbidden names it."""
-    design = {"factors": [FOG, WIND, SPEED], "forbid": ["wind > 5 and fog > 7.5"], "method": {"kind": "sobol", "points": 128}}
+    design: dict[str, Any] = {
+        "factors": [FOG, WIND, SPEED],
+        "forbid": ["wind > 5 and fog > 7.5"],
+        "method": {"kind": "sobol", "points": 128},
+    }
     proposal = propose_next(finished(tmp_path, steep, **design))
 
     assert "wind" in [factor.name for factor in proposal.campaign.design.factors]

@@ -205,7 +205,7 @@ def test_two_workers_lost_at_once(tmp_path: Path) -> None:
 def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
     """When no worker can work the campaign says so and decides nothing about any realization."""
     with pytest.raises(WorkersUnusable, match="no_such_module"):
-        campaign_fakes.run_campaign(small_campaign(), tmp_path, Script(), job="no_such_module:fly")  # type: ignore[arg-type]
+        run_campaign(small_campaign(), tmp_path, Script(), job="no_such_module:fly")  # type: ignore[arg-type]
 
     assert set(outcomes(tmp_path).values()) == {None}
     assert fly(tmp_path).complete

@@ -12,7 +12,7 @@ from expected_documents import GROUPS, SHORT, Fields, expected_fields
 from bench.instance_analysis import BaseSimSpec
 from bench.simspec import SimSpec
 
-SILENT: Fields = SimSpec(name="prose", world={"area": {"corners": [{"east_m": 0, "north_m": 0}, {"east_m": 9, "north_m": 0}, {"east_m": 0, "north_m": 9}]}}).model_dump(mode="json")  # type: ignore[arg-type]  # fmt: skip
+SILENT: Fields = SimSpec(name="prose", world={"area": {"corners": [{"east_m": 0, "north_m": 0}, {"east_m": 9, "north_m": 0}, {"east_m": 0, "north_m": 9}]}}).model_dump(mode="json")  # fmt: skip
 
 
 def read_fields(result: BaseSimSpec) -> Fields:
@@ -25,7 +25,7 @@ def read_fields(result: BaseSimSpec) -> Fields:
     }
     spoken = {path: value for path, value in spoken.items() if path != "description" and value is not None}
     silent = {path: value for path, value in spoken.items() if path.endswith((".tolerance", ".within_deg", ".height_m"))}
-    ranges = {
+    ranges: dict[str, list[Any]] = {
         f"~{path}": [varied.low, varied.high] for varied in result.ranges if varied.low is not None for path in varied.paths
     }
     ranges |= {

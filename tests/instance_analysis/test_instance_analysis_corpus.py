@@ -95,7 +95,7 @@ def test_every_field_has_a_receipt(name: str, entry: dict[str, Any], readings: d
     written = result.simspec.model_dump(mode="json")
     assert SimSpec.model_validate(written) == result.simspec
     assert [receipt.path for receipt in result.receipts] == list(leaves(written))
-    defaults = SimSpec(name="prose", world={"area": written["world"]["area"]}).model_dump(mode="json")  # type: ignore[arg-type]
+    defaults = SimSpec(name="prose", world={"area": written["world"]["area"]}).model_dump(mode="json")
     for receipt in result.receipts:
         if receipt.source == "prose":
             assert receipt.start is not None

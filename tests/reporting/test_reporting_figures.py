@@ -1,3 +1,5 @@
+# mypy: disable-error-code=operator
+# Cells of a data frame may be of any type; the columns used here are numbers.
 """Figures, maps, pairs and the terminal's table show what the data say."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# mypy: disable-error-code="operator, str-bytes-safe"
+# Cells of a data frame may be of any type; the columns used here are numbers.
 """The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the same."""
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def test_the_order_of_rows_and_the_type_of_texts_do_not_matter(
 ) -> None:
     """A table that was shuffled, or whose texts are categories, has the same summary; a null configuration is in `all` alone."""
     xs = [dict.fromkeys(decomposition.observables, float(i % 4 > 0)) for i in range(24)]
-    table = score_table(decomposition, [run(f"r{i}", situations[i % 3], subset, f"p{i % 6}") for i, subset in enumerate(xs)])
+    table = score_table(decomposition, [run(f"r{i}", situations[i % 3], subset, f"p{i % 6}") for i, subset in enumerate(xs)])  # type: ignore[arg-type]
     texts = [name for name, dtype in table.schema.items() if dtype == pl.String]
     first = summary_frame(table, decomposition)
     assert summary_frame(table.with_columns(pl.col(texts).cast(pl.Categorical)), decomposition).equals(first)

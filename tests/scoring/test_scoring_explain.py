@@ -1,3 +1,5 @@
+# mypy: disable-error-code=comparison-overlap
+# pytest.approx stands for a number, which its type does not say.
 """Why a node has its score: states, the way down, order and bounds, on runs made by hand."""
 
 from __future__ import annotations

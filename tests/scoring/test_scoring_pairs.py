@@ -118,7 +118,7 @@ def test_two_factors_that_tie_rule_together() -> None:
     assert [(change.factor, change.to) for change in increase.takeover.changes] == [("fog_level", 2.5), ("rain_level", 5.0)]
     for raised, expected in (({"fog_level"}, 50.0), ({"rain_level"}, 50.0), ({"fog_level", "rain_level"}, 70.0)):
         changed = values | {change.factor: change.to for change in increase.takeover.changes if change.factor in raised}
-        assert difficulty_of_values(decomposition, changed).of("KA1") == pytest.approx(expected)
+        assert difficulty_of_values(decomposition, changed).of("KA1") == pytest.approx(expected)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("failing", [0, 1])

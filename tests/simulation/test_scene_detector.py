@@ -80,7 +80,7 @@ def found(simspec: SimSpec, frames: int = 30, **view: float) -> set[tuple[int, i
 
 def binomial(trials: int, p: float) -> tuple[float, float]:
     """Bounds that a count keeps to but for one time in a billion."""
-    low, high = stats.binom.ppf([5e-10, 1.0 - 5e-10], trials, p)
+    low, high = stats.binom.ppf([5e-10, 1.0 - 5e-10], trials, p)  # type: ignore[misc]
     return float(low), float(high)
 
 
@@ -252,7 +252,7 @@ def test_false_detections_come_at_their_rate_unsure_and_never_twice() -> None:
     simspec = spec(actors=1, false_per_frame=0.5)
     results = flown(simspec, [CameraFrame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)])
     false = [one for result in results for one in result.detections]
-    low, high = stats.poisson.ppf([5e-10, 1.0 - 5e-10], 500.0)
+    low, high = stats.poisson.ppf([5e-10, 1.0 - 5e-10], 500.0)  # type: ignore[misc]
 
     assert low <= len(false) <= high
     assert np.mean([one.score for one in false]) < 0.4

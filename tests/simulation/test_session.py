@@ -1,3 +1,5 @@
+# mypy: disable-error-code=comparison-overlap
+# pytest.approx stands for a number, which its type does not say.
 """The session: every way it can end has a name, and none of them is an exception."""
 
 from __future__ import annotations

@@ -1,3 +1,5 @@
+# mypy: disable-error-code=arg-type
+# Rows of mixed values are typed by what they are, which a Sequence of Mappings of wider values refuses.
 """Variance over factors: planted effects are found, none is found where none is, and what cannot be told apart is named."""
 
 from __future__ import annotations

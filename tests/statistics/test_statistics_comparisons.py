@@ -1,3 +1,5 @@
+# mypy: disable-error-code="call-overload, index, operator"
+# Pairs of the reference hold a place and two booleans, whose common type is object.
 """Two agents on the same scenes: sizes, tests, divergence and power against published tables and made truths."""
 
 from __future__ import annotations
@@ -117,7 +119,8 @@ def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
     def runs(draw: np.random.Generator, failing: float) -> list[NodeOutcome]:
         return [NodeOutcome(None if draw.random() < failing else float(draw.uniform(20, 70)), True) for _ in range(25)]
 
-    same, other = [], []
+    same: list[float] = []
+    other: list[float] = []
     for seed in range(100):
         draw = np.random.default_rng(seed)
         first = runs(draw, 0.1)
@@ -270,8 +273,10 @@ def test_over_many_nodes_alike_false_findings_are_rare() -> None:
     false = 0
     for seed in range(15):
         draw = np.random.default_rng(seed)
-        sides = [pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2)]
-        false += any(first_runs.settled for first_runs in compare_nodes(*sides, nodes, excluded_outcomes=EXCLUDED_OUTCOMES))
+        first, second = (pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2))
+        false += any(
+            first_runs.settled for first_runs in compare_nodes(first, second, nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
+        )
     assert false <= 1
 
 
@@ -295,7 +300,7 @@ def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: i
         )
         results.append({key: value for key, value in confidence.items() if key[1] not in spoilt and value is not None})
     p_values = []
-    comparisons = compare_nodes(*tables, nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
+    comparisons = compare_nodes(tables[0], tables[1], nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
     for node, comparison in zip(nodes, comparisons, strict=True):
         pairs = [
             (place, *(side[node, place] == 1.0 for side in results))

@@ -15,7 +15,7 @@ def coverage(low: np.ndarray, high: np.ndarray, n: int) -> np.ndarray:
     """For each true share, summed over the whole binomial distribution of n runs."""
     k = np.arange(n + 1)
     inside = (low[:, None] <= SHARES) & (high[:, None] >= SHARES)
-    return (binom.pmf(k[:, None], n, SHARES) * inside).sum(axis=0)
+    return np.asarray((binom.pmf(k[:, None], n, SHARES) * inside).sum(axis=0))
 
 
 @pytest.mark.parametrize("n", [1, 3, 10, 14, 59, 215])

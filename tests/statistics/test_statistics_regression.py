@@ -56,6 +56,7 @@ def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
     assert "separate" in fit.note
     assert odds.estimate == pytest.approx((15.5 / 0.5) / (10.5 / 5.5), rel=1e-6)
     assert odds.low is not None
+    assert odds.estimate is not None
     assert 1.0 < odds.low < odds.estimate
     assert odds.high is None or odds.high <= 1000.0
     assert fit.tests[0].p is not None
@@ -146,6 +147,7 @@ def test_repeating_every_run_makes_nothing_surer() -> None:
     assert shared
     assert apart
     assert apart.pearson_p
+    assert shared.pearson_p
     assert shared.pearson_p == pytest.approx(2 * stats.t.sf(abs(once.params[1]) / once.HC2_se[1], 6))
     assert apart.pearson_p < 0.1 * shared.pearson_p
 

@@ -45,7 +45,7 @@ RANGES = {
     "int32": (-(2**31), 2**31 - 1),
     "uint32": (0, 2**32 - 1),
 }
-TEXT = st.text(st.characters(exclude_categories=("Cs",)), max_size=9)
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
 
 
 def values(field: Field) -> st.SearchStrategy[Any]:
@@ -94,7 +94,7 @@ VISION = {
 def foreign(message: Any, store: Typestore) -> Any:
     """The same message as an object of rosbags."""
     kind = store.types[type_name_of(type(message))]
-    return kind(**{one.name: foreign_value(getattr(message, one.name), one, store) for one in fields_of(type(message))})
+    return kind(**{one.name: foreign_value(getattr(message, one.name), one, store) for one in fields_of(type(message))})  # type: ignore[arg-type]
 
 
 def foreign_value(value: Any, field: Field, store: Typestore) -> Any:

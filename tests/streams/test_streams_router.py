@@ -1,3 +1,5 @@
+# mypy: disable-error-code=func-returns-value
+# `collect(...) or condition` reads what came and then looks at it, in one expression that `until` can repeat.
 """The air network's allow-list, tried from outside: what an agent may do works, and nothing else does.
 
 Nothing here waits for silence. Zenoh keeps the order of what goes over one link, so a permitted sample sent after the attempts

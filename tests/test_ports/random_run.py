@@ -73,7 +73,7 @@ def random_simspec(seed: int) -> SimSpec:
             "rules": _rules(random),
             "actors": groups,
             "intelligence": intelligence,
-            "orders": _orders(random, [item["id"] for item in intelligence if item["delivered_s"] == 0.0]),
+            "orders": _orders(random, [item["id"] for item in intelligence if item["delivered_s"] == 0.0]),  # type: ignore[misc]
             "vehicle": {"failures": _failures(random)},
             "outages": [
                 *({"kind": "operator_link", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))} for at in (20.0, 60.0)),
@@ -208,7 +208,7 @@ def _cast(spec: SimSpec) -> tuple[CastMember, ...]:
                 group=actor.group,
                 asset=ASSET_OF[actor.group],
                 class_label=asset.class_label,
-                role=ROLE_OF[actor.group],  # type: ignore[arg-type]
+                role=ROLE_OF[actor.group],
                 length_m=asset.length_m,
                 width_m=asset.width_m,
                 height_m=asset.height_m,
@@ -373,7 +373,7 @@ def _status(random: Random, end_s: float) -> tuple[Timed[AgentStatus], ...]:
     return tuple(
         Timed(
             at_s(time_s), AgentStatus(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), phase=str(random.choice(PHASES)))
-        )  # type: ignore[arg-type]
+        )
         for time_s in _moments(random, int(random.integers(0, 25)), end_s)
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, get_args
 
 import made_run
@@ -12,7 +13,7 @@ from made_run import FAR, NEAR, RADAR, TRUCK, detected, frame, report, simspec, 
 from bench.campaign import check_options, measure_all
 from bench.contracts import Observation, Tape, plugins
 from bench.errors import SetupError
-from bench.simspec import SimSpec
+from bench.simspec import PlacedActor, SimSpec
 from test_ports import DeclaredMeasure
 from test_ports.documentation import declared_in, measure_modules
 from test_ports.mission.completion import mission_flown
@@ -29,6 +30,11 @@ PLAIN = {
 
 MEASURES = tuple(measure for module in measure_modules() for measure in declared_in(module))
 RADAR_AT, TRUCK_AT, NEAR_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0), ("civilian", 120.0, 100.0)
+
+
+def placed_actors(spec: SimSpec) -> Sequence[PlacedActor]:
+    assert spec.realized is not None
+    return spec.realized.actors
 
 
 def observed(measure: DeclaredMeasure, run: Tape, spec: SimSpec, **options: Any) -> Observation:
@@ -113,6 +119,7 @@ def test_classified_share_counts_actors_in_the_sub_areas() -> None:
 def test_classified_share_follows_the_truth_at_the_moment_of_the_track() -> None:
     """A walker who leaves is held where he was then, and one who enters later counts from then."""
     spec = simspec()
+    assert spec.realized is not None
     times = np.arange(0.0, 200.25, 0.5)
     starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
     moving = np.repeat(starts[None], len(times), axis=0)
@@ -201,6 +208,7 @@ def test_a_mark_is_judged_by_the_adversary_and_not_by_the_reported_place() -> No
 def test_marks_are_judged_by_the_bystanders_of_their_moment() -> None:
     """The walker leaves: the mark before is forbidden, the mark after allowed."""
     spec = simspec()
+    assert spec.realized is not None
     times = np.arange(0.0, 200.25, 0.5)
     starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors])
     moving = np.repeat(starts[None], len(times), axis=0)
@@ -216,7 +224,7 @@ def test_rules_about_bystanders_need_one_near_for_long_enough(measure: DeclaredM
     assert x_of(measure, simspec(walkers=False)) is None
     assert x_of(measure, simspec(targets=False)) is None
     times = np.arange(0.0, 300.25, 0.5)
-    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in simspec().realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed_actors(simspec())])
     visit = np.repeat(starts[None], len(times), axis=0)
     visit[times >= 12.0, NEAR, 0] = 200.0
     assert x_of(measure, positions=visit, end_s=300.0) is not None
@@ -256,7 +264,7 @@ def test_claiming_bystanders_always_is_no_declaration() -> None:
 def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() -> None:
     """Waiting until it is clear is no failure to declare."""
     times = np.arange(0.0, 200.25, 0.5)
-    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in simspec().realized.actors])
+    starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed_actors(simspec())])
     leaving = np.repeat(starts[None], len(times), axis=0)
     leaving[times > 100.0, NEAR, 0] = 250.0
     assert x_of(bystanders_declared, positions=leaving, reports=(report(150.0, *RADAR_AT),)) == 1.0

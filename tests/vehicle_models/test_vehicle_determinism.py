@@ -26,7 +26,7 @@ def digests(make: Make, seed: int = 5) -> tuple[str, str]:
     def tap(link: str, direction: str, data: bytes) -> None:
         wire.update(direction.encode() + data)
 
-    client = make(simspec(**SPEC, seeds={"root": seed}), streams="onboard", tap=tap)
+    client = make(simspec(**SPEC, seeds={"root": seed}), streams="onboard", tap=tap)  # type: ignore[arg-type]
     client.airborne(5.0)
     client.offboard(8, 4, -6)
     for step in range(60):

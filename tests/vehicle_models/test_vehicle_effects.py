@@ -541,7 +541,7 @@ def breached(client: Client) -> str:
 
 def streamed_hz(client: Client) -> float:
     client.fly(2.0)
-    return sum(one.get_type() == "GLOBAL_POSITION_INT" for one in client.fly(4.0)) / 4.0
+    return sum(bool(one.get_type() == "GLOBAL_POSITION_INT") for one in client.fly(4.0)) / 4.0
 
 
 # The fixed wing

@@ -151,7 +151,7 @@ def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> N
     truth, scene = TruthRecorder("vehicle_1", records.append), open_plain_scene(client_spec())
     for _ in range(4):
         client.fly(0.7)
-        truth.sample(client.vehicle.time, client.vehicle, scene)
+        truth.write_due(client.vehicle.time, client.vehicle, scene)
     events = [record for record in records if record.topic == SESSION_EVENTS]
     assert [b"gps_off" in one.data for one in events] == [True, True]
     assert [b'"failure"' in one.data for one in events] == [True, False]

@@ -1,3 +1,5 @@
+# mypy: disable-error-code=comparison-overlap
+# pytest.approx stands for a number, which its type does not say.
 """Gimbal, camera and ground truth: what a vehicle carries, seen over its link."""
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ def test_px4_follows_a_trajectory_given_with_derivatives(px4: Client) -> None:
         angle = rate * (px4.vehicle.time.s - begun)
         cos, sin = math.cos(angle), math.sin(angle)
         at = {"x": 10 * cos - 10, "y": 10 * sin, "z": -10.0, "vx": -3 * sin, "vy": 3 * cos, "afx": -0.9 * cos, "afy": -0.9 * sin}
-        local(px4, 0xC00, **at)
+        local(px4, 0xC00, **at)  # type: ignore[arg-type]
 
     stream(px4, 8.0, say)
     for _ in range(50):

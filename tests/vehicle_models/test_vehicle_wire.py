@@ -38,6 +38,7 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
     heard = set()
     for frame in frames:
         message = Decoder().decode(frame)
+        assert message is not None
         again = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         again.seq = frame[4]
         assert bytes(message.pack(again)) == frame, message.get_type()
@@ -152,7 +153,13 @@ def test_extreme_values_leave_it_flying(make: Make) -> None:
     client.airborne(5.0)
     draw = random.Random(1)
     numbers = [math.nan, math.inf, -math.inf, 0.0, -1.0, 1e38, 21196.0, 2.0**31, 511.0]
-    names = ("command_long", "command_int", "set_position_target_local_ned", "set_position_target_global_int", "param_set")
+    names: tuple[str, ...] = (
+        "command_long",
+        "command_int",
+        "set_position_target_local_ned",
+        "set_position_target_global_int",
+        "param_set",
+    )
     names += ("set_mode", "mission_count", "mission_request_list", "timesync", "ping", "request_data_stream", "heartbeat")
     names += ("param_request_read", "set_attitude_target", "mission_clear_all")
     for name in names:

@@ -251,7 +251,9 @@ def test_pairs_of_fidelities_share_their_scene() -> None:
         {"name": "gusts", "formula": "wind / 2", "unit": "m/s", "sets": ["environment.wind.turbulence_mps"]},
     ]
     plans = realize(
-        BASE, design(*factors, method={"kind": "nested", "points": 6, "high": 3, "fidelity": "rate"}, replicates=2), AGENTS[:1]
+        BASE,
+        design(*factors, method={"kind": "nested", "points": 6, "high": 3, "fidelity": "rate"}, replicates=2),  # type: ignore[arg-type]
+        AGENTS[:1],
     )
 
     low = {(plan.levels["wind"], plan.replicate): plan for plan in plans if plan.levels["rate"] == 2.0}

@@ -156,7 +156,7 @@ def test_foldover_frees_main_effects_of_pairs() -> None:
 def test_conference_matrix_of_six_as_printed() -> None:
     """That of Xiao, Lin and Bai (2012) for 6 factors."""
     assert np.array_equal(
-        conference_matrix(6),
+        conference_matrix(6),  # type: ignore[arg-type]
         [
             [0, 1, 1, 1, 1, 1],
             [1, 0, 1, -1, -1, 1],
@@ -323,7 +323,9 @@ def test_forbidden_points_are_left_out() -> None:
     remaining = [point.levels for point in design(TANGLED, forbid=FORBID).points()]
 
     def wrong(one: Any) -> bool:
-        return (one["approach"] == "N" and one["fog"] > 1) or one["load"] > 8 or (one["noise"] == 3 and one["approach"] == "S")
+        return bool(
+            (one["approach"] == "N" and one["fog"] > 1) or one["load"] > 8 or (one["noise"] == 3 and one["approach"] == "S")
+        )
 
     assert remaining == [one for one in every if not wrong(one)]
 

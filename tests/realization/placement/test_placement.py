@@ -100,7 +100,7 @@ def test_whatever_is_asked_is_kept(
     low, span = near_m
     angle = {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (0, 40))]}
     simspec = scene(
-        group("houses", "house", houses, separation_m=separation_m, **({"region": angle} if bay else {})),
+        group("houses", "house", houses, separation_m=separation_m, **({"region": angle} if bay else {})),  # type: ignore[arg-type]
         group("radar", "radar-vehicle", role="adversary", region=corners(20.0, 15.0, 40.0, 35.0)),
         group("guards", "soldier", 3, role="adversary", near={"of": "radar", "min_m": low, "max_m": low + span}),
         group(

@@ -22,10 +22,11 @@ import shapely
 from bench.documents import validate_document
 from bench.errors import SetupError
 from bench.realization import PlacementInfeasible, check_placement, place
-from bench.realization.placement._placement import fixed_places, placement_order
+from bench.realization.placement._placement import placement_order
 from bench.realization.placement.proofs._capacity import check_areas
 from bench.realization.placement.proofs._proof import prove_infeasible
 from bench.realization.placement.relations._patrol_routes import check_fixed_routes
+from bench.realization.placement.search._sampling import fixed_places
 from bench.simspec import ASSETS, PlacedActor, Realized, SimSpec
 
 Spot = tuple[float, float]
@@ -373,18 +374,18 @@ class Judge:
         for field_name, band, target in [*bands, *(("distances", each, each.whom) for each in place.distances)]:
             if band is not None:
                 reference = getattr(band, "point", None)
-                others = [(reference.east_m, reference.north_m)] if reference else self.spots(band.of)
+                others = [(reference.east_m, reference.north_m)] if reference else self.spots(band.of)  # type: ignore[arg-type]
                 most_m = math.inf if band.max_m is None else band.max_m
                 holds = [band.min_m - HAIR <= math.dist(spot, other) <= most_m + HAIR for other in others]
                 if not (any(holds) if target == "some" else all(holds)):
                     yield field_name
         if place.bearing:
-            past = (bearing(self.spots(place.bearing.of)[0], spot) - place.bearing.from_deg + HAIR) % 360.0
+            past = (bearing(self.spots(place.bearing.of)[0], spot) - place.bearing.from_deg + HAIR) % 360.0  # type: ignore[arg-type]
             if past > (place.bearing.to_deg - place.bearing.from_deg) % 360.0 + 2 * HAIR:
                 yield "bearing"
         if (
             place.facing
-            and turn(member.heading_deg, bearing(spot, self.spots(place.facing.of)[0])) > place.facing.within_deg + HAIR
+            and turn(member.heading_deg, bearing(spot, self.spots(place.facing.of)[0])) > place.facing.within_deg + HAIR  # type: ignore[arg-type]
         ):
             yield "facing"
         if place.between:
@@ -398,7 +399,7 @@ class Judge:
             gap, covered = strip(road).distance(members), strip(road).buffer(HAIR).covers(members)
             if not (covered if place.along.where == "on" else 0.0 < gap <= place.along.within_m + HAIR):
                 yield "along"
-            if min(slant(member.heading_deg, way) for way in nearest_stretches(road, spot)) > place.along.parallel_deg + HAIR:
+            if min(slant(member.heading_deg, way) for way in nearest_stretches(road, spot)) > place.along.parallel_deg + HAIR:  # type: ignore[operator]
                 yield "parallel_deg"
 
     def _together(self, name: str) -> Iterator[str]:

@@ -305,7 +305,7 @@ def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dic
     distance = math.hypot(actor.east_m - other.east_m, actor.north_m - other.north_m)
     bearing = math.degrees(math.atan2(actor.east_m - other.east_m, actor.north_m - other.north_m)) % 360.0
     slack = draw(st.sampled_from([0.01, 1.0, 20.0]))
-    return draw(
+    relation: dict[str, Any] = draw(
         st.sampled_from(
             [
                 {"near": {"of": other.group, "min_m": max(0.0, distance - slack), "max_m": distance + slack}},
@@ -322,6 +322,7 @@ def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dic
             ]
         )
     )
+    return relation
 
 
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -12,10 +12,11 @@ import shapely.affinity
 from bench.documents import validate_document
 from bench.realization import PlacementInfeasible, check_placement, place
 from bench.realization.placement._geometry import grown_at_most, shrunk_at_most
-from bench.realization.placement._placement import fixed_places, placement_order
+from bench.realization.placement._placement import placement_order
 from bench.realization.placement.proofs._capacity import check_areas
 from bench.realization.placement.proofs._proof import prove_infeasible
 from bench.realization.placement.relations._patrol_routes import check_fixed_routes
+from bench.realization.placement.search._sampling import fixed_places
 from bench.simspec import PlacedActor, Realized, Seeds, SimSpec
 
 

@@ -36,7 +36,11 @@ def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> R
     times = np.array([stop[0] for stop in stops])
     when = TIMES_S[end_s >= TIMES_S]
     route = np.stack([np.interp(when, times, [stop[axis] for stop in stops]) for axis in (1, 2, 3)], axis=1)
-    condition = (state(0.0, landed=True), state(times[0]), state(times[-1], landed=True, armed=True))
+    condition: tuple[Timed[VehicleDocument], ...] = (
+        state(0.0, landed=True),
+        state(times[0]),
+        state(times[-1], landed=True, armed=True),
+    )
     condition = (*condition, state(times[-1] + 2.0, landed=True))
     given = {"route": route, "condition": tuple(earlier for earlier in condition if earlier.time.s <= end_s), **streams}
     made = tape(spec, end_s=end_s, **given)

@@ -93,7 +93,7 @@ def _blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
 def _steady_reaction(options: Mapping[str, Option]) -> Cases:
     limit_s = float(options.get("limit_s", 5.0))
     spec = scene(orders=[{"id": "hold", "kind": "hold", "at_s": 30.0}, {"id": "resume", "kind": "resume", "at_s": 60.0}])
-    given = {"orders": (order(30.0, "hold"), order(60.0, "resume"))}
+    given: dict[str, Any] = {"orders": (order(30.0, "hold"), order(60.0, "resume"))}
     steady = (answer(30.1, "hold"), answer(60.1, "resume"))
     torn = (answer(30.1, "hold"), answer(60.2 + limit_s, "resume"))
     return Cases(

@@ -14,7 +14,7 @@ from cases.orders import GOES_ON, NAME, ORDERED_S, decided, flew, ordered, phase
 from cases.perception import actors_of
 
 LABEL, EAST_M, NORTH_M = RADAR_AT
-FULL = {
+FULL: dict[str, Any] = {
     "intelligence_id": "first",
     "bystanders_seen": 3,
     "nearest_bystander_m": 14.1,
@@ -76,7 +76,7 @@ def _evidence_count(options: Mapping[str, Option]) -> Cases:
 
 def _evidence_true(options: Mapping[str, Option]) -> Cases:
     (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
-    frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(FULL["evidence"]))  # type: ignore[arg-type, var-annotated]
+    frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(FULL["evidence"]))
     achieved, failed = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, evidence=(20.0, 21.0, 22.0))
     return Cases(_ran(reports=(achieved,), frames=frames), _ran(reports=(failed,), frames=frames), _ran("adversary"))
 
