@@ -87,7 +87,8 @@ def foretells(folder: Path) -> dict[str, object]:
         "length of the mission": _correlation(np.array(ended_s), observed.end_s, scenes),
     }
     for node in full.study:
-        said[node] = _node(*(table.filter(table["node"] == node).sort("realization") for table in tables), names, scenes)
+        of_full, of_overhead = (table.filter(table["node"] == node).sort("realization") for table in tables)
+        said[node] = _node(of_full, of_overhead, names, scenes)
     said["mean score of each agent and node"] = _means(tables, full.study)
     for index, name in enumerate(observed.observables):
         if name in computed(measures):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.simspec import Motion, Polygon
 
-from ._slab import crosses_box
+from ._box_intersection import crosses_box
 
 Place = tuple[float, float]
 

@@ -42,13 +42,13 @@ from bench.contracts import (
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
-from ._air import AirNetwork, open_air_network
-from ._briefing import MissionInformation
+from ._air_network import AirNetwork, open_air_network
 from ._detector import open_detector
-from ._ending import StopSession
 from ._host_clock import HOST_CLOCK, HostClock
+from ._mission_information import MissionInformation
 from ._ports import reserved_udp_port
-from ._ticks import TickServer, open_tick_server
+from ._stop_session import StopSession
+from ._tick_server import TickServer, open_tick_server
 from ._truth import TruthRecorder
 
 # Host time for samples that the agent says it has sent: they are on loopback already, so this is generous. Chosen, not measured.

@@ -17,8 +17,8 @@ from bench.arrays import Floats
 from bench.contracts import CastMember, Sighting, VehicleState
 from bench.simspec import ASSETS
 
+from ._box_intersection import crosses_box
 from ._camera import PinholeCamera
-from ._slab import crosses_box
 
 MAX_RANGE_M = 2000.0
 LEAST_DEPTH_M = 0.1

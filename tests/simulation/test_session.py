@@ -34,8 +34,8 @@ from bench.simspec import (
     World,
 )
 from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
-from bench.simulation._briefing import mission_order
 from bench.simulation._host_clock import HOST_CLOCK
+from bench.simulation._mission_information import mission_order
 from bench.testing import agent_manifest
 
 SQUARE = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))))
@@ -334,7 +334,7 @@ def test_the_agent_is_told_every_rule() -> None:
 
 def test_truth_and_placement_stay_off_the_air() -> None:
     """No topic that an agent may read carries truth: the allow-list is made of the briefing's topics alone."""
-    from bench.simulation._air import open_air_network
+    from bench.simulation._air_network import open_air_network
 
     records: list[Record] = []
     with open_air_network(situation(), records.append, zenoh=True) as air:

@@ -17,10 +17,10 @@ from bench.contracts import Ack, Hello, Outcome, Record, SimTime, Tape, Tick, Ve
 from bench.recording import TapeBuilder
 from bench.simspec import Budgets, Camera, Mission, Order, Outage, SimSpec
 from bench.simulation import HostClock, Session, SessionPlan, open_detector, open_plain_scene
-from bench.simulation._air import open_air_network
-from bench.simulation._briefing import orders
-from bench.simulation._ending import StopSession
+from bench.simulation._air_network import open_air_network
+from bench.simulation._mission_information import orders
 from bench.simulation._session import SessionProgress
+from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.testing import StillVehicle, agent_manifest
 

@@ -28,8 +28,8 @@ from bench.streams import (
     open_router,
 )
 
-from ._ending import StopSession
 from ._host_clock import HOST_CLOCK, HostClock
+from ._stop_session import StopSession
 
 # Every session has a router of its own, so all of them may use the same ROS domain.
 DOMAIN = 1

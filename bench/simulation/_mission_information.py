@@ -45,7 +45,7 @@ from bench.streams import (
     Point as RosPoint,
 )
 
-from ._air import AirNetwork
+from ._air_network import AirNetwork
 from ._camera import PinholeCamera
 from ._frames import body_in_map
 

@@ -10,8 +10,8 @@ from typing import NoReturn
 
 from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Outcome, Tick, TickMessage, read_line, write_line
 
-from ._ending import StopSession
 from ._host_clock import HOST_CLOCK, HostClock
+from ._stop_session import StopSession
 
 # How often a wait checks whether the agent's process still runs. Chosen, not measured: a crash costs at most this.
 LIVENESS_POLL_S = 0.25
