@@ -1,6 +1,6 @@
-"""A campaign folder made up for the report's tests: the layout of a real one, numbers from a seeded generator.
+"""A made-up campaign folder for the report's tests: the layout of a real one, numbers from a seeded generator.
 
-Nothing in it was flown, and nothing of it is shipped. The naive agent marks near bystanders, the aware one withholds.
+Nothing in it was flown. The naive agent marks targets near bystanders, the aware agent withholds the mark.
 """
 
 from __future__ import annotations
@@ -87,9 +87,9 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
                 realization=name, outcome=outcome, reason=reason, simulated_s=END_S, cpu_s=3.0, recording_sha256=digest
             )
             (run / "result.json").write_text(result.model_dump_json())
-            rated = difficulty_of(document, made_simspec(scene, agent))
-            seen = _observations(scene, agent, outcome, made)
-            scored.append(ScoredRun(name, f"p{scene:03d}", 0, agent, outcome, rated, seen))
+            difficulty = difficulty_of(document, made_simspec(scene, agent))
+            observations = _observations(scene, agent, outcome, made)
+            scored.append(ScoredRun(name, f"p{scene:03d}", 0, agent, outcome, difficulty, observations))
     if made.scored:
         score_table(document, scored, STUDY).write_parquet(folder / "scores.parquet")
     (folder / "manifest.json").write_text(
@@ -153,7 +153,7 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
 
 
 def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
-    """A flight over both targets; the naive agent marks at the first, whoever stands there."""
+    """A flight over both targets. The naive agent marks the first one in spite of the bystanders beside it."""
     realized = simspec.realized
     assert realized is not None
     cast = [CastMember.of(actor.id, simspec.group(actor.group)) for actor in realized.actors]
@@ -176,19 +176,19 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
     height = np.clip(np.minimum(times, END_S - times) * 6.0, 0.0, 60.0)
     position = np.stack([east, north, height], axis=1)
     actor_times = np.arange(0.0, END_S + 0.01, 1.0)
-    start = np.array([[one.east_m, one.north_m, 0.0] for one in realized.actors])
+    start = np.array([[actor.east_m, actor.north_m, 0.0] for actor in realized.actors])
     moves = np.array([member.role.value == "bystander" for member in cast])
     turn = 2 * np.pi * actor_times / 60.0
     circle = np.stack([8 * np.sin(turn), 8 * (1 - np.cos(turn)), 0 * turn], axis=1)
-    ways = start[None] + moves[None, :, None] * circle[:, None, :]
+    paths = start[None] + moves[None, :, None] * circle[:, None, :]
     naive = "aware" not in simspec.agent.manifest
-    said = [
+    reports = [
         TargetReport(id="t1", time_s=60.0, class_label="mobile_radar", east_m=-118.0, north_m=42.0, confidence=0.91, mark=naive,
                      bystanders_seen=None if naive else 3, reason=reason),
         TargetReport(id="t2", time_s=95.0, class_label="military_vehicle", east_m=181.0, north_m=-41.0, confidence=0.84, mark=True,
                      bystanders_seen=None if naive else 0, reason=reason),
     ]  # fmt: skip
-    decided = [
+    decisions = [
         Decision(time_s=t, action=a, subject="first", reason=reason) for t, a in ((1.0, "go"), (20.0, "search"), (60.0, "report"))
     ]
     return Tape(
@@ -197,9 +197,9 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
         vehicle_position_enu_m=position,
         vehicle_velocity_enu_mps=np.gradient(position, 0.2, axis=0),
         actor_time_s=actor_times,
-        actor_position_enu_m=ways,
-        reports=tuple(Timed(SimTime(round(one.time_s * 1e9)), one) for one in said),
-        decisions=tuple(Timed(SimTime(round(one.time_s * 1e9)), one) for one in decided),
+        actor_position_enu_m=paths,
+        reports=tuple(Timed(SimTime(round(report.time_s * 1e9)), report) for report in reports),
+        decisions=tuple(Timed(SimTime(round(decision.time_s * 1e9)), decision) for decision in decisions),
         orders=(
             Timed(SimTime(30 * 10**9), OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0)),
             Timed(
@@ -217,7 +217,7 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
 def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Record] = ()) -> str:
     """A real recording of a made-up run; returns its SHA-256."""
     topics = VehicleTopics(simspec.vehicle.name)
-    records = [_said(0.0, TRUTH_CAST, CastDocument(members=tape.cast)), *extra]
+    records = [_document_record(0.0, TRUTH_CAST, CastDocument(members=tape.cast)), *extra]
     for time_s, place in zip(tape.vehicle_time_s, tape.vehicle_position_enu_m, strict=True):
         at = SimTime(round(time_s * 1e9))
         pose = PoseWithCovariance(Pose(Point(*map(float, place)), Quaternion(0.0, 0.0, 0.0, 1.0)))
@@ -228,19 +228,19 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
         at = SimTime(round(time_s * 1e9))
         data = encode_pose_array(Time.of(at.ns), "map", places, facing)
         records.append(Record(at, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
-    records += [_said(one.time.s, topics.reports, one.value) for one in tape.reports]
-    records += [_said(one.time.s, topics.decisions, one.value) for one in tape.decisions]
-    records += [_said(one.time.s, topics.orders, one.value) for one in tape.orders]
-    records += [_said(one.time.s, topics.answers, one.value) for one in tape.answers]
-    records += [_said(one.time.s, topics.operator_link, one.value) for one in tape.operator_link]
+    records += [_document_record(report.time.s, topics.reports, report.value) for report in tape.reports]
+    records += [_document_record(decision.time.s, topics.decisions, decision.value) for decision in tape.decisions]
+    records += [_document_record(order.time.s, topics.orders, order.value) for order in tape.orders]
+    records += [_document_record(answer.time.s, topics.answers, answer.value) for answer in tape.answers]
+    records += [_document_record(link.time.s, topics.operator_link, link.value) for link in tape.operator_link]
     with open_recording(path, simspec=simspec, versions={}) as recorder:
-        for record in sorted(records, key=lambda one: one.time.ns):
+        for record in sorted(records, key=lambda record: record.time.ns):
             recorder(record)
     assert recorder.sha256 is not None
     return recorder.sha256
 
 
-def _said(time_s: float, topic: str, document: Document) -> Record:
+def _document_record(time_s: float, topic: str, document: Document) -> Record:
     return Record(SimTime(round(time_s * 1e9)), topic, String.TYPE, encode(String(document.model_dump_json())))
 
 
@@ -263,7 +263,7 @@ def _campaign(made: Made) -> dict[str, Any]:
 
 
 def _decomposition() -> dict[str, Any]:
-    """Every second observable is ruled by concealment, the others by fog, each key attribute a little harder than the last."""
+    """Concealment rates every second observable, fog the others; each key attribute is a little harder than the one before."""
     leaf = {
         "measure": "made_up",
         "threshold": 0.8,
@@ -274,10 +274,10 @@ def _decomposition() -> dict[str, Any]:
     fog = {"factor": "fog_level", "unit": "level", "values": [0, 9], "reason": "Made up."}
     hidden = {"factor": "target_concealment", "unit": "1", "values": [0, 1], "reason": "Made up."}
     leaves = [
-        {"id": one, "title": f"Observable {one}", "asks": "Something measurable.", **leaf,
+        {"id": observable, "title": f"Observable {observable}", "asks": "Something measurable.", **leaf,
          "key_factors": [{**(hidden if second else fog), "ratings": [10 + 10 * place + 5 * second, 100]}]}
         for place, ka in enumerate(STUDY)
-        for second, one in enumerate(OBSERVABLES[ka])
+        for second, observable in enumerate(OBSERVABLES[ka])
     ]  # fmt: skip
     return {
         "format": "rebar.decomposition/1",
@@ -295,13 +295,13 @@ def _inner(name: str, title: str, children: Sequence[str]) -> dict[str, Any]:
 
 
 def _observations(scene: int, agent: str, outcome: Outcome, made: Made) -> tuple[Observation, ...]:
-    """Achievements drawn by scene, the naive agent failing at KA-18 nearly always; an unfinished run achieves nothing."""
+    """Achievements drawn by scene. The naive agent nearly always fails KA-18; a run that did not complete achieves nothing."""
     random = np.random.default_rng([scene, agent.count("aware")])
-    found = []
+    observations = []
     for ka in STUDY:
-        for one in OBSERVABLES[ka]:
-            likely = 0.06 if ka == "KA-18" and "naive" in agent else 0.9
-            won = random.random() < likely and outcome is Outcome.COMPLETED and made.never_scored not in (one, ka)
-            x = float(random.uniform(0.8, 1.0) if won else random.uniform(0.0, 0.79))
-            found.append(Observation(observable=one, considered=True, x=x))
-    return tuple(found)
+        for observable in OBSERVABLES[ka]:
+            chance = 0.06 if ka == "KA-18" and "naive" in agent else 0.9
+            achieved = random.random() < chance and outcome is Outcome.COMPLETED and made.never_scored not in (observable, ka)
+            x = float(random.uniform(0.8, 1.0) if achieved else random.uniform(0.0, 0.79))
+            observations.append(Observation(observable=observable, considered=True, x=x))
+    return tuple(observations)

@@ -18,22 +18,22 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 def test_report_measures_the_design(data: ReportData) -> None:
-    """Six combinations of two balanced factors: nothing correlated, all pairs there, and points counted by configuration."""
+    """Six combinations of two balanced factors: no correlation, every pair of levels covered, points counted by configuration."""
     quality = campaign_design_quality(data)
 
     assert quality is not None
     assert (quality.points, quality.max_abs_correlation) == (6, 0.0)
-    assert [(one.covered, one.possible) for one in quality.coverage] == [(6, 6)]
+    assert [(pair.covered, pair.possible) for pair in quality.coverage] == [(6, 6)]
     flown = {run.design_point for run in data.runs}
     assert sum(quality.configurations.values()) == len(flown)
-    assert set(quality.configurations) == {one.label for one in data.configurations}
+    assert set(quality.configurations) == {configuration.label for configuration in data.configurations}
     page = render_report(data)
     assert "Quality of the design" in page
     assert "6 of 6 that may occur" in page
 
 
-def test_design_that_cannot_be_read_is_left_out(data: ReportData) -> None:
-    """A damaged design, one without factors, and one that cannot be drawn again cost their section and no more."""
+def test_unreadable_design_is_omitted(data: ReportData) -> None:
+    """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing else."""
     rated = {**data.campaign["design"], "method": {"kind": "stratified", "points": 6}}
 
     for design in ({"factors": 3}, {}, rated):
@@ -43,8 +43,8 @@ def test_design_that_cannot_be_read_is_left_out(data: ReportData) -> None:
     assert campaign_design_points(replace(data, campaign={**data.campaign, "design": rated})) is None
 
 
-def test_levels_of_a_design_drawn_by_difficulty_are_found_again(tmp_path: Path) -> None:
-    """The points of a stratified design are those that the campaign flew, from its own base and decomposition."""
+def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) -> None:
+    """The report draws the points that the campaign flew, from the base and decomposition of the campaign."""
     from bench.campaign import Campaign, realizations
     from bench.simspec import load_simspec
 
@@ -64,17 +64,19 @@ def test_levels_of_a_design_drawn_by_difficulty_are_found_again(tmp_path: Path) 
     folder = make_campaign(tmp_path, Made())
     from decompositions import load_decomposition
 
-    asked = load_decomposition("search-and-report")
-    found = campaign_design_points(
-        replace(load_report_data(folder), campaign=campaign.model_dump(mode="json"), document=asked, study=asked.study)
+    decomposition = load_decomposition("search-and-report")
+    points = campaign_design_points(
+        replace(
+            load_report_data(folder), campaign=campaign.model_dump(mode="json"), document=decomposition, study=decomposition.study
+        )
     )
 
-    assert found is not None
-    assert [(one.id, dict(one.levels)) for one in found] == [(plan.design_point, dict(plan.levels)) for plan in plans]
+    assert points is not None
+    assert [(point.id, dict(point.levels)) for point in points] == [(plan.design_point, dict(plan.levels)) for plan in plans]
 
 
-def test_formulas_conditions_stand_among_the_factors(data: ReportData) -> None:
-    """A factor that follows from others is shown by its formula, a conditional one with its condition."""
+def test_formulas_and_conditions_are_listed_with_the_factors(data: ReportData) -> None:
+    """A derived factor is listed with its formula, a conditional one with its condition."""
     factors = [
         *data.campaign["design"]["factors"],
         {"name": "haze", "formula": "fog / 2", "sets": ["environment.rain_level"]},

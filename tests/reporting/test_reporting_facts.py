@@ -31,23 +31,23 @@ rules: {max_speed_mps: 8, link_lost: hold, bystander_slow_within_m: 20, bystande
 """
 
 
-def test_the_report_says_where_groups_stand() -> None:
-    """Inside an area or a house, between two, by the compass."""
+def test_facts_describe_the_situation() -> None:
+    """Places, motion, intelligence, events and rules as text."""
     spec = read_document(SPEC, SimSpec)
     data = ReportData("x", "", (), (), (), {}, (), pl.DataFrame(), {}, (), {"one": spec}, {}, "d", None, {})
-    said = {fact.name: fact.text for fact in campaign_facts(data)}
+    texts = {fact.name: fact.text for fact in campaign_facts(data)}
 
-    assert said["Actors: houses"] == "2 house, clutter, inside village"
-    assert said["Actors: people"] == "3 civilian, bystander, 0 to 80 m from home, inside houses"
-    assert said["Actors: guards"] == "1 soldier, adversary, between two of houses"
-    assert said["Actors: cars"] == "1 civilian-car, clutter, between home and people, heading 90°"
-    assert said["Actors: patrol"] == (
+    assert texts["Actors: houses"] == "2 house, clutter, inside village"
+    assert texts["Actors: people"] == "3 civilian, bystander, 0 to 80 m from home, inside houses"
+    assert texts["Actors: guards"] == "1 soldier, adversary, between two of houses"
+    assert texts["Actors: cars"] == "1 civilian-car, clutter, between home and people, heading 90°"
+    assert texts["Actors: patrol"] == (
         "2 soldier, adversary, 10 m or more from every bystander, 0 to 40 m from 5, 3 m, beside main, 2 to 9 m off it, "
         "hidden from home, 2 m apart or more, patrolling 2 points at 1.5 m/s"
     )
-    assert said["Intelligence"] == "seen: priority 1, within 60 m, 120 s old, delivered at 15 s"
-    assert said["Events"] == "20 s operator link away for 30 s; 40 s gps off for 10 s; 60 s order hold"
-    assert said["Rules"] == (
+    assert texts["Intelligence"] == "seen: priority 1, within 60 m, 120 s old, delivered at 15 s"
+    assert texts["Events"] == "20 s operator link away for 30 s; 40 s gps off for 10 s; 60 s order hold"
+    assert texts["Rules"] == (
         "no mark within 50 m of bystanders; reports from confidence 0.6 on; height up to 120 m; 20% of charge kept; "
         "no faster than 8 m/s; 3 m/s within 20 m of bystanders; reports only from 10 to 90 s; hold after 10 s without the operator"
     )

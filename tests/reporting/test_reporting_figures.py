@@ -45,8 +45,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
     return load_report_data(folder)
 
 
-def test_a_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
-    """Red dots at the difficulty, bars at the confidence in per cent, violins and points holding exactly the scores."""
+def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
+    """Red dots at the difficulty, bars at the confidence in per cent, violins and points with exactly the scores."""
     configuration = data.configurations[0]
     figure = configuration_figure(data, configuration).to_plotly_json()
     rows = data.scores.filter(pl.col("configuration") == configuration.key)
@@ -72,24 +72,24 @@ def test_a_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> Non
 
 
 def test_configurations_are_the_distinct_difficulties_easiest_first(data: ReportData) -> None:
-    """As many panels as distinct studied difficulty vectors; N counts every run once; the factors behind them are told."""
+    """One panel for each distinct vector of studied difficulties; N counts every run once; the varied factors are listed."""
     vectors = data.scores.filter(pl.col("node").is_in(STUDY)).pivot(on="node", index="realization", values="difficulty")
     assert len(data.configurations) == vectors.drop("realization").unique().height
-    assert sum(one.n for one in data.configurations) == len(data.runs)
-    lowest = [min(one.difficulty.values()) for one in data.configurations]
+    assert sum(configuration.n for configuration in data.configurations) == len(data.runs)
+    lowest = [min(configuration.difficulty.values()) for configuration in data.configurations]
     assert lowest == sorted(lowest)
     assert data.configurations[0].factors["fog_level"] == (0.0,)
 
 
-def test_bench_faults_are_not_counted_in_panels(tmp_path: Path) -> None:
-    """A run that never flew is no part of any N."""
+def test_bench_errors_are_not_counted_in_panels(tmp_path: Path) -> None:
+    """A run that never flew is not part of any N."""
     endings = {f"p000-r0-{AGENTS[0]}": (Outcome.WORKER_LOST, "killed")}
-    found = load_report_data(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
-    assert sum(one.n for one in found.configurations) == 3
+    report = load_report_data(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
+    assert sum(configuration.n for configuration in report.configurations) == 3
 
 
-def test_pairs_count_scenes_by_who_passed(data: ReportData) -> None:
-    """The four counts, the differences and McNemar's p agree with a count by hand; scenes that one agent lacks stay out."""
+def test_pairings_count_the_scenes_that_each_agent_passed(data: ReportData) -> None:
+    """The four counts, the differences and McNemar's p agree with a count by hand; scenes that one agent lacks are excluded."""
     scores = data.scores.filter(~((pl.col("design_point") == "p000") & (pl.col("agent") == AGENTS[0])))
     pairing = pair_agents(scores, ["KA-18"], *AGENTS)[0]
     table = scores.filter(pl.col("node") == "KA-18").pivot(on="agent", index="design_point", values="confidence").drop_nulls()
@@ -102,23 +102,23 @@ def test_pairs_count_scenes_by_who_passed(data: ReportData) -> None:
     assert pairing.p_value < 1e-6
 
 
-def test_pairs_without_a_difference_have_no_p_value(data: ReportData) -> None:
-    """An agent against itself: no discordant scene, hence no test, and a mean difference of zero."""
+def test_pairing_without_a_difference_has_no_p_value(data: ReportData) -> None:
+    """An agent against itself: no discordant scene, so no test, and a mean difference of zero."""
     pairing = pair_agents(data.scores, ["KA-03"], AGENTS[0], AGENTS[0])[0]
     assert (pairing.only_first, pairing.only_second, pairing.p_value) == (0, 0, None)
     assert pairing.mean_confidence_difference == 0.0
 
 
-def test_the_pairs_figure_counts_every_scene(data: ReportData) -> None:
-    """The numbers in the discs of a row sum up to the scenes."""
+def test_pairings_figure_counts_every_scene(data: ReportData) -> None:
+    """The numbers in the discs of a row add up to the number of scenes."""
     pairings = pair_agents(data.scores, STUDY, *AGENTS)
     figure = pairings_figure(pairings).to_plotly_json()
     discs = [trace for trace in figure["data"] if trace["mode"] == "markers+text"]
-    assert [sum(map(int, trace["text"])) for trace in discs] == [one.scenes for one in pairings]
+    assert [sum(map(int, trace["text"])) for trace in discs] == [pairing.scenes for pairing in pairings]
 
 
-def test_chosen_runs_come_as_whole_scenes_that_differ(data: ReportData) -> None:
-    """Six runs are three scenes with both agents, each completed, and the agents differ on them."""
+def test_chosen_runs_are_whole_scenes_of_different_configurations(data: ReportData) -> None:
+    """Six runs are three scenes of different configurations, each completed by both agents."""
     chosen = choose_runs(data, 6)
     assert [run.agent for run in chosen] == list(AGENTS) * 3
     assert len({run.scene for run in chosen}) == 3
@@ -128,12 +128,12 @@ def test_chosen_runs_come_as_whole_scenes_that_differ(data: ReportData) -> None:
 
 
 def test_runs_without_recordings_are_not_chosen(data: ReportData) -> None:
-    """Nothing to draw, nothing chosen."""
+    """Without a recording there is nothing to draw."""
     assert choose_runs(replace(data, runs=tuple(replace(run, recording=None) for run in data.runs)), 6) == ()
 
 
-def test_the_map_tells_marks_near_bystanders_from_withheld_ones(data: ReportData) -> None:
-    """The naive mark beside three people is forbidden, the aware agent's withheld one is not, and the truth is the same."""
+def test_map_distinguishes_forbidden_marks_from_withheld_ones(data: ReportData) -> None:
+    """The naive agent's mark beside three people is forbidden, the aware agent's withheld one is not; the truth is the same."""
     charts = [
         build_run_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
         for run in _scene(data, "p000")
@@ -148,22 +148,22 @@ def test_the_map_tells_marks_near_bystanders_from_withheld_ones(data: ReportData
     assert texts[0] == "marked, 60 s<br>too near a bystander"
 
 
-def test_bystanders_on_the_map_stand_within_the_distance_at_that_moment(data: ReportData) -> None:
-    """Checked against the tape, at the report's time and not at the start."""
+def test_map_shows_the_bystanders_near_a_target_at_the_time_of_the_report(data: ReportData) -> None:
+    """Checked against the tape at the report's time, not at the start."""
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
     report = build_run_map(run, simspec, tape).reports[0]
-    radar = next(i for i, one in enumerate(tape.cast) if one.id == "radar-0")
+    radar = next(i for i, member in enumerate(tape.cast) if member.id == "radar-0")
     there = tape.actors_at(60.0)[:, :2]
-    bystander = np.array([one.role.value == "bystander" for one in tape.cast])
+    bystander = np.array([member.role.value == "bystander" for member in tape.cast])
     distance = np.hypot(*(there - there[radar]).T)
     assert len(report.bystanders_enu_m) == int((bystander & (distance < simspec.rules.no_mark_within_m)).sum())
     assert report.nearest_bystander_m == pytest.approx(float(distance[bystander].min()), abs=0.06)
 
 
-def test_the_map_is_thinned_but_true(data: ReportData) -> None:
-    """The flight is kept at two points a second, ways of actors stay within half a metre, those who stand are one point."""
+def test_map_thins_tracks_within_the_tolerance(data: ReportData) -> None:
+    """The flight keeps two points a second, paths stay within half a metre, actors that do not move are one point."""
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -179,8 +179,8 @@ def test_the_map_is_thinned_but_true(data: ReportData) -> None:
             assert _distance(way, place) < 0.7  # half a metre and the rounding
 
 
-def test_a_run_that_ended_at_once_can_be_drawn(data: ReportData) -> None:
-    """No samples at all: an empty map, no error."""
+def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
+    """An empty map, no error."""
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -193,8 +193,8 @@ def test_a_run_that_ended_at_once_can_be_drawn(data: ReportData) -> None:
     assert map_figure(chart).to_plotly_json()["data"]
 
 
-def test_the_terminal_shows_the_same_numbers(data: ReportData) -> None:
-    """Table and lines hold the summary's score and confidence; names in brackets are not taken for markup."""
+def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
+    """Table and lines have the score and confidence of the summary; brackets in names are not markup."""
     summary = summary_frame(data.scores.with_columns(pl.col("agent").str.replace("reference-naive", "[red]naive")))
     console = Console(width=200, record=True, file=StringIO())
     console.print(score_table(summary, STUDY))
@@ -204,8 +204,8 @@ def test_the_terminal_shows_the_same_numbers(data: ReportData) -> None:
     for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(named=True):
         assert f"{100 * row['confidence_mean']:.1f} %" in text
         assert any(
-            f"{row['node']} score {row['score_mean']:.1f}, confidence {100 * row['confidence_mean']:.1f} %" in one
-            for one in lines
+            f"{row['node']} score {row['score_mean']:.1f}, confidence {100 * row['confidence_mean']:.1f} %" in line
+            for line in lines
         )
     assert "[red]naive" in text
 
@@ -217,14 +217,14 @@ def _scene(data: ReportData, point: str) -> list[Run]:
 
 
 def _distance(way: np.ndarray, place: np.ndarray) -> float:
-    """Of a point from a polyline."""
+    """The distance of a point from a polyline."""
     start, along = way[:-1], np.diff(way, axis=0)
     share = np.clip(((place - start) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
     return float(np.hypot(*(start + share[:, None] * along - place).T).min())
 
 
-def test_without_truth_nobody_stands_at_the_origin(data: ReportData) -> None:
-    """A recording cut off before the first positions: reports are drawn where they are said to be, nothing is held against them."""
+def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> None:
+    """A recording cut off before the first positions: reports stay where they are reported, and none is called forbidden."""
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -234,8 +234,8 @@ def test_without_truth_nobody_stands_at_the_origin(data: ReportData) -> None:
     assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
 
 
-def test_the_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
-    """Discs at the shares passed, one for each difficulty; the curve with its band; competence from its bound to its value."""
+def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
+    """One disc for each difficulty at its pass rate; the curve with its band; competence from its bound to its value."""
     trials = trials_of(data.scores)
     flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
     tallies = {agent: data.tallies[agent, "all", "KA-03"] for agent in AGENTS}
@@ -249,13 +249,18 @@ def test_the_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> N
     bands = [trace for trace in traces if trace.get("fill") == "toself"]
     assert len(bands) == sum(flown[agent].curve().drawn for agent in AGENTS) == len(AGENTS)
     bars = [trace for trace in traces if trace["mode"] == "lines+markers"]
-    wanted = [(one.low, one.value) for agent in AGENTS for one in tallies[agent].competence.values() if one.value > 0]
+    wanted = [
+        (competence.low, competence.value)
+        for agent in AGENTS
+        for competence in tallies[agent].competence.values()
+        if competence.value > 0
+    ]
     assert [tuple(bar["x"]) for bar in bars] == wanted
     assert wanted
 
 
 @pytest.mark.parametrize(
-    ("difficulty", "passed", "said"),
+    ("difficulty", "passed", "remark"),
     [
         ([10.0] * 9, [True] * 9, "fewer than ten runs"),
         ([10.0] * 12, [True] * 6 + [False] * 6, "all runs have one difficulty"),
@@ -266,28 +271,30 @@ def test_the_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> N
         ([10.0] * 8 + [20.0] * 8, [False] * 7 + [True] * 7 + [True, False], "The curve rises"),
     ],
 )
-def test_a_curve_comes_with_its_remark(difficulty: list[float], passed: list[bool], said: str) -> None:
-    """Why there is none, or what it does not show."""
+def test_curve_remark_gives_its_reason(difficulty: list[float], passed: list[bool], remark: str) -> None:
+    """Why there is no curve, or what the curve does not show."""
     trials = Trials(tuple(difficulty), tuple(passed), tuple(map(str, range(len(passed)))))
-    assert said in curve_remark(trials.curve())
+    assert remark in curve_remark(trials.curve())
 
 
-def test_runs_that_share_design_points_are_said_to(data: ReportData) -> None:
-    """The claim takes runs as independent, and says where they are not."""
+def test_claim_names_shared_design_points(data: ReportData) -> None:
+    """The claim assumes independent runs, and names the design points where runs share them."""
     tally = data.tallies[AGENTS[0], "all", "KA-03"]
     trials = trials_of(data.scores)[AGENTS[0], "KA-03"]
-    assert not any("are independent" in one for one in node_sentences(tally, trials))
-    said = node_sentences(replace(tally, design_points=20), trials)
-    assert any("This assumes that the runs are independent, but they come from 20 design points." in one for one in said)
+    assert not any("are independent" in sentence for sentence in node_sentences(tally, trials))
+    sentences = node_sentences(replace(tally, design_points=20), trials)
+    assert any(
+        "This assumes that the runs are independent, but they come from 20 design points." in sentence for sentence in sentences
+    )
 
 
-def test_the_map_shows_where_not_to_fly(data: ReportData) -> None:
-    """Geofence and no-fly areas as closed rings, the latter with their times."""
+def test_map_shows_geofence_and_no_fly_areas(data: ReportData) -> None:
+    """As closed rings, no-fly areas with their times."""
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     traces = {
-        one.get("name"): one
-        for one in map_figure(build_run_map(run, simspec, made_campaign.made_tape(simspec))).to_plotly_json()["data"]
+        trace.get("name"): trace
+        for trace in map_figure(build_run_map(run, simspec, made_campaign.made_tape(simspec))).to_plotly_json()["data"]
     }
     fence = traces["geofence"]
     assert list(zip(fence["x"], fence["y"], strict=True)) == [(-320, -150), (320, -150), (320, 150), (-320, 150), (-320, -150)]
@@ -296,11 +303,11 @@ def test_the_map_shows_where_not_to_fly(data: ReportData) -> None:
     assert area["fill"] == "toself"
 
 
-def test_competence_is_said_of_the_fit_and_not_of_single_difficulties(data: ReportData) -> None:
-    """Easy runs that failed take hard ones with them: the sentence must not deny that those passed."""
-    hard, ok = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
-    value, low, at_least = competence_of(hard, ok, share=(9, 10))
+def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
+    """Failed easy runs pull the fit down for harder ones: the sentence must not deny that the harder runs passed."""
+    difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
+    value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0
     tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": Competence(value, low, at_least)})
-    said = node_sentences(tally, Trials(tuple(hard), tuple(ok), tuple(map(str, range(30)))))
-    assert any("fitted so that it never rises with difficulty, never reaches nine tenths" in one for one in said)
+    sentences = node_sentences(tally, Trials(tuple(difficulty), tuple(passed), tuple(map(str, range(30)))))
+    assert any("fitted so that it never rises with difficulty, never reaches nine tenths" in sentence for sentence in sentences)

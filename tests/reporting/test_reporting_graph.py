@@ -1,4 +1,4 @@
-"""The graph shows every node and edge, tells what has no number from what is low, and takes all text as text."""
+"""The graph shows every node and edge, keeps "no number" apart from "low", and shows all text as text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 @pytest.fixture(scope="module")
 def full() -> Decomposition:
     """The largest decomposition that comes with the bench."""
-    return max((load_decomposition(name) for name in shipped_decompositions()), key=lambda one: len(one.nodes))
+    return max(
+        (load_decomposition(name) for name in shipped_decompositions()), key=lambda decomposition: len(decomposition.nodes)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,33 +50,33 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Decomposition:
     return load_decomposition(folder / "decomposition.json")
 
 
-def edges(asked: Decomposition) -> set[tuple[str, str]]:
-    return {(node.id, child) for node in asked.nodes.values() for child in node.children}
+def edges(decomposition: Decomposition) -> set[tuple[str, str]]:
+    return {(node.id, child) for node in decomposition.nodes.values() for child in node.children}
 
 
 def document(page: str) -> dict[str, Any]:
     """What the page hands to its script."""
-    found = re.search(r'<script type="application/json" id="document">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    return json.loads(found[1])  # type: ignore[no-any-return]
+    match = re.search(r'<script type="application/json" id="document">(.*?)</script>', page, re.DOTALL)
+    assert match is not None
+    return json.loads(match[1])  # type: ignore[no-any-return]
 
 
-def test_the_drawing_has_every_node_and_every_edge(full: Decomposition) -> None:
-    """A box for each node with its id and its words, a line for each edge, nothing outside the sheet."""
+def test_drawing_has_every_node_and_edge(full: Decomposition) -> None:
+    """A box with id and title for each node, a line for each edge, nothing outside the sheet."""
     root = ET.fromstring(graph_svg(full))
-    boxes = {one.attrib["id"]: one for one in root.iter(f"{SVG}g") if "node" in one.attrib.get("class", "").split()}
+    boxes = {group.attrib["id"]: group for group in root.iter(f"{SVG}g") if "node" in group.attrib.get("class", "").split()}
     assert set(boxes) == set(full.nodes)
     for name, box in boxes.items():
         assert full.nodes[name].title in box.find(f"{SVG}title").text  # type: ignore[union-attr,operator]
         x, y = map(float, re.findall(r"[\d.]+", box.attrib["transform"]))
         assert x + 306 <= float(root.attrib["width"])
         assert y + 30 <= float(root.attrib["height"])
-    lines = [one.find(f"{SVG}title").text for one in root.iter(f"{SVG}path") if "edge" in one.attrib.get("class", "").split()]  # type: ignore[union-attr]
+    lines = [path.find(f"{SVG}title").text for path in root.iter(f"{SVG}path") if "edge" in path.attrib.get("class", "").split()]  # type: ignore[union-attr]
     assert sorted(lines) == sorted(f"{parent} – {child}" for parent, child in edges(full))  # type: ignore[type-var]
 
 
 def test_boxes_do_not_touch_and_first_edges_do_not_cross(full: Decomposition) -> None:
-    """Within a column a row apart; of two edges between the same columns, the higher parent has the higher child."""
+    """Boxes of a column are a row apart; of two edges between the same columns, the higher parent has the higher child."""
     laid = lay_out(full)
     for column in range(len(laid.columns)):
         rows = sorted(laid.row[name] for name in full.nodes if laid.column[name] == column)
@@ -84,11 +86,11 @@ def test_boxes_do_not_touch_and_first_edges_do_not_cross(full: Decomposition) ->
     assert sum(edge.first for edge in laid.edges) == sum(bool(parents) for parents in full.parents.values())
 
 
-def test_the_page_has_every_node_edge_and_word(full: Decomposition) -> None:
-    """Its script is handed the whole graph; without a script the drawing is there."""
+def test_page_has_every_node_edge_and_fact(full: Decomposition) -> None:
+    """The script receives the whole graph; the drawing works without a script."""
     page = graph_page(full)
     nodes = {node["id"]: node for node in document(page)["nodes"]}
-    assert {(one, child) for one, node in nodes.items() for child in node["children"]} == edges(full)
+    assert {(name, child) for name, node in nodes.items() for child in node["children"]} == edges(full)
     for name, leaf in full.observables.items():
         facts = dict(nodes[name]["facts"])
         assert (facts["Measure"], nodes[name]["asks"]) == (leaf.measure, leaf.asks)
@@ -98,8 +100,8 @@ def test_the_page_has_every_node_edge_and_word(full: Decomposition) -> None:
     assert graph_svg(full) in page
 
 
-def test_same_document_same_bytes_and_not_many(full: Decomposition, made: Decomposition, data: ReportData) -> None:
-    """Drawn twice, from a document read twice; a page of the whole application stays below 1 MB."""
+def test_same_document_gives_the_same_bytes(full: Decomposition, made: Decomposition, data: ReportData) -> None:
+    """Drawn twice, from a document read twice; a page of the full application stays below 1 MB."""
     again = load_decomposition(full.name)
     assert graph_svg(again) == graph_svg(full)
     assert graph_page(again) == graph_page(full)
@@ -108,15 +110,15 @@ def test_same_document_same_bytes_and_not_many(full: Decomposition, made: Decomp
     assert len(graph_svg(full).encode()) < 400_000
 
 
-def test_what_has_no_number_is_not_low(made: Decomposition, data: ReportData) -> None:
-    """KA-09 was considered and has no score; by confidence it is a real 0; a node that no campaign knows is neither."""
+def test_state_without_a_number_is_not_low(made: Decomposition, data: ReportData) -> None:
+    """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has neither."""
     shown = document(graph_page(made, data))["shown"][AGENTS[0]]["KA-09"]
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]
     assert shown["competence"] == ["0", "0"]
     assert shown["told"][0].startswith("Not scored: nothing under it was achieved in any of 6 considered runs.")
     root = ET.fromstring(graph_svg(made, data, AGENTS[0], "score"))
-    dressed = {one.attrib["id"]: one.attrib["class"] for one in root.iter(f"{SVG}g") if "id" in one.attrib}
+    dressed = {group.attrib["id"]: group.attrib["class"] for group in root.iter(f"{SVG}g") if "id" in group.attrib}
     assert dressed["KA-09"] == "node unscored"
     assert dressed["KA-03"].startswith("node s")
     other = load_decomposition("search-and-report")
@@ -126,7 +128,7 @@ def test_what_has_no_number_is_not_low(made: Decomposition, data: ReportData) ->
 
 
 def test_never_considered_is_a_state_of_its_own(made: Decomposition, data: ReportData) -> None:
-    """Neither 0 % nor not scored."""
+    """It is neither 0 % nor not scored."""
 
     key = (AGENTS[0], "all", "KA-20")
     nothing = replace(data.tallies[key], considered=0, scored=0, score=None, confidence=None, competence={})
@@ -135,7 +137,7 @@ def test_never_considered_is_a_state_of_its_own(made: Decomposition, data: Repor
     assert shown["told"][0].startswith("Never considered:")
 
 
-def test_numbers_are_those_of_the_summary(made: Decomposition, data: ReportData) -> None:
+def test_graph_shows_the_numbers_of_the_summary(made: Decomposition, data: ReportData) -> None:
     """Colour and number of each node agree with the tallies, for every agent."""
     shown = document(graph_page(made, data, AGENTS[1]))
     assert shown["agent"] == AGENTS[1]
@@ -149,21 +151,21 @@ def test_numbers_are_those_of_the_summary(made: Decomposition, data: ReportData)
             assert int(step) == min(9, int(10 * tally.confidence))
 
 
-def test_titles_are_text(made: Decomposition, data: ReportData, tmp_path: Path) -> None:
-    """Markup in titles, questions and reasons opens no element in the drawing, the page, or its data."""
+def test_markup_in_a_document_is_escaped(made: Decomposition, data: ReportData, tmp_path: Path) -> None:
+    """Markup in titles, questions and reasons opens no element in the drawing, the page or its data."""
     raw = json.loads(made.document.model_dump_json())
     for part in ("principles", "key_attributes", "vabs", "observables"):
         raw[part][0]["title"] = NASTY[:110]
         raw[part][0]["asks"] = NASTY
     raw["observables"][0]["threshold_reason"] = NASTY
     (tmp_path / "nasty.yaml").write_text(yaml.safe_dump(raw))
-    asked = load_decomposition(tmp_path / "nasty.yaml")
-    page = graph_page(asked, data)
+    hostile = load_decomposition(tmp_path / "nasty.yaml")
+    page = graph_page(hostile, data)
     assert page.count("<script") == page.count("</script") == 2
     assert "<img" not in page
     assert document(page)["nodes"][0]["asks"] == NASTY
-    root = ET.fromstring(graph_svg(asked, data))
-    assert {one.tag.removeprefix(SVG) for one in root.iter()} <= {
+    root = ET.fromstring(graph_svg(hostile, data))
+    assert {element.tag.removeprefix(SVG) for element in root.iter()} <= {
         "svg",
         "title",
         "style",
@@ -176,8 +178,8 @@ def test_titles_are_text(made: Decomposition, data: ReportData, tmp_path: Path) 
     }
 
 
-def test_the_page_fetches_nothing(made: Decomposition) -> None:
-    """The policy forbids it and allows the page's own script alone, by its digest."""
+def test_page_fetches_nothing(made: Decomposition) -> None:
+    """The policy forbids it and allows only the page's script, by its digest."""
     page = graph_page(made)
     script = page.rsplit("<script>", 1)[1].split("</script>", 1)[0]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -187,15 +189,15 @@ def test_the_page_fetches_nothing(made: Decomposition) -> None:
     assert ".innerHTML" not in script
 
 
-def test_an_unknown_agent_is_refused(made: Decomposition, data: ReportData) -> None:
-    """With those that there are."""
+def test_unknown_agent_is_refused(made: Decomposition, data: ReportData) -> None:
+    """The message lists the known agents."""
     with pytest.raises(SetupError, match=f"agents: {', '.join(AGENTS)}"):
         graph_svg(made, data, "nobody")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-def test_a_browser_draws_it(full: Decomposition, tmp_path: Path) -> None:
-    """The script runs under its own policy: the named node is open, chosen and described, folded ones are hidden."""
+def test_browser_runs_the_script(full: Decomposition, tmp_path: Path) -> None:
+    """The script runs under the policy: the node of the address is unfolded, selected and described, others are hidden."""
     (tmp_path / "graph.html").write_text(graph_page(full))
     leaf = next(name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables)
     dom = subprocess.run(

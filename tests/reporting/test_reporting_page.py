@@ -102,35 +102,37 @@ def page(made: Path) -> Page:
     return page_of(made)[0]
 
 
-def test_headline_numbers_are_those_of_the_score_table(made: Path, page: Page) -> None:
-    """Score, confidence and counts of every studied node and agent equal what the Parquet file gives when averaged by hand."""
+def test_headline_shows_the_numbers_of_the_score_table(made: Path, page: Page) -> None:
+    """Score, confidence and counts of every studied node and agent equal the means of the Parquet file."""
     scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("outcome") != "placement_infeasible")
     rows = [row for row in page.tables["headline"] if len(row) == 10][1:]
     wanted = []
     for node in STUDY:
         for agent in AGENTS:
-            one = scores.filter(pl.col("node") == node, pl.col("agent") == agent)
-            wanted.append((one["score"].mean(), one["confidence"].mean(), one.height, one["score"].count()))
+            agent_rows = scores.filter(pl.col("node") == node, pl.col("agent") == agent)
+            wanted.append(
+                (agent_rows["score"].mean(), agent_rows["confidence"].mean(), agent_rows.height, agent_rows["score"].count())
+            )
     assert len(rows) == len(wanted)
     for row, (score, confidence, runs, scored) in zip(rows, wanted, strict=True):
-        said = re.search(r"(\d+\.\d|not scored)", row[2])
-        assert said is not None
-        assert said[1] == (f"{score:.1f}" if score is not None else "not scored")
+        shown_score = re.search(r"(\d+\.\d|not scored)", row[2])
+        assert shown_score is not None
+        assert shown_score[1] == (f"{score:.1f}" if score is not None else "not scored")
         assert row[3] == f"{100 * confidence:.1f} %"
         assert [int(cell) for cell in row[7:10]] == [runs, runs, scored]
 
 
-def test_every_node_of_every_agent_has_its_row(made: Path, page: Page) -> None:
-    """The trees hold each node of the decomposition for each agent, with the confidence of the table."""
+def test_every_node_of_every_agent_has_a_row(made: Path, page: Page) -> None:
+    """The trees hold each node of the decomposition for each agent."""
     data = load_report_data(made)
     rows = [row for row in page.tables[""] if len(row) == 10 and row[0].split(" · ")[0].strip() in data.nodes]
-    found = [row[0].split(" · ")[0].strip() for row in rows]
+    row_nodes = [row[0].split(" · ")[0].strip() for row in rows]
     for node in data.nodes:
-        assert found.count(node) >= len(AGENTS)
+        assert row_nodes.count(node) >= len(AGENTS)
 
 
-def test_all_that_did_not_complete_is_listed_with_its_reason(page: Page) -> None:
-    """Both failures stand in the table, with reason and whether they count; completed runs do not."""
+def test_runs_that_did_not_complete_are_listed(page: Page) -> None:
+    """Both failures are in the table, with reason and whether they count; completed runs are not."""
     rows = page.tables["failures"][1:]
     assert [row[0] for row in rows] == ["p003-r0-reference-naive", "p004-r0-reference-bystander-aware"]
     assert rows[0][5] == "exit 1: </script><script>alert(1)</script>"
@@ -138,46 +140,51 @@ def test_all_that_did_not_complete_is_listed_with_its_reason(page: Page) -> None
     assert "12 sessions of 6 scenes by 2 agents: 10 completed, 1 agent crashed, 1 placement infeasible." in page.text
 
 
-def test_what_an_agent_says_stays_text(made: Path) -> None:
+def test_markup_from_an_agent_is_escaped(made: Path) -> None:
     """Markup in reasons, decisions and class labels neither opens an element nor ends a script."""
     nasty = "</script><script>alert('x')</script><img src=x onerror=alert(2)>"
     data = load_report_data(made)
     run = data.runs[0]
     tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
-    said = replace(tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]}))
-    page = Page(render_report(data, [build_run_map(run, data.simspecs[run.realization], replace(tape, reports=(said,)))]))
+    hostile_report = replace(tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]}))
+    page = Page(
+        render_report(data, [build_run_map(run, data.simspecs[run.realization], replace(tape, reports=(hostile_report,)))])
+    )
     assert len([name for name in page.scripts if not name.startswith("data-")]) == 2
     assert not [tag for tag, _, _ in page.attributes if tag == "img"]
     assert nasty in page.text
 
 
-def test_data_in_scripts_cannot_end_them(made: Path) -> None:
-    """Figures are JSON that a parser reads back, without a single `<`, even when an agent's name holds one."""
+def test_figure_data_cannot_end_its_script(made: Path) -> None:
+    """Figures are JSON without a single `<`, even when an agent's name holds one."""
     data = load_report_data(made)
-    odd = "</script><b>"
-    named = pl.col("agent").replace({AGENTS[0]: odd})
-    runs = tuple(replace(run, agent=odd) if run.agent == AGENTS[0] else run for run in data.runs)
-    tallies = {(odd if who == AGENTS[0] else who, where, node): tally for (who, where, node), tally in data.tallies.items()}
-    renamed = replace(data, agents=(odd, AGENTS[1]), runs=runs, scores=data.scores.with_columns(named), tallies=tallies)
+    hostile_name = "</script><b>"
+    named = pl.col("agent").replace({AGENTS[0]: hostile_name})
+    runs = tuple(replace(run, agent=hostile_name) if run.agent == AGENTS[0] else run for run in data.runs)
+    tallies = {
+        (hostile_name if agent == AGENTS[0] else agent, configuration, node): tally
+        for (agent, configuration, node), tally in data.tallies.items()
+    }
+    renamed = replace(data, agents=(hostile_name, AGENTS[1]), runs=runs, scores=data.scores.with_columns(named), tallies=tallies)
     page = Page(render_report(renamed))
     figures = {name: text for name, text in page.scripts.items() if name.startswith("data-")}
     assert len(figures) == len(data.configurations) + len(STUDY) + 2  # the pairs, the factors
     assert all("<" not in text and json.loads(text)["data"] for text in figures.values())
 
 
-def test_the_page_fetches_nothing_and_runs_only_its_own_scripts(page: Page) -> None:
-    """No attribute names another resource, and the policy's digests are those of the two scripts as they stand in the page."""
-    assert not [one for one in page.attributes if one[1] in ("src", "srcset", "action", "data", "poster")]
+def test_page_fetches_nothing_and_runs_only_its_scripts(page: Page) -> None:
+    """No attribute names another resource, and the policy has the digests of the page's two scripts."""
+    assert not [attribute for attribute in page.attributes if attribute[1] in ("src", "srcset", "action", "data", "poster")]
     assert all(value.startswith("#") for _, name, value in page.attributes if name == "href")
     policy = next(value for tag, name, value in page.attributes if tag == "meta" and value.startswith("default-src"))
     assert policy.startswith("default-src 'none';")
-    own = [text for name, text in page.scripts.items() if not name.startswith("data-")]
-    for text in own:
+    page_scripts = [text for name, text in page.scripts.items() if not name.startswith("data-")]
+    for text in page_scripts:
         assert f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" in policy
-    assert policy.count("sha256-") == len(own) == 2
+    assert policy.count("sha256-") == len(page_scripts) == 2
 
 
-def test_the_page_is_sound_html(page: Page) -> None:
+def test_page_is_well_formed_html(page: Page) -> None:
     """Every element is closed in order, ids are unique, and every figure has its data."""
     assert page.open == []
     assert len(page.ids) == len(set(page.ids))
@@ -190,37 +197,37 @@ def test_the_page_is_sound_html(page: Page) -> None:
     assert drawn == figures
 
 
-def test_same_folder_same_bytes(made: Path, tmp_path: Path) -> None:
-    """Writing twice, and writing from a copy of the folder elsewhere, gives the same bytes."""
+def test_same_folder_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    """Writing twice, and writing from a copy of the folder elsewhere."""
     first = write_report(made).read_bytes()
     shutil.copytree(made, tmp_path / "campaign")
     assert write_report(made).read_bytes() == first
     assert write_report(tmp_path / "campaign").read_bytes() == first
 
 
-def test_a_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
-    """The message names the folder and what would be right."""
+def test_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
+    """The message names the missing file."""
     with pytest.raises(SetupError, match=r"holds no campaign\.yaml"):
         write_report(tmp_path)
 
 
-def test_an_empty_campaign_says_that_nothing_has_run(tmp_path: Path) -> None:
-    """No runs: a whole page that claims nothing."""
+def test_empty_campaign_reports_that_nothing_has_run(tmp_path: Path) -> None:
+    """A whole page without a claim."""
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=0)))
     assert "Nothing has been run yet." in page.text
     assert "nothing has been scored" in page.text
     assert page.open == []
 
 
-def test_a_campaign_not_yet_scored_says_so(tmp_path: Path) -> None:
-    """Without scores.parquet the runs are still counted and the note tells how to score."""
+def test_unscored_campaign_has_a_note(tmp_path: Path) -> None:
+    """Without scores.parquet the runs are still counted, and the note names the command that scores."""
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, scored=False)))
     assert "There is no scores.parquet" in page.text
     assert "4 sessions of 2 scenes by 2 agents: 4 completed" in page.text
 
 
-def test_all_failed_by_the_bench(tmp_path: Path) -> None:
-    """When nothing flew, every run is listed, nothing is scored, and no number is made up."""
+def test_campaign_of_bench_errors_has_no_numbers(tmp_path: Path) -> None:
+    """Every run is listed, nothing is scored, and no number is made up."""
     endings = {f"p{scene:03d}-r0-{agent}": (Outcome.BENCH_ERROR, "out of disk") for scene in range(2) for agent in AGENTS}
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
     assert len(page.tables["failures"]) == 5
@@ -228,26 +235,26 @@ def test_all_failed_by_the_bench(tmp_path: Path) -> None:
     assert {row[2] for row in page.tables["headline"] if len(row) == 9 and row[0] != "Key attribute and agent"} == {"not scored"}
 
 
-def test_a_node_never_scored_is_shown_as_such(tmp_path: Path) -> None:
-    """KA-09 failed everywhere: not scored, confidence 0.0 %, named among what is not claimed; not zero and not left out."""
+def test_node_without_a_score_is_shown_as_not_scored(tmp_path: Path) -> None:
+    """KA-09 failed everywhere: not scored and confidence 0.0 %, listed among the disclaimers; neither zero nor missing."""
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=3, never_scored="KA-09")))
     rows = page.tables["headline"]
-    at = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
-    assert [row[2:4] for row in rows[at + 1 : at + 3]] == [["not scored", "0.0 %"]] * 2
-    said = next(line for line in page.text.splitlines() if "Not scored in any run:" in line)
-    assert all(f"KA-09 for {agent}" in said for agent in AGENTS)
+    heading_row = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
+    assert [row[2:4] for row in rows[heading_row + 1 : heading_row + 3]] == [["not scored", "0.0 %"]] * 2
+    sentence = next(line for line in page.text.splitlines() if "Not scored in any run:" in line)
+    assert all(f"KA-09 for {agent}" in sentence for agent in AGENTS)
 
 
-def test_one_agent_has_nothing_to_be_compared_with(tmp_path: Path) -> None:
-    """A single agent: no comparison, no pairs figure, everything else stands."""
+def test_single_agent_is_not_compared(tmp_path: Path) -> None:
+    """No comparison and no pairings figure; the rest of the page is there."""
     page, _ = page_of(make_campaign(tmp_path / "c", Made(agents=AGENTS[:1], scenes=3)))
     assert "One agent flew, so there is nothing to compare." in page.text
     assert not [name for name in page.scripts if name.startswith("data-pairs")]
     assert [name for name in page.scripts if name.startswith("data-configuration")]
 
 
-def test_missing_and_broken_recordings_are_said_not_raised(tmp_path: Path) -> None:
-    """Runs without a recording are named, one that is no MCAP file is named too, and the page is whole."""
+def test_missing_and_damaged_recordings_become_notes(tmp_path: Path) -> None:
+    """Runs without a recording are named, so is one that is not an MCAP file, and the page is whole."""
     folder = make_campaign(tmp_path / "c", Made(scenes=2))
     (folder / "runs" / "p000-r0-reference-naive" / "recording.mcap").write_bytes(b"not a recording")
     page, _ = page_of(folder)
@@ -257,7 +264,7 @@ def test_missing_and_broken_recordings_are_said_not_raised(tmp_path: Path) -> No
 
 
 def test_recordings_become_maps(tmp_path: Path) -> None:
-    """Read from real recordings: both agents of a scene, what they reported, and a cut recording said to be one."""
+    """Both agents of a scene and their reports; a recording that is cut off has a note."""
     folder = make_campaign(tmp_path / "c", Made(scenes=1))
     for agent in AGENTS:
         simspec = made_campaign.made_simspec(0, agent)
@@ -268,14 +275,14 @@ def test_recordings_become_maps(tmp_path: Path) -> None:
             path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     page, _ = page_of(folder)
     assert [name for name in page.scripts if name.startswith("data-map")] == ["data-map-1", "data-map-2"]
-    assert page.text.count("The recording is cut off") == 1
+    assert page.text.count("The recording is truncated") == 1
     assert "Messages that could not be decoded: 1 on /vehicle_1/agent/reports" in page.text
     assert any("marked, against the rule" in row[3] for row in page.tables[""] if len(row) == 8)
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "scores.parquet", "runs/p000-r0-reference-naive/result.json"])
 def test_damaged_files_become_notes(tmp_path: Path, name: str) -> None:
-    """A file cut off or overwritten is named in the report and costs only itself."""
+    """The report names a damaged file and loses only its content."""
     folder = make_campaign(tmp_path / "c", Made(scenes=1))
     (folder / name).write_bytes(b"{ damaged")
     page, _ = page_of(folder)
@@ -283,8 +290,8 @@ def test_damaged_files_become_notes(tmp_path: Path, name: str) -> None:
     assert page.open == []
 
 
-def test_an_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
-    """Without the decomposition the scores stand by their ids, and the report says why."""
+def test_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
+    """Without the decomposition, nodes have ids and no titles, and the report gives the reason."""
     folder = make_campaign(tmp_path / "c", Made(scenes=2))
     (folder / "decomposition.json").unlink()
     page, _ = page_of(folder)
@@ -292,8 +299,8 @@ def test_an_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
     assert any(row[0].strip().startswith("KA-18") for row in page.tables["headline"])
 
 
-def test_size_stays_small(made: Path) -> None:
-    """A campaign of a dozen runs with six maps stays below 8 MB, most of it the figures' library."""
+def test_page_size_is_bounded(made: Path) -> None:
+    """A campaign of a dozen runs with six maps stays below 8 MB, most of it the plotting library."""
     data = load_report_data(made)
     charts = [
         build_run_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
@@ -302,31 +309,35 @@ def test_size_stays_small(made: Path) -> None:
     assert len(render_report(data, charts).encode()) < 8_000_000
 
 
-def test_each_studied_node_is_told_in_sentences(made: Path, page: Page) -> None:
-    """Competence, its bound, the claim and the curve's remark stand beside every figure; the flag says what the mean would be."""
+def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
+    """Competence, its bound, the claim and the remark on the curve are beside every figure; the flag gives the other mean."""
     data = load_report_data(made)
-    told = page.text.split("Results for each key attribute under study", 1)[1].split("What was run", 1)[0].replace("\u00a0", " ")
+    section = (
+        page.text.split("Results for each key attribute under study", 1)[1].split("What was run", 1)[0].replace("\u00a0", " ")
+    )
     for node in STUDY:
         for agent in AGENTS:
             tally = data.tally(agent, node)
             assert tally is not None
             at_least = "at least " if tally.competence["50"].at_least else ""
             value = tally.competence["50"].value
-            assert f"Competence 50: {at_least}{value:.1f}" in told if value else "Competence 50: 0." in told
+            assert f"Competence 50: {at_least}{value:.1f}" in section if value else "Competence 50: 0." in section
             if tally.raised:
-                assert f"exactly at its threshold, it would be {tally.passed_score:.1f}." in told
+                assert f"exactly at its threshold, the score would be {tally.passed_score:.1f}." in section
     assert any(tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY)
     scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("node") == "KA-18", pl.col("agent") == AGENTS[0])
     passed = (scores["achieved"] == scores["considered"]).sum()
-    assert f"{passed} of {scores.height} runs passed: with 95 % confidence at most" in told
-    assert told.count("No curve is drawn: fewer than ten runs considered the node.") == len(STUDY) * len(AGENTS)
+    assert f"{passed} of {scores.height} runs passed: with 95 % confidence at most" in section
+    assert section.count("No curve is drawn: fewer than ten runs considered the node.") == len(STUDY) * len(AGENTS)
 
 
 def test_principles_are_folded_branches(made: Path, page: Page) -> None:
-    """Closed at first, one for each principle and agent, with score and confidence on the fold."""
-    branches = [one for one in page.attributes if one == ("details", "class", "branch")]
+    """Closed at first, one for each principle and agent, with score and confidence in the summary line."""
+    branches = [attribute for attribute in page.attributes if attribute == ("details", "class", "branch")]
     assert len(branches) == 2 * len(AGENTS)
-    assert ("details", "open", "") not in [one for one in page.attributes if one[0] == "details" and one[2] == "branch"]
+    assert ("details", "open", "") not in [
+        attribute for attribute in page.attributes if attribute[0] == "details" and attribute[2] == "branch"
+    ]
     tally = load_report_data(made).tally(AGENTS[0], "P-RELIABLE")
     assert tally is not None
     assert tally.score is not None
@@ -334,8 +345,8 @@ def test_principles_are_folded_branches(made: Path, page: Page) -> None:
     assert f"score {tally.score:.1f}{' †' if tally.raised else ''}, confidence {100 * tally.confidence:.1f} %" in page.text
 
 
-def test_orders_outages_and_faults_of_a_drawn_run(made: Path) -> None:
-    """With times and answers; what the run did not live to see is said to have come too late."""
+def test_map_lists_orders_outages_and_failures(made: Path) -> None:
+    """With times and answers; events after the end of the run are marked."""
     data = load_report_data(made)
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
@@ -352,33 +363,35 @@ def test_orders_outages_and_faults_of_a_drawn_run(made: Path) -> None:
     ]
 
 
-def test_happenings_are_read_from_recordings(tmp_path: Path) -> None:
-    """Orders, answers and the operator's link come out of a real recording as they went in."""
+def test_events_are_read_from_recordings(tmp_path: Path) -> None:
+    """Orders, answers and the state of the operator's link survive a real recording unchanged."""
     simspec = made_campaign.made_simspec(0, AGENTS[0])
     made_campaign.write_recording(tmp_path / "recording.mcap", simspec, made_campaign.made_tape(simspec))
     run = load_report_data(make_campaign(tmp_path / "c", Made(scenes=1))).runs[0]
-    found = build_run_map(run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")).events
-    assert found == build_run_map(run, simspec, made_campaign.made_tape(simspec)).events
+    recorded_events = build_run_map(run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")).events
+    assert recorded_events == build_run_map(run, simspec, made_campaign.made_tape(simspec)).events
 
 
-def test_the_whole_application_stays_readable(tmp_path: Path) -> None:
-    """The full decomposition, 100 scenes, two agents: below 15 MB, every node in its table, figures for what is studied alone."""
+def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
+    """100 scenes, two agents: below 15 MB, every node in its table, figures only for nodes under study."""
     folder = make_campaign(tmp_path / "c", Made(scenes=2))
-    asked = load_decomposition("search-and-report-full")
+    decomposition = load_decomposition("search-and-report-full")
     (folder / "decomposition.json").unlink()
-    stated = yaml.safe_load((folder / "campaign.yaml").read_text())
-    (folder / "campaign.yaml").write_text(yaml.safe_dump({**stated, "decomposition": asked.name, "study": list(asked.study)}))
-    units = dict.fromkeys(asked.observables, 40.0)
+    campaign = yaml.safe_load((folder / "campaign.yaml").read_text())
+    (folder / "campaign.yaml").write_text(
+        yaml.safe_dump({**campaign, "decomposition": decomposition.name, "study": list(decomposition.study)})
+    )
+    units = dict.fromkeys(decomposition.observables, 40.0)
     scored = [
-        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, stated_difficulty(asked, units), tuple(seen))
+        ScoredRun(f"p{scene:03d}-r0-{agent}", f"p{scene:03d}", 0, agent, Outcome.COMPLETED, stated_difficulty(decomposition, units), tuple(observations))
         for scene in range(100)
         for agent in AGENTS
         for random in [np.random.default_rng([scene, len(agent)])]
-        for seen in [[Observation(observable=one, considered=True, x=float(x)) for one, x in zip(units, random.random(len(units)), strict=True)]]
+        for observations in [[Observation(observable=observable, considered=True, x=float(x)) for observable, x in zip(units, random.random(len(units)), strict=True)]]
     ]  # fmt: skip
-    score_table(asked, scored, asked.study).write_parquet(folder / "scores.parquet")
+    score_table(decomposition, scored, decomposition.study).write_parquet(folder / "scores.parquet")
     page, text = page_of(folder)
     assert len(text.encode()) < 15_000_000
-    told = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 10}
-    assert set(asked.observables) | set(asked.key_attributes) <= told
-    assert len([name for name in page.scripts if name.startswith("data-curve")]) == len(asked.study)
+    shown_nodes = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 10}
+    assert set(decomposition.observables) | set(decomposition.key_attributes) <= shown_nodes
+    assert len([name for name in page.scripts if name.startswith("data-curve")]) == len(decomposition.study)

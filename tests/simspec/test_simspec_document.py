@@ -18,15 +18,15 @@ def faults(text: str) -> list[str]:
     return [str(fault) for fault in caught.value.faults]
 
 
-def test_the_smallest_simspec_is_a_name_and_an_area() -> None:
-    """Everything else has a default that a stranger can run."""
+def test_minimal_simspec_is_a_name_and_an_area() -> None:
+    """Everything else has a usable default."""
     spec = read_document("name: small\n" + SQUARE, SimSpec)
     assert spec.world.area.area_m2 == pytest.approx(10_000.0)
     assert spec.pace.mode == "lockstep"
 
 
-def test_ten_faults_are_ten_messages_with_line_and_mend() -> None:
-    """A file with ten faults is answered with ten sentences at once, each with its line."""
+def test_every_fault_is_reported_at_once() -> None:
+    """A file with ten faults gives ten messages, each with its line."""
     text = """name: Bad Name
 world:
   area: {corners: [{east_m: 0, north_m: 0}]}
@@ -42,13 +42,13 @@ actors:
 - {id: more, asset: civilian, role: bystander, density_per_km2: -4}
 - {id: both, asset: civilian, role: bystander, count: 1, density_per_km2: 4}
 """
-    found = faults(text)
-    assert len(found) == 10
-    assert all(one.startswith("scene.yaml:") for one in found)
-    assert "scene.yaml:4: world.aera: unknown field 'aera' (did you mean area?)" in found
-    assert any(one.startswith("scene.yaml:9: mission.altitud_m") and "altitude_m" in one for one in found)
-    assert any(one.startswith("scene.yaml:13: actors[1].density_per_km2: -4") for one in found)
-    assert any("either count or density_per_km2" in one for one in found)
+    messages = faults(text)
+    assert len(messages) == 10
+    assert all(message.startswith("scene.yaml:") for message in messages)
+    assert "scene.yaml:4: world.aera: unknown field 'aera' (did you mean area?)" in messages
+    assert any(message.startswith("scene.yaml:9: mission.altitud_m") and "altitude_m" in message for message in messages)
+    assert any(message.startswith("scene.yaml:13: actors[1].density_per_km2: -4") for message in messages)
+    assert any("either count or density_per_km2" in message for message in messages)
 
 
 @pytest.mark.parametrize(
@@ -71,8 +71,8 @@ actors:
     ],
 )
 def test_contradictions_are_named(extra: str, words: str) -> None:
-    """What a schema cannot say is still said in words."""
-    assert any(words in one for one in faults("name: x\n" + SQUARE + extra))
+    """Contradictions that a JSON Schema cannot express are found as well."""
+    assert any(words in message for message in faults("name: x\n" + SQUARE + extra))
 
 
 GOVERNED = """name: governed
@@ -116,19 +116,19 @@ def box(west: float, south: float, east: float, north: float) -> str:
         ("rules: {link_lost: panic}", "'continue'"),
     ],
 )
-def test_orders_outages_and_rules_that_cannot_be_kept_are_refused(extra: str, words: str) -> None:
-    """What the operator cannot mean is said in words, with the numbers that pull apart."""
-    assert any(words in one for one in faults(GOVERNED + extra + "\n"))
+def test_impossible_orders_outages_and_rules_are_refused(extra: str, words: str) -> None:
+    """The message has the numbers that contradict each other."""
+    assert any(words in message for message in faults(GOVERNED + extra + "\n"))
 
 
-def test_all_that_pulls_apart_is_said_at_once() -> None:
-    """An order, an outage, a height and a fence that are wrong are four sentences, each with its line."""
+def test_all_contradictions_are_reported_at_once() -> None:
+    """An order, an outage, a height and a fence that are wrong are four messages, each with its line."""
     extra = f"""orders: [{{id: o, at_s: 200, kind: hold}}]
 outages: [{{kind: operator_link, at_s: 99, duration_s: 2}}]
 rules: {{min_altitude_m: 61, geofence: {box(10, 10, 90, 90)}}}
 """
-    found = [one.split(" ")[:2] for one in faults(GOVERNED + extra)]
-    assert found == [
+    messages = [message.split(" ")[:2] for message in faults(GOVERNED + extra)]
+    assert messages == [
         ["scene.yaml:6:", "orders[0].at_s:"],
         ["scene.yaml:7:", "outages[0]:"],
         ["scene.yaml:5:", "mission.altitude_m:"],
@@ -136,7 +136,7 @@ rules: {{min_altitude_m: 61, geofence: {box(10, 10, 90, 90)}}}
     ]
 
 
-def test_a_polygon_knows_its_inside_whichever_way_it_runs() -> None:
+def test_polygon_contains_does_not_depend_on_orientation() -> None:
     """An L: the notch is outside, both arms are inside."""
     corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (30, 0), (30, 10), (10, 10), (10, 30), (0, 30)))
     for polygon in (Polygon(corners=corners), Polygon(corners=corners[::-1])):
@@ -144,8 +144,8 @@ def test_a_polygon_knows_its_inside_whichever_way_it_runs() -> None:
         assert inside == [True, True, False, False, False]
 
 
-def test_the_governed_example_is_a_situation_with_everything_in_it() -> None:
-    """What a reader copies from has an order of each sort that the pages speak of."""
+def test_governed_example_has_orders_outages_and_rules() -> None:
+    """The example to copy from has an order of each documented kind."""
     spec = load_simspec(Path(__file__).parents[2] / "examples" / "governed.yaml")
     assert {order.kind for order in spec.orders} == {"hold", "resume", "retask", "mark"}
     assert {outage.kind for outage in spec.outages} == {"operator_link"}
@@ -166,13 +166,13 @@ def test_the_governed_example_is_a_situation_with_everything_in_it() -> None:
         ("[" * 5000, "scene.yaml"),
     ],
 )
-def test_what_is_no_document_gets_a_sentence(text: str, words: str) -> None:
-    """Broken syntax, doubled keys, aliases, hostile tags and bottomless nesting never end in a traceback."""
-    assert any(words in one for one in faults(text))
+def test_malformed_text_is_reported_without_a_traceback(text: str, words: str) -> None:
+    """Broken syntax, duplicate keys, aliases, hostile tags and very deep nesting."""
+    assert any(words in message for message in faults(text))
 
 
-def test_another_kind_of_document_is_said_to_be_one() -> None:
-    """A campaign where a SimSpec is wanted has one fault, not one for each field that SimSpecs do not know."""
+def test_other_kind_of_document_is_one_fault() -> None:
+    """A campaign in place of a SimSpec is one fault, not one for each unknown field."""
     assert faults("format: rebar.campaign/1\nname: fog\ndesign: {}\n") == [
         "scene.yaml: is a rebar.campaign/1 (name a rebar.simspec/1 here)"
     ]
@@ -180,7 +180,7 @@ def test_another_kind_of_document_is_said_to_be_one() -> None:
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
-    """A missing file is answered with its nearest neighbours; binary and folders with what they are."""
+    """The message for a missing file suggests a similar name; binary files and folders are refused."""
     (tmp_path / "scene.yaml").write_text("name: x")
     with pytest.raises(SetupError, match=r"did you mean scene\.yaml"):
         load_simspec(tmp_path / "scen.yaml")
@@ -191,7 +191,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         load_simspec(tmp_path)
 
 
-def test_an_unknown_asset_lists_the_catalogue(tmp_path: Path) -> None:
+def test_unknown_asset_lists_the_catalogue(tmp_path: Path) -> None:
     """Assets are checked against the catalogue when a file is loaded."""
     path = tmp_path / "s.yaml"
     path.write_text("name: x\n" + SQUARE + "actors: [{id: a, asset: dragon, role: clutter, count: 1}]\n")
@@ -207,23 +207,26 @@ def test_yaml_and_json_round_trips_are_exact(tmp_path: Path) -> None:
         assert load_document(tmp_path / name, SimSpec) == spec
 
 
-def test_lines_are_found_in_json_as_well() -> None:
-    """JSON is YAML here, lines included."""
+def test_json_has_line_numbers_too() -> None:
+    """The YAML parser reads JSON, line numbers included."""
     _, lines = parse_text('{"a":\n {"b": [1,\n 2]}}')
     assert lines["a", "b", 1] == 3
 
 
-def test_the_schema_is_published_and_closed() -> None:
-    """The JSON Schema forbids unknown fields, as the model does, and names every field's unit."""
+def test_json_schema_forbids_unknown_fields() -> None:
+    """As the model does; fields have their unit in their name."""
     schema = json.loads(json.dumps(SimSpec.model_json_schema()))
     assert schema["additionalProperties"] is False
     assert "altitude_m" in schema["$defs"]["Mission"]["properties"]
 
 
 def test_failures_have_the_fields_of_their_kind() -> None:
-    """A failure that lacks what it needs, or has what another kind has, is refused in words; a gimbal keeps level."""
+    """A failure that lacks a field, or has a field of another kind, is refused; a gimbal must be stabilized."""
     whole = "vehicle: {failures: [{at_s: 3, kind: gps_off, duration_s: 5}, {at_s: 4, kind: motor_off, instance: 1}]}\n"
-    assert [one.kind for one in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures] == ["gps_off", "motor_off"]
+    assert [failure.kind for failure in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures] == [
+        "gps_off",
+        "motor_off",
+    ]
     for wrong, words in (
         ("{at_s: 1, kind: motor_off}", "motor_off needs instance"),
         ("{at_s: 1, kind: gps_off, instance: 2}", "gps_off takes no instance"),
@@ -234,8 +237,8 @@ def test_failures_have_the_fields_of_their_kind() -> None:
 
 
 @pytest.mark.parametrize("moment", ["0001-01-01T00:00:00Z", "1980-12-31T23:59:59Z", "2100-01-01T00:00:00Z"])
-def test_a_moment_that_satellite_navigation_cannot_count_is_refused(tmp_path: Path, moment: str) -> None:
-    """Before 1981 and after 2099 no flight controller has a clock; said when read, not in the middle of a flight."""
+def test_start_outside_gps_years_is_refused(tmp_path: Path, moment: str) -> None:
+    """Years before 1981 and after 2099 are refused when the file is read, not during the flight."""
     file = tmp_path / "old.yaml"
     file.write_text(f"name: old\n{SQUARE}environment: {{start_utc: '{moment}'}}\n")
     with pytest.raises(SetupError, match="year of start_utc must be 1981 to 2099"):

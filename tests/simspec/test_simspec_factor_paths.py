@@ -19,22 +19,22 @@ def situation() -> SimSpec:
     return load_simspec(EXAMPLE)
 
 
-def test_a_path_is_what_a_campaign_sets(situation: SimSpec) -> None:
-    """The groups of the role, by their own ids; of two ways to say a number, the one that the situation uses."""
+def test_factor_paths_name_the_fields_of_the_situation(situation: SimSpec) -> None:
+    """Groups of the role, by id; of two fields for one number, the one that the situation uses."""
     assert factor_paths(situation, "target_concealment") == ("actors[radar].concealment", "actors[truck].concealment")
     assert factor_paths(situation, "bystander_density_per_km2") == ("actors[civilians].density_per_km2",)
-    counted = situation.model_copy(update={"actors": tuple(one for one in situation.actors if one.id != "civilians")})
+    counted = situation.model_copy(update={"actors": tuple(group for group in situation.actors if group.id != "civilians")})
     assert factor_paths(counted, "bystander_density_per_km2") == ("actors[neighbours].count",)
 
 
-def test_what_the_situation_has_not_is_told_in_general(situation: SimSpec) -> None:
-    """Without orders, what an order would have to state."""
+def test_factor_path_is_generic_where_the_situation_has_no_field(situation: SimSpec) -> None:
+    """Without orders, the field that an order would have."""
     assert factor_paths(situation, "order_urgency_per_min") == ("orders[*].within_s",)
 
 
 @pytest.mark.parametrize("factor", FACTORS)
-def test_changing_what_it_is_read_from_changes_the_factor(situation: SimSpec, factor: str) -> None:
-    """Every path leads somewhere, and every number there has another value under which the factor is another."""
+def test_changing_a_factor_path_changes_the_factor(situation: SimSpec, factor: str) -> None:
+    """Every path leads to a field, and every number there has another value that changes the factor."""
     paths = factor_paths(situation, factor)
     assert all(paths)
     if paths == (FACTORS[factor].path,) and "[" in paths[0]:

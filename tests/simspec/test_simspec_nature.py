@@ -30,7 +30,7 @@ actors:
         (dt.datetime(2026, 3, 20, 12, 7, tzinfo=dt.UTC), 0.0, 0.0, 89.9, None),
     ],
 )
-def test_the_sun_stands_where_almanacs_say(
+def test_sun_position_matches_the_almanac(
     moment: dt.datetime, latitude: float, longitude: float, elevation: float, azimuth: float | None
 ) -> None:
     """At solar noon the elevation is 90 degrees minus latitude plus declination, due south in the north."""
@@ -40,15 +40,15 @@ def test_the_sun_stands_where_almanacs_say(
         assert math.degrees(sun.azimuth_rad) == pytest.approx(azimuth, abs=1.5)
 
 
-def test_hours_from_noon_run_both_ways() -> None:
+def test_hours_from_noon_are_symmetric() -> None:
     """Five hours before and after solar noon are both five hours; midnight is twelve."""
     noon = dt.datetime(2026, 6, 21, 11, 27, 40, tzinfo=dt.UTC)
     for hours in (-5, 5, 12):
         assert sun_at(noon + dt.timedelta(hours=hours), 47.3977, 8.5456).hours_from_noon == pytest.approx(abs(hours), abs=0.02)
 
 
-def test_named_streams_are_independent_and_repeatable() -> None:
-    """One root gives each stream its own seed; a stream's own seed wins; a path gives substreams."""
+def test_random_streams_are_independent_and_repeatable() -> None:
+    """One root gives each stream another seed; a stated seed takes precedence; a path gives substreams."""
     seeds = Seeds(root=7)
     assert (
         len({seed_of(seeds, name) for name in ("placement", "motion", "gusts", "sensors", "perception", "agent", "intelligence")})
@@ -61,7 +61,7 @@ def test_named_streams_are_independent_and_repeatable() -> None:
 
 
 def test_key_factors_come_from_the_intent() -> None:
-    """Density and proximity are the configured ones, the worst report rules, and the altitude is the mission's."""
+    """Density and proximity are the configured ones, the worst report decides, and the altitude is the mission's."""
     values = factor_values(read_document(SPEC, SimSpec))
     assert values["bystander_density_per_km2"] == 313.3
     assert values["bystander_proximity_m"] == 229.9
@@ -74,7 +74,7 @@ def test_key_factors_come_from_the_intent() -> None:
     assert set(values) <= set(FACTORS)
 
 
-def test_a_situation_without_bystanders_has_no_bystander_factors() -> None:
+def test_situation_without_bystanders_has_no_bystander_factors() -> None:
     """A factor that the situation does not have is absent, not zero."""
     people = SPEC.index("- {id: people")
     values = factor_values(read_document(SPEC[:people], SimSpec))
@@ -95,15 +95,15 @@ def test_a_situation_without_bystanders_has_no_bystander_factors() -> None:
         (["mean_distance: {of: house, mean_m: 10}"], 650.0),
     ],
 )
-def test_proximity_is_stated_or_the_most_that_the_relations_allow(placements: list[str], expected: float) -> None:
-    """The difficulty that a run certifies may not exceed what every placement of its situation has."""
+def test_proximity_is_the_stated_mean_or_an_upper_bound(placements: list[str], expected: float) -> None:
+    """A run must not certify a difficulty that some placement of its situation does not have."""
     fixed = placements == ["at: {east_m: 40, north_m: 30}"]
     target = "placement: {at: {east_m: 440, north_m: 330}}" if fixed else "concealment: 0.5"
     spec = SPEC[: SPEC.index("- {id: target")] + f"- {{id: target, asset: radar-vehicle, role: adversary, count: 1, {target}}}\n"
     spec += "- {id: house, asset: house, role: clutter, count: 1}\n"
-    for number, one in enumerate(placements):
+    for number, placement in enumerate(placements):
         count = 1 if fixed else 3
-        spec += f"- {{id: p{number}, asset: civilian, role: bystander, count: {count}, placement: {{{one}}}}}\n"
+        spec += f"- {{id: p{number}, asset: civilian, role: bystander, count: {count}, placement: {{{placement}}}}}\n"
     assert factor_values(read_document(spec, SimSpec))["bystander_proximity_m"] == pytest.approx(expected)
 
 
@@ -127,8 +127,8 @@ EASIEST = [
 ]
 
 
-def test_what_a_situation_does_not_ask_reads_as_the_easiest() -> None:
-    """Orders, outages and rules that are absent are zeros, so that every situation can be rated by them."""
+def test_absent_orders_outages_and_rules_are_the_easiest_value() -> None:
+    """They are zeros, so every situation can be rated by them."""
     values = factor_values(read_document(SPEC, SimSpec))
     assert {name: values[name] for name in EASIEST} == dict.fromkeys(EASIEST, 0.0)
     assert (values["bystander_groups"], values["intelligence_reports"], values["distinct_priorities"]) == (2.0, 2.0, 1.0)
@@ -157,8 +157,8 @@ rules:
 """
 
 
-def test_what_a_situation_asks_is_counted_once() -> None:
-    """Overlaps count once, open outages last to the time limit, and no-fly ground counts inside the area of interest."""
+def test_overlapping_outages_and_areas_count_once() -> None:
+    """Failures without an end last to the time limit, and no-fly areas count inside the area of interest."""
     people = SPEC.replace("density_per_km2: 313.3", "density_per_km2: 313.3, motion: {kind: wander, speed_mps: 1.5}")
     late = people.replace("latency_s: 30", "latency_s: 30, priority: 3, delivered_s: 44")
     child = "- {id: child, asset: child, role: bystander, count: 1}\n- {id: none, asset: aid-worker, role: bystander, count: 0}\n"
@@ -189,7 +189,7 @@ def test_what_a_situation_asks_is_counted_once() -> None:
     assert {name: values[name] for name in expected} == pytest.approx(expected)
 
 
-def test_a_density_becomes_a_count_over_the_area() -> None:
+def test_density_becomes_a_count_over_the_area() -> None:
     """313.3 per km2 over 0.15 km2 are 47 people."""
     spec = read_document(SPEC, SimSpec)
     assert spec.group("people").member_count(spec.world.area.area_m2) == 47

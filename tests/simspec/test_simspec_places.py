@@ -44,14 +44,14 @@ actors:
         "bearing: {of: home, from_deg: 0, to_deg: 90}, hidden_from: {of: home}, facing: {of: home}",
     ],
 )
-def test_a_place_can_be_said(placement: str) -> None:
-    """What is read is written and read again as the same."""
+def test_placements_round_trip(placement: str) -> None:
+    """A placement that is read, written and read again is the same."""
     spec = read_document(text(placement), SimSpec)
     assert read_document(dump_yaml(spec), SimSpec) == spec
 
 
 @pytest.mark.parametrize(
-    ("placement", "where", "said"),
+    ("placement", "where", "message"),
     [
         ("inside: {}", "inside", "either area (one of world.areas) or of (a group)"),
         ("inside: {area: village, of: house}", "inside", "not both"),
@@ -76,18 +76,17 @@ def test_a_place_can_be_said(placement: str) -> None:
         ("at: {east_m: 1, north_m: 1}, inside: {area: village}", "", "delete either at or inside"),
     ],
 )
-def test_what_cannot_be_meant_is_named(placement: str, where: str, said: str) -> None:
-    """File, line, field and what is wrong with it."""
+def test_contradictory_placements_are_refused(placement: str, where: str, message: str) -> None:
+    """With file, line, field and reason."""
     with pytest.raises(SetupError) as caught:
         read_document(text(placement), SimSpec, source="scene.yaml")
-    found = [str(fault) for fault in caught.value.faults]
-    assert any(
-        one.startswith("scene.yaml:8: ") and f"placement{'.' if where else ''}{where}" in one and said in one for one in found
-    )
+    messages = [str(fault) for fault in caught.value.faults]
+    field = f"placement{'.' if where else ''}{where}"
+    assert any(sentence.startswith("scene.yaml:8: ") and field in sentence and message in sentence for sentence in messages)
 
 
-def test_areas_are_told_apart_and_houses_closed() -> None:
-    """Two areas of one name; what is larger than its host; who would walk through a wall."""
+def test_duplicate_areas_and_misfits_inside_solid_assets_are_refused() -> None:
+    """Two areas of one id; a guest larger than its host; a member that would walk through a wall."""
 
     def fault(**changes: str) -> str:
         with pytest.raises(SetupError) as caught:
@@ -105,8 +104,8 @@ def test_areas_are_told_apart_and_houses_closed() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(*(st.floats(1.0, 10.0) for _ in range(4))))
-def test_room_for_a_guest_is_what_turning_it_finds(sizes: tuple[float, float, float, float]) -> None:
-    """Carver's condition against the widths of the guest in many headings; nothing between them but the step of the headings."""
+def test_room_for_a_guest_agrees_with_a_search_over_headings(sizes: tuple[float, float, float, float]) -> None:
+    """Carver's condition against the extent of the guest at 3601 headings, up to the step of the headings."""
     host, guest = Asset("host", sizes[0], sizes[1], 1.0), Asset("guest", sizes[2], sizes[3], 1.0)
 
     def spare(grow_m: float) -> bool:
@@ -122,8 +121,8 @@ def test_room_for_a_guest_is_what_turning_it_finds(sizes: tuple[float, float, fl
         assert not spare(0.01)
 
 
-def test_a_guest_fits_aslant() -> None:
-    """Longer than its host is, but narrow: the room that only a slanted heading finds is found."""
+def test_long_guest_fits_diagonally() -> None:
+    """A narrow guest that is longer than its host fits at a slanted heading only."""
     host, guest = Asset("host", 10.0, 10.0, 1.0), Asset("guest", 12.0, 1.5, 1.0)
     assert host.has_room_for(guest)
     turned = shapely.affinity.rotate(shapely.box(-6, -0.75, 6, 0.75), 45)
@@ -153,28 +152,28 @@ SECOND = "- {id: truck, asset: military-truck, role: adversary, count: 2}"
         ("", "- {id: more, asset: child, role: bystander, count: 0, placement: {near: {of: radar, max_m: 40}}}", None),
     ],
 )
-def test_the_nearest_bystander_is_what_the_configuration_grants(placement: str, more: str, expected: float | None) -> None:
-    """Only relations to adversaries grant a distance to a target."""
+def test_nearest_bystander_is_the_guaranteed_distance(placement: str, more: str, expected: float | None) -> None:
+    """Only relations to adversaries guarantee a distance to a target."""
     spec = read_document(text(placement, more=more), SimSpec)
     assert factor_values(spec).get("nearest_bystander_m") == expected
 
 
-def test_fixed_places_grant_the_distance_between_them() -> None:
-    """Who is fixed near a target that is fixed is as near as that."""
+def test_fixed_places_guarantee_the_distance_between_them() -> None:
+    """A fixed bystander near a fixed target."""
     spec = text("", more="- {id: guard, asset: soldier, role: adversary, count: 1, placement: {at: {east_m: 3, north_m: 4}}}")
     spec += "\n- {id: child, asset: child, role: bystander, count: 1, placement: {at: {east_m: 0, north_m: 0}}}"
     assert factor_values(read_document(spec, SimSpec))["nearest_bystander_m"] == pytest.approx(5.0)
 
 
-def test_people_in_an_area_are_no_farther_than_it_allows() -> None:
-    """Where nothing is said of a mean distance, the ground bounds it, and a named area is ground."""
+def test_named_area_bounds_the_proximity() -> None:
+    """Without a mean distance, the ground bounds it, and a named area is ground."""
     radar = "- {id: fixed, asset: radar-vehicle, role: adversary, count: 1, placement: {at: {east_m: 1, north_m: 1}}}"
     spec = read_document(text("inside: {area: village}", more=radar), SimSpec)
     assert factor_values(spec)["bystander_proximity_m"] == pytest.approx(math.hypot(89, 89))
 
 
-def test_the_fields_behind_the_nearest_bystander_are_named() -> None:
-    """Those that are there."""
+def test_factor_paths_of_the_nearest_bystander() -> None:
+    """Only the fields that are given."""
     spec = read_document(text("away: {of: radar, min_m: 2, max_m: 90}, distances: [{of: radar, min_m: 15}]"), SimSpec)
     assert factor_paths(spec, "nearest_bystander_m") == (
         "actors[people].placement.away.min_m",

@@ -29,11 +29,11 @@ def asset_rows() -> list[str]:
     ]
 
 
-def test_the_page_has_every_key_factor() -> None:
+def test_page_has_every_key_factor() -> None:
     """When this fails, put the rows of `factor_rows()` into the page."""
     assert "\n".join(factor_rows()) in PAGE.read_text(encoding="utf-8")
 
 
-def test_the_page_has_every_asset() -> None:
+def test_page_has_every_asset() -> None:
     """When this fails, put the rows of `asset_rows()` into the page."""
     assert "\n".join(asset_rows()) in PAGE.read_text(encoding="utf-8")
