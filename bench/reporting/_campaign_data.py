@@ -1,4 +1,4 @@
-"""What the report knows of a campaign, frozen before anything is put into words, tables and figures."""
+"""What the report knows about a campaign, before it becomes sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from bench.scoring import tension_of
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
+# As `bench.scoring` writes it into the column `configuration` of a summary.
 ALL_CONFIGURATIONS = "all"
 
-
+# In per cent, as text: they are parts of column names of a summary (competence_50_low).
 PASS_RATES = ("50", "90")
 
-
+# From general to specific, in the spelling of scores.parquet.
 LEVEL_ORDER = ("principle", "ka", "vab", "observable")
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One realization: what it was, how it ended, and where its recording lies (None when there is none).
+    """One realization: what it was, how it ended, and where its recording is (None when there is none).
 
-    `past` says that it was flown, and that the replicates before it had settled the question: it has no say in any number.
+    `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no number.
     """
 
     realization: str
@@ -126,7 +127,7 @@ class Configuration:
 
 @dataclass(frozen=True, slots=True)
 class ReportData:
-    """Everything that the report says, before it is put into words, tables and figures."""
+    """Everything that the report shows, before it becomes sentences, tables and figures."""
 
     name: str
     description: str
@@ -190,5 +191,5 @@ def _tally(row: Mapping[str, Any]) -> Tally:
 
 
 def stopped_early(scores: pl.DataFrame) -> bool:
-    """Whether design points ended once they were settled."""
+    """Whether design points of this campaign stop once their question is decided."""
     return bool(scores["until_settled"].any())

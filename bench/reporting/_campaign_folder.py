@@ -23,9 +23,10 @@ from decompositions import Decomposition, load_decomposition
 
 from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
 
-UNSAFE_LABEL_CHARACTERS = re.compile(r"[^a-z0-9_-]+")  # as realizations write agents' names
+# The substitution with which bench.realization makes an agent's label a part of realization ids.
+UNSAFE_LABEL_CHARACTERS = re.compile(r"[^a-z0-9_-]+")
 
-
+# Runs without scores and without a SimSpec have only their id to say what they were.
 REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)$")
 
 
@@ -68,7 +69,8 @@ def _mapping(value: object) -> dict[str, Any]:
 
 
 def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposition | None:
-    """The copy that scoring left in the folder, else by name, or by a path that may be relative to the campaign's folder."""
+    """The copy in the campaign's folder, else the decomposition by its path or name; None, with a note, when it is unreadable."""
+    # The copy first: the file that the campaign names may have changed since.
     stored = folder / "decomposition.yaml"
     try:
         return load_decomposition(str(next((path for path in (stored, folder / reference) if path.is_file()), reference)))
@@ -91,6 +93,7 @@ def _scores(folder: Path, notes: list[str]) -> pl.DataFrame:
     if missing := sorted(set(SCORE_COLUMNS) - set(frame.columns)):
         notes.append(f"scores.parquet lacks the columns {', '.join(missing)}. `rebar score {folder.name}` makes it anew.")
         return _NO_SCORES
+    # The same folder gives the same bytes, whatever the order in which scoring wrote its rows.
     return frame.sort("realization", "node", maintain_order=True)
 
 
@@ -100,15 +103,17 @@ _NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
 def _simspecs(folder: Path) -> dict[str, SimSpec]:
     simspecs: dict[str, SimSpec] = {}
     for path in sorted((folder / "simspecs").glob("*.json")):
+        # A damaged SimSpec loses its run the description of the situation; the run itself is still listed.
         if (simspec := parse_document(SimSpec, path.read_bytes())) is not None:
             simspecs[path.stem] = simspec
     return simspecs
 
 
 def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], notes: list[str]) -> tuple[Run, ...]:
-    """Every realization that anything on disk speaks of, in the order of their ids."""
+    """Every realization that has scores, a SimSpec or a folder, in the order of their ids."""
     scored = {row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)}
     folders = {path.name for path in (folder / "runs").iterdir() if path.is_dir()} if (folder / "runs").is_dir() else set()
+    # A session that waits has only its SimSpec; one that was killed has a folder without a result.
     names = sorted({*scored, *simspecs, *folders})
     results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
     early_stopping = stopped_early(scores)
@@ -142,21 +147,23 @@ def _run(
         cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
         recording=recording if recording.is_file() else None,
         recording_sha256=result.recording_sha256 if result else None,
+        # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 
 
 def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]:
-    """In the order in which the campaign names them; what flew without being named comes last."""
+    """In the order in which the campaign names them; agents that flew without being named come last."""
     flown = {run.agent for run in runs}
     stated = [str(_mapping(entry).get("manifest", "")) for entry in campaign.get("agents") or ()]
     named = [UNSAFE_LABEL_CHARACTERS.sub("-", Path(manifest).stem.lower()) for manifest in stated if manifest]
+    # Before the first run, all agents are listed; afterwards only those that flew.
     ordered = [name for name in dict.fromkeys(named) if name in flown or not flown]
     return (*ordered, *sorted(flown - set(ordered)))
 
 
 def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[str, Node], tuple[str, ...]]:
-    """The decomposition's nodes and those without parents; bare ids of what was scored where the document is not at hand."""
+    """The nodes of the decomposition, and those without parents; without the document, the bare ids of the scored nodes."""
     if document is not None:
         nodes = {
             node.id: Node(node.id, str(node.level), node.title, node.asks, node.children) for node in document.nodes.values()
@@ -168,7 +175,7 @@ def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[s
 
 
 def _study(campaign: Mapping[str, Any], document: Decomposition | None, nodes: Mapping[str, Node]) -> tuple[str, ...]:
-    """What the campaign studies; else what the decomposition does; else every key attribute."""
+    """The nodes under study of the campaign, else those of the decomposition, else every key attribute."""
     stated = campaign.get("study")
     if isinstance(stated, list) and stated:
         return tuple(map(str, stated))
@@ -182,7 +189,9 @@ def _configurations(
     keyed = scores.filter(pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
     varied = _varied_factors(simspecs)
     configurations = []
+    # Sorted, because Polars returns groups in no fixed order.
     for (key,), rows in sorted(keyed.group_by("configuration"), key=lambda pair: str(pair[0][0])):
+        # Any row of a node will do: a configuration is the set of runs with the same difficulties (docs/rulings.md 14).
         rated = dict(rows.filter(pl.col("node").is_in(study)).select("node", "difficulty").drop_nulls().iter_rows())
         difficulty = {node: float(rated[node]) for node in study if node in rated}
         counted = rows.unique("realization")
@@ -192,12 +201,13 @@ def _configurations(
             for factor, values in varied.items()
         }
         configurations.append(Configuration("", str(key), difficulty, runs, levels))
+    # The label is given after this, so C1 is the easiest. The key breaks ties, for the same order every time.
     configurations.sort(key=lambda row: (min(row.difficulty.values(), default=0.0), sum(row.difficulty.values()), row.key))
     return tuple(replace(configuration, label=f"C{place}") for place, configuration in enumerate(configurations, start=1))
 
 
 def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, float]]:
-    """For each key factor that is not the same everywhere: its value in every realization."""
+    """For each key factor that varies: its value in every realization."""
     values = {name: factor_values(simspec) for name, simspec in simspecs.items()}
     columns = {factor: {name: row[factor] for name, row in values.items() if factor in row} for factor in FACTORS}
     return {factor: column for factor, column in columns.items() if len(set(column.values())) > 1}

@@ -44,6 +44,7 @@ from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
 from .text._outcomes import outcome_name, outcome_text
 
+# Chosen, not measured: a manifest has a row for every file, which in a large campaign would be most of the page.
 MANIFEST_ROWS = 5000
 
 
@@ -56,6 +57,7 @@ def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
     path = folder / "report.html"
     draft = folder / "report.html.part"
     draft.write_text(render_report(data, *_charts(data, runs_on_map)), encoding="utf-8")
+    # Renamed at the end: a reader, or a browser that reloads, never gets half a page.
     draft.replace(path)
     return path
 
@@ -65,6 +67,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     figures = PageFigures()
     comparisons = agent_pairs(data, figures)
     matter = factor_effects(data)
+    # Plotly is part of the page (some 5 MB), because the page fetches nothing and must still open offline.
     plotly, script = (normalized_script(text) for text in (get_plotlyjs(), template_text("report.js")))
     shown = agent_styles(data.agents)
     trials = trials_of(data.scores)
@@ -118,8 +121,10 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
         try:
             simspec = read_simspec(run.recording)
             charts.append(build_run_map(run, simspec, read_tape(run.recording, simspec)))
+        # One damaged recording loses its map and not the report.
         except (SetupError, OSError):
             notes.append(f"The recording of {run.realization} cannot be read, so it is not drawn.")
+    # Only runs that count: others, such as a lost worker, may have ended before they recorded anything.
     absent = [run.realization for run in data.runs if run.recording is None and run.outcome and run.outcome.counts]
     if absent:
         more = f" and {len(absent) - 3} more" if len(absent) > 3 else ""

@@ -28,6 +28,7 @@ from .text._glossary import METHODS, NO_INTERVAL
 from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
 
+# Chosen, not measured: agents decide as often as they like, and a page holds several runs.
 DECISION_ROWS = 200
 
 
@@ -52,7 +53,8 @@ class AgentPair:
 
 
 def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
-    """The first agent against each of the others."""
+    """The first agent against each of the others that flew a scene with it."""
+    # Not all pairs: n agents would give n (n - 1) / 2 figures, and `rebar compare` compares any two.
     pairs: list[AgentPair] = []
     shown = agent_styles(data.agents)
     for place, second in enumerate(shown[1:], start=1):
@@ -73,6 +75,7 @@ def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
 def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[str], list[dict[str, Any]]]:
     order = [outcome.value.replace("_", " ") for outcome in Outcome] + [AFTER_STOP, "not finished"]
     ends = Counter((run.agent, outcome_name(run)) for run in data.runs)
+    # Outcomes that did not occur have no column, except `completed`: that nothing completed should be visible.
     names = [name for name in order if name == "completed" or any(ends[style.name, name] for style in shown)]
     rows = [
         {"style": style, "counts": counts, "all": sum(counts)}
@@ -156,6 +159,7 @@ def _methods(data: ReportData, agent: str) -> str:
 def _tree_rows(
     data: ReportData, agent: str, root: str, sentences: Mapping[tuple[str, str], list[str]]
 ) -> Iterator[dict[str, Any]]:
+    # A node may have several parents (docs/rulings.md 12). It has a row under each, and every row names the others.
     parents: dict[str, list[str]] = {}
     for node in data.nodes.values():
         for child in node.children:

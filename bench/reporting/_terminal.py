@@ -18,18 +18,20 @@ def score_table(summary: pl.DataFrame, study: Sequence[str] = ()) -> Table:
     """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all configurations."""
     table = Table(title="Score and confidence over all runs", title_justify="left")
     for place, name in enumerate(COLUMNS):
+        # In a narrow terminal the title wraps; numbers and ids stay whole.
         table.add_column(name, justify="left" if place < 3 else "right", no_wrap=place != 2)
     previous = None
     for row, tally in _rows(summary, study):
         if previous not in (None, tally.agent):
             table.add_section()
         previous = tally.agent
-        table.add_row(*map(Text, row))  # Text: a name in brackets is a name, not markup
+        # As Text: rich would take an agent's name in brackets for markup.
+        table.add_row(*map(Text, row))
     return table
 
 
 def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:
-    """The same as plain lines, for a terminal that is none."""
+    """The same as plain lines, for output that is not a terminal."""
     return [
         f"{tally.agent}: {tally.node} score {score(tally.score)}, confidence {percent(tally.confidence)} ({interval(tally)}), "
         f"considered in {tally.considered} of {tally.runs} runs, scored in {tally.scored}"

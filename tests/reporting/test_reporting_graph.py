@@ -116,7 +116,7 @@ def test_state_without_a_number_is_not_low(made: Decomposition, data: ReportData
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]
     assert shown["competence"] == ["0", "0"]
-    assert shown["told"][0].startswith("Not scored: nothing under it was achieved in any of 6 considered runs.")
+    assert shown["sentences"][0].startswith("Not scored: nothing under it was achieved in any of 6 considered runs.")
     root = ET.fromstring(graph_svg(made, data, AGENTS[0], "score"))
     dressed = {group.attrib["id"]: group.attrib["class"] for group in root.iter(f"{SVG}g") if "id" in group.attrib}
     assert dressed["KA-09"] == "node unscored"
@@ -134,7 +134,7 @@ def test_never_considered_is_a_state_of_its_own(made: Decomposition, data: Repor
     nothing = replace(data.tallies[key], considered=0, scored=0, score=None, confidence=None, competence={})
     shown = document(graph_page(made, replace(data, tallies={**data.tallies, key: nothing})))["shown"][AGENTS[0]]["KA-20"]
     assert {shown[by][0] for by in ("score", "confidence", "competence")} == {"unconsidered"}
-    assert shown["told"][0].startswith("Never considered:")
+    assert shown["sentences"][0].startswith("Never considered:")
 
 
 def test_graph_shows_the_numbers_of_the_summary(made: Decomposition, data: ReportData) -> None:

@@ -13,12 +13,13 @@ import polars as pl
 from .._campaign_data import Configuration, ReportData
 from ._style import AgentStyle, agent_styles, empty_figure
 
-MIN_VIOLIN_SCORES = 8  # with fewer scores a density would show what is not there
+# Chosen: a density of fewer scores would show shapes that are not in them.
+MIN_VIOLIN_SCORES = 8
 
+# Chosen: equal scores have no density, and nearly equal ones give a violin that is a line.
+MIN_VIOLIN_SPREAD = 0.25
 
-MIN_VIOLIN_SPREAD = 0.25  # equal scores have no density; below this the scores themselves say all
-
-
+# Scores by agent and node.
 Values = dict[tuple[str, str], list[float]]
 
 
@@ -27,6 +28,7 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
     figure = empty_figure(height=300, margin={"l": 44, "r": 48, "t": 10, "b": 30})
     shown = tuple(style for style in agent_styles(data.agents) if configuration.runs.get(style.name))
     scores = _scores_of(data.scores, configuration)
+    # Nodes are 1 apart on the axis; the agents share 0.84 of it, so that a gap remains between nodes.
     slot = 0.84 / max(1, len(shown))
     for place, style in enumerate(shown):
         offset = (place - (len(shown) - 1) / 2) * slot
@@ -35,8 +37,10 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
         offset = (place - (len(shown) - 1) / 2) * slot
         _score_shapes(figure, data.study, style, scores, offset, slot * 0.78)
     _difficulty_dots(figure, data.study, configuration)
+    # Scores are not clipped: partial credit exceeds 100 and a near miss may fall below 0 (docs/rulings.md 7 and 8).
     top = max([100.0, *(v for values in scores.values() for v in values)])
     bottom = min([0.0, *(v for values in scores.values() for v in values)])
+    # Below the bars is room for the letters of the agents, which `_confidence_bars` puts at -6.
     extent = [bottom - 12.0, top + 6.0]
     figure.update_layout(
         xaxis={"tickvals": list(range(len(data.study))), "ticktext": list(data.study), "range": [-0.5, len(data.study) - 0.5]},
@@ -75,6 +79,7 @@ def _confidence_bars(
     figure: go.Figure, data: ReportData, configuration: Configuration, style: AgentStyle, offset: float, width: float
 ) -> None:
     tallies = [data.tally(style.name, node, configuration.key) for node in data.study]
+    # Rounded, to keep the page small; a screen shows no more.
     heights = [None if tally is None or tally.confidence is None else round(100 * tally.confidence, 4) for tally in tallies]
     texts = [
         f"{style.letter} {escape(style.name)}<br>{node}: confidence "
@@ -115,6 +120,7 @@ def _score_shapes(
                 x0=place + offset,
                 width=width,
                 yaxis="y2",
+                # A violin ends at the lowest and highest score: a tail would show scores that no run has.
                 spanmode="hard",
                 bandwidth=_bandwidth(values),
                 scalemode="width",
@@ -144,7 +150,7 @@ def _score_shapes(
 
 
 def _bandwidth(values: Sequence[float]) -> float:
-    """Half of Scott's rule, since scores come in clumps; at least 0.4 points, or a clump of equal scores is a needle."""
+    """Half of Scott's rule, because scores form clumps; at least 0.4 points, or a clump of equal scores would be a needle."""
     return max(0.4, 0.5 * stdev(values) * math.pow(len(values), -0.2))
 
 
@@ -153,6 +159,7 @@ def _swarm(values: Sequence[float]) -> list[float]:
     count: dict[int, int] = {}
     ranks = []
     for value in values:
+        # A point is some 2 px high in this figure, so dots of 5.5 px overlap within about 2 points.
         bin_ = round(value / 2.0)
         ranks.append((bin_, count.get(bin_, 0)))
         count[bin_] = count.get(bin_, 0) + 1
@@ -160,6 +167,7 @@ def _swarm(values: Sequence[float]) -> list[float]:
 
 
 def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Configuration) -> None:
+    # A node that no run of this configuration rated has no dot.
     known = [(place, node) for place, node in enumerate(study) if node in configuration.difficulty]
     for place, node in known:
         level = configuration.difficulty[node]

@@ -8,8 +8,9 @@ from ..statistics._factor_effects import SIGNIFICANCE_LEVEL, FactorEffects
 
 
 def factor_effects_figure(effects: FactorEffects) -> go.Figure:
-    """A disc for each node, agent and main effect: its area is the share of the confidence's variance; dark where it was found."""
+    """A disc for each node, agent and main effect: its area is the share of the variance of confidence, dark if significant."""
     rows = [table for table in effects.tables if any(row.confidence_share is not None for row in table.rows)]
+    # Interactions (`a x b`) are many; the table lists those that are significant.
     factors = list(dict.fromkeys(row.factor for table in rows for row in table.rows if " x " not in row.factor))
     discs = [
         (factors.index(row.factor), place, row.confidence_share, row.confidence_p)
@@ -34,7 +35,9 @@ def factor_effects_figure(effects: FactorEffects) -> go.Figure:
         mode="markers",
         marker={
             "symbol": "circle",
+            # The root makes the area proportional to the share; 3 px keep a share of 0 visible.
             "size": [3.0 + 27.0 * share**0.5 for *_, share, _ in discs],
+            # Dark for a significant effect. The p value is the adjusted one.
             "color": ["var(--accent)" if p is not None and p < SIGNIFICANCE_LEVEL else "var(--bar)" for *_, p in discs],
             "line": {"color": "var(--bar-edge)", "width": 1},
         },
@@ -48,6 +51,7 @@ def factor_effects_figure(effects: FactorEffects) -> go.Figure:
             **axis,
             "tickvals": list(range(len(rows))),
             "ticktext": [f"{table.node} {table.agent}" for table in rows],
+            # From high to low, so that the first row is at the top, as in the table.
             "range": [len(rows) - 0.4, -0.6],
         },
     )

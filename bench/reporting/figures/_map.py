@@ -13,7 +13,8 @@ from bench.simspec import Role
 from ..map._run_map import MapActor, MapReport, RunMap, Track
 from ._style import empty_figure
 
-FLIGHT_COLOURS = ((0.0, "#4a74d9"), (0.5, "#b35fa0"), (1.0, "#e0912f"))  # seen on white and on black
+# Visible on white and on black: the scale does not change with the theme.
+FLIGHT_COLOURS = ((0.0, "#4a74d9"), (0.5, "#b35fa0"), (1.0, "#e0912f"))
 ROLE_MARKERS = {Role.ADVERSARY: "triangle-up", Role.BYSTANDER: "circle", Role.CLUTTER: "square"}
 ROLE_NAMES = {Role.ADVERSARY: "adversary", Role.BYSTANDER: "bystander", Role.CLUTTER: "clutter"}
 
@@ -44,6 +45,7 @@ def map_figure(chart: RunMap) -> go.Figure:
         _draw_actors(figure, role, [actor for actor in chart.actors if actor.role is role])
     _draw_flight(figure, chart)
     for place, report in enumerate(chart.reports):
+        # The legend has one entry for marks and one for withheld marks, not one for each report.
         _draw_report(figure, chart, report, first=report.mark not in {earlier.mark for earlier in chart.reports[:place]})
     # Last, so that a target is not hidden by the report on it.
     _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
@@ -94,6 +96,7 @@ def _draw_actors(figure: go.Figure, role: Role, actors: Sequence[MapActor]) -> N
             "opacity": 0.5 if role is Role.CLUTTER else 0.9,
             "line": {"color": "var(--paper)", "width": 0.8},
         },
+        # Plotly renders markup in texts. An id cannot hold any, a class label could.
         hovertext=[f"{actor.id} ({escape(actor.class_label)}), {ROLE_NAMES[role]}, at the start" for actor in actors],
         hoverinfo="text",
         name=ROLE_NAMES[role],
@@ -193,5 +196,6 @@ def _outline(
 
 
 def _circle(east_m: float, north_m: float, radius_m: float, corners: int = 48) -> Track:
+    # 48 corners stay within 0.3 % of the radius: 1 - cos(pi / 48).
     turns = [2 * math.pi * k / corners for k in range(corners + 1)]
     return tuple((round(east_m + radius_m * math.cos(a), 1), round(north_m + radius_m * math.sin(a), 1)) for a in turns)

@@ -29,7 +29,7 @@ def curve_figure(shown: Sequence[AgentStyle], trials: Mapping[str, Trials], tall
         if style.name in trials:
             _curve(figure, style, trials[style.name].curve())
     for place, style in enumerate(shown):
-        # Discs of agents at one place would hide each other.
+        # Shifted sideways: discs of agents with the same difficulty and rate would hide each other.
         aside = (place - (len(shown) - 1) / 2) * 0.012 * (extent[1] - extent[0])
         if style.name in trials:
             _pass_rates(figure, style, trials[style.name], aside)
@@ -44,7 +44,9 @@ def curve_figure(shown: Sequence[AgentStyle], trials: Mapping[str, Trials], tall
         },
         yaxis={
             "title": {"text": "runs passed, %", "standoff": 4, "font": {"size": 12}},
+            # Room for whole discs at 0 and 100 %.
             "range": [-9, 109],
+            # Competence is defined at pass rates of 50 and 90 %.
             "tickvals": [0, 50, 90, 100],
             "gridcolor": "var(--grid)",
             "zeroline": False,
@@ -76,6 +78,7 @@ def _curve(figure: go.Figure, style: AgentStyle, curve: Curve) -> None:
         x=x,
         y=[round(100 * float(value), 3) for value in curve.probability],
         mode="lines",
+        # Dotted where the runs do not fix the curve: all passed, none passed, or separated.
         line={"color": style.colour, "width": 2, "dash": "solid" if curve.state is CurveState.FITTED else "dot"},
         hovertext=f"{style.letter} {escape(style.name)}: logistic curve",
         hoverinfo="text",
@@ -83,6 +86,7 @@ def _curve(figure: go.Figure, style: AgentStyle, curve: Curve) -> None:
 
 
 def _pass_rates(figure: go.Figure, style: AgentStyle, trials: Trials, aside: float) -> None:
+    # Equal to six decimals, as in difficulty configurations (docs/rulings.md 14).
     tried = Counter(round(hard, 6) for hard in trials.difficulty)
     passed = Counter(round(hard, 6) for hard, ok in zip(trials.difficulty, trials.passed, strict=True) if ok)
     cells = sorted(tried)
@@ -106,6 +110,7 @@ def _pass_rates(figure: go.Figure, style: AgentStyle, trials: Trials, aside: flo
 
 def _competences(figure: go.Figure, style: AgentStyle, tally: Tally | None, aside: float) -> None:
     for rate, competence in (tally.competence if tally is not None else {}).items():
+        # Competence 0 means that the fit never reaches the rate, so there is no difficulty to draw it at.
         if competence.value <= 0.0:
             continue
         figure.add_scatter(

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import plotly.graph_objects as go
 
+# As many markers and hatchings as colours, so that an agent keeps one combination.
 MARKERS = ("circle", "square", "diamond", "triangle-up", "cross", "hexagon")
-
-
 HATCHES = ("", "/", "x", ".", "-", "|")
 
-
+# templates/report.css defines --agent-1 to --agent-6 and their soft variants.
 PALETTE_SIZE = 6
 
 
@@ -33,7 +32,7 @@ class AgentStyle:
 
 
 def agent_styles(agents: Sequence[str]) -> tuple[AgentStyle, ...]:
-    """A look for each agent, by its place; after six the colours come round again and the letter tells."""
+    """A style for each agent, by its position. From the seventh on, colours repeat, and the letter makes the difference."""
     return tuple(
         AgentStyle(
             name=name,
@@ -48,9 +47,10 @@ def agent_styles(agents: Sequence[str]) -> tuple[AgentStyle, ...]:
 
 
 def empty_figure(height: int, margin: dict[str, int]) -> go.Figure:
-    """An empty figure in the page's clothes."""
+    """An empty figure in the style of the page."""
     return go.Figure(
         layout={
+            # Empty: the default template of Plotly has fixed colours, which would not follow the theme of the page.
             "template": go.layout.Template(),
             "height": height,
             "margin": margin,

@@ -1,4 +1,4 @@
-"""A decomposition as a drawing and as a page, coloured by what a campaign showed of one agent."""
+"""A decomposition as a drawing and as a page, coloured by the results of one agent in a campaign."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ LEVELS = {
 }
 UNSCORED, UNCONSIDERED, ABSENT = "unscored", "unconsidered", "absent"
 STATES = {UNSCORED: "not scored: nothing achieved", UNCONSIDERED: "never considered", ABSENT: "not in this campaign"}
+# graph.css and graph_svg.css have the classes s0 to s9.
 COLOUR_STEPS = 10
 
 ROW_PX, BOX_PX, COLUMN_PX, WIDTH_PX, TOP_PX, EDGE_PX = 36, 30, 372, 306, 108, 24
-MAX_TITLE_CHARACTERS = 46  # characters of 11 px that fit into a box
-NUMBER_CHARACTERS = 7  # of them, the place of the number
+# What fits into a box of 306 px at a font size of 11 px, without and with the number of the node.
+MAX_TITLE_CHARACTERS = 46
+NUMBER_CHARACTERS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +69,16 @@ def graph_svg(
             for at, level in enumerate(laid.columns)
         ],
         "edges": [
-            (edge, _curve(place[edge.parent], place[edge.child])) for edge in sorted(laid.edges, key=lambda edge: not edge.first)
+            # First edges before the dashed ones, and all of them before the boxes: SVG paints in this order.
+            (edge, _curve(place[edge.parent], place[edge.child]))
+            for edge in sorted(laid.edges, key=lambda edge: not edge.first)
         ],
         "nodes": [
             {
                 "node": node,
                 "x": place[name][0],
                 "y": place[name][1],
+                # SVG does not wrap text; the tooltip has the whole title.
                 "short": _short(node.title, MAX_TITLE_CHARACTERS - (NUMBER_CHARACTERS if data is not None else 0)),
                 "studied": name in decomposition.document.study,
                 "also": _parents_text(len(decomposition.parents[name])),
@@ -134,13 +139,14 @@ def graph_page(
 
 
 def colour(tally: Tally | None, by: Measurement) -> NodeColour:
-    """A node's place on the scale; what has no number has a state, which is no low number."""
+    """The colour of a node on the scale. A node without a number has a state, which must not look like a low number."""
     if tally is None:
         return NodeColour(ABSENT, "–")
     if not tally.considered:
         return NodeColour(UNCONSIDERED, "–")
     if by == "confidence":
-        assert tally.confidence is not None  # whatever is considered has one
+        # A considered node always has a confidence; only scores can be missing.
+        assert tally.confidence is not None
         return NodeColour(_step(100.0 * tally.confidence), f"{100.0 * tally.confidence:.0f} %")
     if by == "competence":
         competence = tally.competence.get("50")
@@ -155,6 +161,7 @@ def colour(tally: Tally | None, by: Measurement) -> NodeColour:
 
 
 def _step(value: float) -> str:
+    # Clipped here alone: scores may exceed 100 or fall below 0 (docs/rulings.md 7 and 8), the scale ends there.
     return str(min(COLOUR_STEPS - 1, max(0, int(value * COLOUR_STEPS / 100.0))))
 
 
@@ -174,6 +181,7 @@ def _tally(data: ReportData | None, agent: str, node: str) -> Tally | None:
 
 def _notes(decomposition: Decomposition, data: ReportData) -> Iterator[str]:
     yield from data.notes
+    # None: the decomposition of the campaign could not be read, which has a note already.
     if data.decomposition_sha256 not in (None, decomposition.digest):
         yield f"{data.name} was scored with another decomposition than this one: numbers are matched by the ids of nodes alone."
     if absent := sum(name not in data.nodes for name in decomposition.nodes):
@@ -182,6 +190,7 @@ def _notes(decomposition: Decomposition, data: ReportData) -> Iterator[str]:
 
 def _curve(parent: tuple[float, float], child: tuple[float, float]) -> str:
     """From the right edge of the parent to the left edge of the child."""
+    # Both control points are half way, so that the curve leaves and arrives horizontally.
     start, end = parent[0] + WIDTH_PX, child[0]
     middle = (start + end) / 2
     from_y, to_y = (round(y + BOX_PX / 2, 1) for y in (parent[1], child[1]))
@@ -197,7 +206,7 @@ def _parents_text(parents: int) -> str:
 
 
 def _described(decomposition: Decomposition, name: str) -> dict[str, Any]:
-    """One node with all that its document says of it, for the page's script."""
+    """One node with everything that its document says about it, for the script of the page."""
     node = decomposition.nodes[name]
     return {
         "id": name,
@@ -230,6 +239,7 @@ def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]
 
 
 def _plain(value: bool | float | str) -> str:
+    # Booleans as YAML writes them, because options are read in a YAML document.
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -237,7 +247,7 @@ def _table(row: KeyFactor) -> dict[str, Any]:
     unit = "" if row.unit == "1" else f", {row.unit}"
     return {
         "name": f"{row.factor}{unit}",
-        "how": "Steps from column to column" if row.mapping == "step" else "Linear between columns",
+        "interpolation": "Steps from column to column" if row.mapping == "step" else "Linear between columns",
         "ratings": [f"{rating:g}" for rating in row.ratings],
         "values": [f"{value:g}" for value in row.values],
         "reason": row.reason,
@@ -245,13 +255,13 @@ def _table(row: KeyFactor) -> dict[str, Any]:
 
 
 def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
-    """By agent and node: colours by what is measured, and the sentences; only of what the campaign has."""
+    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign has."""
     trials = trials_of(data.scores)
     return {
         agent: {
             name: {
                 **{key: [shade.step, shade.text] for key in MEASUREMENT_NAMES for shade in [colour(tally, key)]},
-                "told": node_sentences(tally, trials.get((agent, name), Trials())),
+                "sentences": node_sentences(tally, trials.get((agent, name), Trials())),
             }
             for name in decomposition.nodes
             if (tally := data.tally(agent, name)) is not None

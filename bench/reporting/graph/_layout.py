@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from decompositions import Decomposition, Level
 
+# In rows, after the last leaf under a node of that level. Chosen by eye.
 GAPS = {Level.PRINCIPLE: 1.0, Level.KEY_ATTRIBUTE: 0.4}
-"""Rows left free after the last leaf under a node of that level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +45,15 @@ def lay_out(decomposition: Decomposition) -> Layout:
     def place(name: str) -> float:
         nonlocal end
         node = decomposition.nodes[name]
+        # A node may have several parents (docs/rulings.md 12), but only one place.
         children = [child for child in node.children if child not in beneath]
         beneath.update(dict.fromkeys(children, name))
+        # Recursion is never deep: a decomposition has four levels.
         rows = [place(child) for child in children]
         if not rows:
             rows = [end]
             end += 1.0
+        # Half way between the outer two, and not the mean: a parent then is centred on its children as drawn.
         row[name] = (rows[0] + rows[-1]) / 2.0
         end += GAPS.get(node.level, 0.0)
         return row[name]

@@ -13,10 +13,10 @@ OUTAGE_TEXTS = {"operator_link": "the operator’s link is down", "detections": 
 
 @dataclass(frozen=True, slots=True)
 class RunEvent:
-    """One thing that the situation had in store, in seconds of simulated time; `until_s` is None where it has no end of its own.
+    """One event that the situation configures, in seconds of simulated time. `until_s` is None for an event without an end.
 
-    `came` is what the recording says of it: when an order was delivered and what the agent answered, or whether the
-    run lasted until then.
+    `response` is what the recording shows: when an order was delivered and what the agent answered, or that the run ended
+    before the event.
     """
 
     at_s: float
@@ -29,6 +29,7 @@ class RunEvent:
 def run_events(simspec: SimSpec, tape: Tape) -> tuple[RunEvent, ...]:
     """Every event of a run, in the order of time."""
     events = [*_orders(simspec, tape), *_outages(simspec, tape), *_failures(simspec, tape)]
+    # Kind and text break ties, so that the order does not depend on the document.
     return tuple(sorted(events, key=lambda event: (event.at_s, event.kind, event.text)))
 
 
@@ -47,6 +48,7 @@ def _orders(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
 def _order_response(order: Order, tape: Tape) -> str:
     delivered = next((answer for answer in tape.orders if answer.value.id == order.id), None)
     if delivered is None:
+        # Orders wait while the operator's link is down, so a run can end before one is delivered.
         return "never delivered" if tape.end_s >= order.at_s else "the run had ended"
     answers = [answer for answer in tape.answers if answer.value.order == order.id]
     responses = [
@@ -61,6 +63,7 @@ def _outages(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for outage in simspec.outages:
         response = _response_by_end(outage.at_s, tape)
         if outage.kind == "operator_link":
+            # SimTime counts nanoseconds: the recorded moment may be rounded to just before the configured one.
             down = next(
                 (link.time.s for link in tape.operator_link if not link.value.up and link.time.s >= outage.at_s - 1e-6), None
             )
@@ -80,6 +83,7 @@ def _response_by_end(at_s: float, tape: Tape) -> str:
 
 def _failure_text(failure: Failure) -> str:
     if failure.kind == "gps_drift":
+        # Without `towards_deg` the drift is to the north.
         return f"fixes drift by {failure.drift_mps:g} m/s towards {failure.towards_deg or 0.0:g}°"
     if failure.kind == "battery_drop":
         return f"the battery falls to {100 * (failure.to_fraction or 0.0):g} %"

@@ -22,6 +22,7 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     scenes: dict[tuple[str, int], dict[str, Run]] = {}
     for run in recorded:
         scenes.setdefault(run.scene, {})[run.agent] = run
+    # Where no scene has every agent, the scenes with most of them.
     flown_by = max((len(agents) for agents in scenes.values()), default=0)
     full = {scene: agents for scene, agents in scenes.items() if len(agents) == flown_by}
     ordered = sorted(full, key=lambda scene: (*_interest(data, list(full[scene].values())), scene))
@@ -43,6 +44,8 @@ def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float
     for _, node in rows.drop_nulls("confidence").group_by("node"):
         values = node["confidence"].to_list()
         spreads.append((max(values) - min(values)) if len(runs) > 1 else 1.0 - min(values))
+    # One wide difference on a scene that is otherwise alike shows its cause; many differences at once do not.
     widest = max(spreads, default=0.0)
     incomplete = any(run.outcome is not Outcome.COMPLETED for run in runs)
+    # Rounded, so that the last digits of a float do not choose between equal scenes; the id of the scene does.
     return (incomplete, round(-widest, 9), round(math.fsum(spreads) - widest, 9))

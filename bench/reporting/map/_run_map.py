@@ -1,4 +1,4 @@
-"""What happened on the ground in one run, thinned out for drawing."""
+"""What happened on the ground in one run, thinned for drawing."""
 
 from __future__ import annotations
 
@@ -15,24 +15,26 @@ from bench.simspec import Polygon, Role, SimSpec
 from .._campaign_data import Run
 from ._events import RunEvent, run_events
 
+# East and north in metres.
 Track = tuple[tuple[float, float], ...]
 
-
+# A dot every 6 m at the default speed of a mission, 12 m/s.
 TRAJECTORY_HZ = 2.0
 
-
+# The size of a person in the asset catalogue.
 PATH_TOLERANCE_M = 0.5
 
+# The entry of Tape.malformed for a recording that is cut off; all other entries are topics.
+CUT_RECORDING = "recording"
 
-CUT_RECORDING = "recording"  # the entry of Tape.malformed that says so
-
-
-MATCH_RADIUS_M = 40.0  # a report farther than this from every adversary of its class stays at its reported position
+# A report farther than this from every adversary of its class stays at its reported position. The measures use the same
+# distance (SUBJECT_WITHIN_M of test_ports), which the core cannot import.
+MATCH_RADIUS_M = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class MapActor:
-    """One actor: where it started, and the corners of the way it went (one corner when it stood still)."""
+    """One actor: where it started, and the corners of its path (one corner when it did not move)."""
 
     id: str
     role: Role
@@ -42,9 +44,9 @@ class MapActor:
 
 @dataclass(frozen=True, slots=True)
 class MapReport:
-    """One report of the agent, with what the truth says about its moment.
+    """One report of the agent, with the ground truth at that moment.
 
-    `target_enu_m` is the adversary that is meant (the nearest of that class within 40 m), else the reported place.
+    `target_enu_m` is the nearest adversary of that class within 40 m, else the reported place.
     """
 
     time_s: float
@@ -105,7 +107,7 @@ class RunMap:
 
 
 def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
-    """The run's map from its truth and from what the agent said; `simspec` is the realized one of its recording."""
+    """The map of a run from its ground truth and the messages of its agent; `simspec` is the realized one of its recording."""
     reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
     placed = simspec.realized.reports if simspec.realized else ()
     return RunMap(
@@ -141,7 +143,9 @@ def _flight(tape: Tape) -> tuple[tuple[float, float, float, float], ...]:
     times = tape.vehicle_time_s
     if len(times) == 0:
         return ()
+    # The last sample counts, in spite of rounding in the steps.
     sample_times = np.arange(times[0], times[-1] + 1e-9, 1.0 / TRAJECTORY_HZ)
+    # Where the tape has a gap, several of these times lead to one sample.
     samples = np.unique(np.clip(np.searchsorted(times, sample_times), 0, len(times) - 1))
     return tuple(
         (round(float(times[i]), 2), *(round(float(v), 1) for v in tape.vehicle_position_enu_m[i]))  # type: ignore[misc]
@@ -152,6 +156,7 @@ def _flight(tape: Tape) -> tuple[tuple[float, float, float, float], ...]:
 def _actors(tape: Tape) -> tuple[MapActor, ...]:
     if len(tape.actor_time_s) == 0:
         return ()
+    # About one sample a second is enough at the speed of actors, and the simplification is a loop in Python.
     step = max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s)))))) if len(tape.actor_time_s) > 1 else 1
     paths = tape.actor_position_enu_m[::step, :, :2]
     return tuple(
@@ -161,8 +166,9 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
 
 
 def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ramer-Douglas-Peucker: the fewest corners that stay within PATH_TOLERANCE_M of the way."""
+    """The corners that Ramer-Douglas-Peucker keeps: the path stays within PATH_TOLERANCE_M of them."""
     keep = {0}
+    # A list of spans and not recursion, whose depth would grow with the path.
     spans = [(0, len(path) - 1)]
     while spans:
         first, last = spans.pop()
@@ -171,6 +177,7 @@ def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
         base, along = path[first], path[last] - path[first]
         length = math.hypot(*along)
         offsets = path[first : last + 1] - base
+        # The ends of a loop coincide, so there is no line from which to measure.
         if length < PATH_TOLERANCE_M:
             distances = np.hypot(offsets[:, 0], offsets[:, 1])
         else:
@@ -178,6 +185,7 @@ def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
         far = int(np.argmax(distances))
         if distances[far] > PATH_TOLERANCE_M and 0 < far < last - first:
             spans += [(first, first + far), (first + far, last)]
+        # An actor that did not move keeps its first corner alone.
         elif length >= PATH_TOLERANCE_M:
             keep |= {first, last}
     return path[sorted(keep)]
@@ -190,6 +198,7 @@ def _rounded(path: NDArray[np.float64]) -> Track:
 def _report(timed_report: Timed[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
     report = timed_report.value
     positions = tape.actors_at(timed_report.time.s)[:, :2]
+    # Without recorded positions `actors_at` is all zeros, and every actor would be at the origin.
     cast = tape.cast if len(tape.actor_time_s) else ()
     reported_position = np.array([report.east_m, report.north_m])
     adversaries = [

@@ -17,6 +17,7 @@ from bench.statistics import NodeComparison, compare_nodes
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
 
+# In the spelling of scores.parquet.
 SHOWN_LEVELS = ("principle", "ka")
 
 
@@ -91,6 +92,7 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
         if not campaign.scores.height
     ]:
         raise SetupError(faults)
+    # One folder is both sides: its first and its last entry are the same.
     places, known_agents = [(folders[0], data[0]), (folders[-1], data[-1])], [_agents(data[0]), _agents(data[-1])]
     chosen = tuple(agents) or _default_agents(folders, known_agents)
     if faults := [
@@ -122,6 +124,7 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
         return known_agents[0][0], known_agents[1][0]
     elif len(shared := [agent for agent in known_agents[0] if agent in known_agents[1]]) == 1:
         return shared[0], shared[0]
+    # Not strict: with one folder, `known_agents` has it twice.
     agents_by_folder = "; ".join(f"{folder} has {', '.join(known)}" for folder, known in zip(folders, known_agents, strict=False))
     raise SetupError(
         Fault("--agents", f"it is not plain which two are meant: {agents_by_folder}", "name them: --agents FIRST SECOND")
@@ -137,6 +140,7 @@ def _labels(agents: Sequence[str], folders: Sequence[Path]) -> tuple[str, str]:
 
 def _decomposition_faults(first: ComparedAgent, second: ComparedAgent) -> list[Fault]:
     digests = first.data.decomposition_sha256, second.data.decomposition_sha256
+    # Two unreadable decompositions are not the same one.
     if digests[0] is not None and digests[0] == digests[1]:
         return []
     return [
@@ -157,9 +161,10 @@ def _unknown_node_faults(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
 
 
 def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Both sides' rows of the scenes that both flew, the second's named as the first's are."""
+    """The rows of both sides in the scenes that both flew, with the realizations and design points of the first side."""
     first_rows, second_rows = (side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second))
     first_scenes, second_scenes = _realizations_by_scene(first, first_rows), _realizations_by_scene(second, second_rows)
+    # By content and not by id: two campaigns may number the same scenes differently.
     shared = {second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes}
     key = pl.col("realization")
     named = (
@@ -177,7 +182,7 @@ def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.
 
 
 def _realizations_by_scene(side: ComparedAgent, rows: pl.DataFrame) -> dict[str, str]:
-    """The realization that flew each scene, by a digest of everything that its SimSpec says but for name and agent."""
+    """The realization that flew each scene, by a digest of its SimSpec without name and agent."""
     flown = rows["realization"].unique(maintain_order=True)
     return {
         _scene_digest(side.data.simspecs[realization]): realization for realization in flown if realization in side.data.simspecs
@@ -185,4 +190,5 @@ def _realizations_by_scene(side: ComparedAgent, rows: pl.DataFrame) -> dict[str,
 
 
 def _scene_digest(simspec: SimSpec) -> str:
+    # The name holds the agent, and the agent is what differs between the two runs of a scene.
     return hashlib.sha256(simspec.model_dump_json(exclude={"name", "agent"}).encode()).hexdigest()

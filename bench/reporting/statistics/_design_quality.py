@@ -1,4 +1,4 @@
-"""How good a campaign's design is: its points measured, and how they fall over difficulty configurations."""
+"""The quality of a campaign's design, and how its points spread over difficulty configurations."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from decompositions import Decomposition
 from .._campaign_data import ReportData
 
 DesignPairs = Sequence[tuple[DesignPoint, int]]
+# Chosen: among more configurations than this hardly any has two points, so they are counted by the tensions of their nodes.
 MAX_NAMED_CONFIGURATIONS = 20
-"""Of more configurations than this hardly any has two points; they are counted by the tensions of their nodes instead."""
 
 
 def difficulty_rating(decomposition: Decomposition, study: Sequence[str] = ()) -> Rating:
@@ -45,13 +45,13 @@ def measure_design(base: SimSpec, design: Design, decomposition: Decomposition, 
 
 
 def campaign_design_points(data: ReportData) -> list[DesignPoint] | None:
-    """The design points of a campaign's folder; None where its design cannot be read, or drawn as it was."""
+    """The design points of a campaign; None if its design cannot be read, or cannot be drawn again."""
     drawn = _campaign_design(data)
     return _distinct_points(drawn[1]) if drawn else None
 
 
 def campaign_design_quality(data: ReportData) -> DesignQuality | None:
-    """The design of a campaign's folder, measured; None where it varies nothing, or cannot be read.
+    """The quality of a campaign's design; None if it varies nothing, or cannot be read.
 
     Configurations are named as in the report, and are those of points that were flown.
     """
@@ -74,17 +74,20 @@ def _measure(design: Design, pairs: DesignPairs, configurations: Sequence[str]) 
 
 
 def _distinct_points(pairs: DesignPairs) -> list[DesignPoint]:
+    # Pairs are design point and replicate; the quality is that of the points.
     return list({point.id: point for point, _ in pairs}.values())
 
 
 def _campaign_design(data: ReportData) -> tuple[Design, DesignPairs] | None:
     try:
         design = Design.model_validate(data.campaign.get("design") or {})
+        # Only a design that is drawn by difficulty needs the base and the decomposition.
         if not design.rated:
             return design, design.pairs()
         if data.document is None:
             return None
         base = SimSpec.model_validate(data.campaign.get("base"))
         return design, design_pairs(base, design, difficulty_rating(data.document, data.study))
+    # A campaign of another version may state a design that this one cannot read. The rest of its report is still good.
     except (ValidationError, SetupError):
         return None

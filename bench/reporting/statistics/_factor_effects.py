@@ -13,6 +13,7 @@ from bench.statistics import FactorIndependence, FactorLevel, NodeFactorAnalysis
 from .._campaign_data import ReportData
 from ._design_quality import campaign_design_points
 
+# The conventional level. For effects it is compared with adjusted p values.
 SIGNIFICANCE_LEVEL = 0.05
 
 
@@ -31,7 +32,7 @@ class FactorRow:
 
     @property
     def significant_tests(self) -> tuple[str, ...]:
-        """Where its tests find something: confidence, passes, score."""
+        """The tests that are significant: confidence, passes, score."""
         tests = (("confidence", self.confidence_p), ("passes", self.passes_p), ("score", self.score_p))
         return tuple(name for name, p in tests if p is not None and p < SIGNIFICANCE_LEVEL)
 
@@ -58,13 +59,16 @@ class FactorEffects:
 
     @property
     def significant_effects(self) -> list[tuple[FactorTable, FactorRow]]:
-        """What was found in confidence or passes, over all nodes and agents."""
+        """The significant effects on confidence or passes, over all nodes and agents."""
         rows = ((table, row) for table in self.tables for row in table.rows)
         return [(table, row) for table, row in rows if {"confidence", "passes"} & set(row.significant_tests)]
 
     @property
     def score_only_effects(self) -> list[tuple[str, list[str]]]:
-        """Factors that were found in scores alone, each with the nodes and agents; difficulty may be all that they move."""
+        """Factors with a significant effect on scores alone, each with the nodes and agents.
+
+        Such a factor may change only the difficulty, which a score contains.
+        """
         places: dict[str, list[str]] = {}
         for table in self.tables:
             for row in table.rows:
@@ -84,6 +88,7 @@ def factor_effects(data: ReportData) -> FactorEffects:
     ]
     if levels and not analyses:
         note = "No run was considered, so nothing can be said."
+    # All tests of the section at once: their p values are adjusted together, and the tables below read them from here.
     frame = factor_frame(analyses)
     return FactorEffects(
         tables=tuple(_table(analysis, frame) for analysis in analyses),
@@ -100,6 +105,7 @@ def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel | None
     points = campaign_design_points(data)
     if points is None:
         return {}, "The campaign's design cannot be read, so scores cannot be held against its factors."
+    # Only a factor with a condition can be inactive; another one may have a level of that name.
     switched = {factor["name"] for factor in stated["factors"] if factor.get("when")}
     return {point.id: _active(point.levels, switched) for point in points}, ""
 
@@ -146,6 +152,7 @@ def _notes(analysis: NodeFactorAnalysis) -> Iterable[str]:
             yield f"{name}: residuals are {' and '.join(violations)}, so p is rough."
     if analysis.passes.note:
         yield f"Passes: {analysis.passes.note}."
+    # Confidence and score often leave out the same term for the same reason: it is said once.
     exclusions = dict.fromkeys(
         f"{exclusion.term} ({exclusion.reason})" for exclusion in (*analysis.confidence.left_out, *analysis.score.left_out)
     )

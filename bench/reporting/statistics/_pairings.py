@@ -1,4 +1,4 @@
-"""Two agents compared scene by scene, so that differences come from the agents and not from the scenes."""
+"""Two agents compared scene by scene, so that the scenes cannot explain a difference."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
     columns = ["design_point", "replicate", "score", "confidence"]
     first_rows, second_rows = (rows.filter(pl.col("agent") == agent).select(columns) for agent in (first, second))
     shared = first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
+    # A scene in which only one agent was considered shows no difference between the two.
     shared = shared.drop_nulls(["confidence", "confidence_second"])
     passed = [(a >= 1.0, b >= 1.0) for a, b in zip(shared["confidence"], shared["confidence_second"], strict=True)]
     only_first, only_second = passed.count((True, False)), passed.count((False, True))
@@ -66,6 +67,7 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
         neither=passed.count((False, False)),
         confidence_differences=tuple((shared["confidence_second"] - shared["confidence"]).to_list()),
         score_differences=tuple((scored["score_second"] - scored["score"]).to_list()),
+        # McNemar's exact test: under equal agents, a discordant scene goes to either of them with probability 1/2.
         p_value=float(binomtest(only_first, only_first + only_second).pvalue) if only_first + only_second else None,
     )
 

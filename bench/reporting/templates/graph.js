@@ -1,17 +1,17 @@
 "use strict";
 (() => {
-  const told = JSON.parse(document.getElementById("document").textContent);
+  const data = JSON.parse(document.getElementById("document").textContent);
   const at = (id) => document.getElementById(id);
   const make = (kind, text = "", name = "") => {
-    const one = document.createElement(kind);
-    if (text) one.textContent = text; // never markup: titles come from documents
-    if (name) one.className = name;
-    return one;
+    const element = document.createElement(kind);
+    if (text) element.textContent = text; // never markup: titles come from documents
+    if (name) element.className = name;
+    return element;
   };
-  const nodes = new Map(told.nodes.map((node) => [node.id, { ...node, parents: [] }]));
+  const nodes = new Map(data.nodes.map((node) => [node.id, { ...node, parents: [] }]));
   for (const node of nodes.values()) for (const child of node.children) nodes.get(child).parents.push(node.id);
   const roots = [...nodes.values()].filter((node) => !node.parents.length).map((node) => node.id);
-  const levelOf = (node) => told.levels.indexOf(told.levels.find((_, place) => depthName[place] === node.level));
+  const levelOf = (node) => data.levels.indexOf(data.levels.find((_, place) => depthName[place] === node.level));
   const depthName = [];
   for (const node of nodes.values()) if (!depthName.includes(node.level)) depthName.push(node.level);
   nodes.forEach((node) => { node.depth = levelOf(node); });
@@ -20,27 +20,27 @@
   const open = new Set();
   let chosen = null;
   let hits = [];
-  let agent = told.agent;
-  let by = told.by;
+  let agent = data.agent;
+  let by = data.by;
   let place = new Map();
 
   const column = (depth) => EDGE + depth * (WIDTH + GAP);
-  const shownOf = (id, who = agent) => (told.shown[who] || {})[id];
+  const shownOf = (id, name = agent) => (data.shown[name] || {})[id];
   const showDownTo = (depth) => {
     open.clear();
     nodes.forEach((node) => { if (node.depth < depth) open.add(node.id); });
   };
 
-  // As the drawing is laid out: beneath the first parent that names it, beside the middle of its own children.
+  // The layout of the drawing: beneath the first parent that names the node, beside the middle of its children.
   const layOut = () => {
     place = new Map();
     const beneath = new Map();
     let end = 0;
     const put = (id) => {
       const node = nodes.get(id);
-      const own = open.has(id) ? node.children.filter((child) => !beneath.has(child)) : [];
-      own.forEach((child) => beneath.set(child, id));
-      const rows = own.map(put);
+      const children = open.has(id) ? node.children.filter((child) => !beneath.has(child)) : [];
+      children.forEach((child) => beneath.set(child, id));
+      const rows = children.map(put);
       const row = rows.length ? (rows[0] + rows[rows.length - 1]) / 2 : end++;
       place.set(id, { row, first: beneath.get(id) });
       if (rows.length) end += node.depth === 0 ? 0.5 : node.depth === 1 ? 0.2 : 0;
@@ -72,30 +72,30 @@
   }
 
   const kin = (id, step) => {
-    const found = new Set();
-    const walk = (one) => nodes.get(one)[step].forEach((next) => { if (!found.has(next)) { found.add(next); walk(next); } });
+    const reached = new Set();
+    const walk = (current) => nodes.get(current)[step].forEach((next) => { if (!reached.has(next)) { reached.add(next); walk(next); } });
     walk(id);
-    return found;
+    return reached;
   };
 
-  // Of the document: what is shown, the most general first.
+  // The visible nodes in the order of the document, the most general first.
   const inOrder = () => [...items.keys()].filter((id) => place.has(id));
 
   const path = (from, to, name) => {
-    const one = document.createElementNS("http://www.w3.org/2000/svg", "path");
+    const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
     const a = place.get(from), b = place.get(to);
     const x0 = column(nodes.get(from).depth) + WIDTH, x1 = column(nodes.get(to).depth);
     const y0 = TOP + a.row * ROW + BOX / 2, y1 = TOP + b.row * ROW + BOX / 2, middle = (x0 + x1) / 2;
-    one.setAttribute("d", `M${x0} ${y0}C${middle} ${y0} ${middle} ${y1} ${x1} ${y1}`);
-    if (name) one.setAttribute("class", name);
-    return one;
+    line.setAttribute("d", `M${x0} ${y0}C${middle} ${y0} ${middle} ${y1} ${x1} ${y1}`);
+    if (name) line.setAttribute("class", name);
+    return line;
   };
 
   const draw = () => {
     const end = layOut();
     const up = chosen ? kin(chosen, "parents") : new Set(), down = chosen ? kin(chosen, "children") : new Set();
     const lit = (parent, child) => chosen && (((up.has(parent)) && (up.has(child) || child === chosen)) || ((down.has(child)) && (down.has(parent) || parent === chosen)));
-    const found = new Set(hits);
+    const matches = new Set(hits);
     for (const [id, item] of items) {
       const node = nodes.get(id), where = place.get(id);
       item.hidden = !where;
@@ -108,23 +108,23 @@
         item.querySelector(".fold").textContent = (open.has(id) ? "− " : "+ ") + node.children.length;
       }
       item.setAttribute("aria-selected", String(id === chosen));
-      item.classList.toggle("hit", found.has(id));
+      item.classList.toggle("hit", matches.has(id));
       item.classList.toggle("near", up.has(id) || down.has(id));
-      item.classList.toggle("dim", Boolean(at("find").value.trim()) && !found.has(id) && id !== chosen);
+      item.classList.toggle("dim", Boolean(at("find").value.trim()) && !matches.has(id) && id !== chosen);
       const swatch = item.querySelector(".swatch");
       swatch.hidden = !agent;
       if (agent) {
         const [step, text] = (shownOf(id) || {})[by] || ["absent", "–"];
         swatch.className = "swatch " + (step.length === 1 ? "s" + step : step);
         swatch.textContent = text;
-        const name = told.measured.find(([key]) => key === by)[1];
-        item.setAttribute("aria-label", `${node.id} ${node.title}. ${name}: ${told.states[step] || text}`);
+        const name = data.measured.find(([key]) => key === by)[1];
+        item.setAttribute("aria-label", `${node.id} ${node.title}. ${name}: ${data.states[step] || text}`);
       } else item.setAttribute("aria-label", `${node.id} ${node.title}`);
     }
     const edges = at("edges");
     const behind = [], before = [];
     for (const [id, { first }] of place) if (first) (lit(first, id) ? before : behind).push(path(first, id, lit(first, id) ? "lit" : ""));
-    // Edges to further parents are many and long: they show for the chosen node and its kin.
+    // Edges to further parents are many and long: they are drawn only for the chosen node and its kin.
     for (const [id, { first }] of place) {
       for (const parent of nodes.get(id).parents) if (parent !== first && place.has(parent) && lit(parent, id)) before.push(path(parent, id, "also"));
     }
@@ -136,14 +136,14 @@
     edges.setAttribute("width", width);
     edges.setAttribute("height", height);
     at("canvas").classList.toggle("lighting", Boolean(chosen));
-    at("heads").replaceChildren(...told.levels.slice(0, deepest + 1).map((name, depth) => {
+    at("heads").replaceChildren(...data.levels.slice(0, deepest + 1).map((name, depth) => {
       const head = make("span", name);
       head.style.left = column(depth) + "px";
       return head;
     }));
     const stop = chosen && place.has(chosen) ? chosen : inOrder()[0];
     items.forEach((item, id) => { item.tabIndex = id === stop ? 0 : -1; });
-    const downTo = told.levels.findIndex((_, depth) => [...nodes.values()].every((node) => !node.children.length || open.has(node.id) === node.depth < depth));
+    const downTo = data.levels.findIndex((_, depth) => [...nodes.values()].every((node) => !node.children.length || open.has(node.id) === node.depth < depth));
     [...at("levels").children].forEach((button, depth) => button.setAttribute("aria-pressed", String(depth === downTo)));
   };
 
@@ -178,16 +178,16 @@
     }
     return [make("h3", title), list];
   };
-  const table = (one) => {
+  const table = (factor) => {
     const wide = make("div", "", "wide"), grid = make("table");
-    for (const [name, cells] of [[one.name, one.values], ["rated", one.ratings]]) {
+    for (const [name, cells] of [[factor.name, factor.values], ["rated", factor.ratings]]) {
       const row = make("tr"), head = make("th", name);
       head.scope = "row";
       row.append(head, ...cells.map((cell) => make("td", cell)));
       grid.append(row);
     }
     wide.append(grid);
-    return [wide, make("p", `${one.how}. ${one.reason}`, "small soft")];
+    return [wide, make("p", `${factor.interpolation}. ${factor.reason}`, "small soft")];
   };
   const describe = () => {
     const side = at("details");
@@ -200,10 +200,10 @@
     node.facts.forEach(([name, text]) => facts.append(make("dt", name), make("dd", text)));
     const parts = [make("p", `${node.level} ${node.id}${node.studied ? " · under study" : ""}`, "soft small"), make("h2", node.title), make("p", node.asks)];
     if (agent) {
-      for (const who of [agent, ...told.agents.filter((one) => one !== agent)]) {
-        const lines = make("div", "", "told");
-        for (const line of (shownOf(chosen, who) || { told: ["It is not in this campaign."] }).told) lines.append(make("p", line));
-        parts.push(make("h3", who), lines);
+      for (const name of [agent, ...data.agents.filter((other) => other !== agent)]) {
+        const lines = make("div", "", "sentences");
+        for (const line of (shownOf(chosen, name) || { sentences: ["It is not in this campaign."] }).sentences) lines.append(make("p", line));
+        parts.push(make("h3", name), lines);
       }
     }
     parts.push(make("h3", "What the document says"), facts);
@@ -213,9 +213,9 @@
     side.scrollTop = 0;
   };
 
-  const near = (id, step) => {
+  const neighbour = (id, step) => {
     const depth = nodes.get(id).depth;
-    const same = [...place.keys()].filter((one) => nodes.get(one).depth === depth).sort((a, b) => place.get(a).row - place.get(b).row);
+    const same = [...place.keys()].filter((other) => nodes.get(other).depth === depth).sort((a, b) => place.get(a).row - place.get(b).row);
     return same[same.indexOf(id) + step];
   };
   tree.addEventListener("click", (event) => {
@@ -230,7 +230,7 @@
     const node = nodes.get(id);
     const ends = inOrder();
     const go = {
-      ArrowDown: () => near(id, 1), ArrowUp: () => near(id, -1), Home: () => ends[0], End: () => ends[ends.length - 1],
+      ArrowDown: () => neighbour(id, 1), ArrowUp: () => neighbour(id, -1), Home: () => ends[0], End: () => ends[ends.length - 1],
       ArrowLeft: () => { if (open.has(id)) { toggle(id); return id; } return place.get(id).first; },
       ArrowRight: () => {
         if (node.children.length && !open.has(id)) { toggle(id); return id; }
@@ -244,13 +244,13 @@
     if (next) choose(next, true);
   });
 
-  const words = new Map([...nodes.values()].map((node) => [node.id, [node.id, node.title, node.asks, ...node.facts.map((fact) => fact[1]), ...node.tables.map((one) => one.name)].join(" ").toLowerCase()]));
+  const words = new Map([...nodes.values()].map((node) => [node.id, [node.id, node.title, node.asks, ...node.facts.map((fact) => fact[1]), ...node.tables.map((factor) => factor.name)].join(" ").toLowerCase()]));
   const find = at("find");
   const search = () => {
-    const asked = find.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
-    hits = asked.length ? [...nodes.keys()].filter((id) => asked.every((word) => words.get(id).includes(word))) : [];
+    const terms = find.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
+    hits = terms.length ? [...nodes.keys()].filter((id) => terms.every((word) => words.get(id).includes(word))) : [];
     if (hits.length <= SMALL) hits.forEach(reveal);
-    at("found").textContent = asked.length ? `${hits.length} of ${nodes.size}` : "";
+    at("found").textContent = terms.length ? `${hits.length} of ${nodes.size}` : "";
     draw();
     if (hits.length) items.get(hits[0]).scrollIntoView({ block: "nearest", inline: "nearest" });
   };
@@ -266,7 +266,7 @@
     if (event.key === "Escape" && event.target !== find) choose(null);
   });
 
-  told.levels.forEach((name, depth) => {
+  data.levels.forEach((name, depth) => {
     const button = make("button", name);
     button.type = "button";
     button.addEventListener("click", () => { showDownTo(depth); draw(); });
@@ -274,12 +274,12 @@
   });
   const picker = (box, options, now, changed) => {
     if (!box) return;
-    options.forEach(([value, name]) => { const one = make("option", name); one.value = value; box.append(one); });
+    options.forEach(([value, name]) => { const option = make("option", name); option.value = value; box.append(option); });
     box.value = now;
     box.addEventListener("change", () => { changed(box.value); draw(); describe(); });
   };
-  picker(at("agent"), told.agents.map((name) => [name, name]), agent, (value) => { agent = value; });
-  picker(at("by"), told.measured, by, (value) => { by = value; });
+  picker(at("agent"), data.agents.map((name) => [name, name]), agent, (value) => { agent = value; });
+  picker(at("by"), data.measured, by, (value) => { by = value; });
 
   const prefersDark = window.matchMedia("(prefers-color-scheme: dark)");
   let theme = "auto";
@@ -299,7 +299,7 @@
   }
   ["tools", "canvas", "details"].forEach((id) => { at(id).hidden = false; });
   dress();
-  showDownTo(nodes.size <= SMALL ? told.levels.length - 1 : 1);
+  showDownTo(nodes.size <= SMALL ? data.levels.length - 1 : 1);
   // A link may name a node: graph.html#KA-18.
   const named = decodeURIComponent(location.hash.slice(1));
   if (nodes.has(named)) { draw(); choose(named, false); } else { draw(); describe(); }

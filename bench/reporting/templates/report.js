@@ -10,9 +10,9 @@
   // Colours in the figures are CSS variables, so that one figure serves light, dark and print.
   const resolve = (value, style) => {
     if (typeof value === "string" && value.startsWith("var(")) return style.getPropertyValue(value.slice(4, -1)).trim();
-    if (Array.isArray(value)) return value.map((one) => resolve(one, style));
+    if (Array.isArray(value)) return value.map((item) => resolve(item, style));
     if (value && typeof value === "object") {
-      return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, resolve(one, style)]));
+      return Object.fromEntries(Object.entries(value).map(([name, entry]) => [name, resolve(entry, style)]));
     }
     return value;
   };
@@ -20,7 +20,7 @@
     const source = JSON.parse(document.getElementById("data-" + box.id).textContent);
     const figure = resolve(source, getComputedStyle(root));
     const interactive = box.classList.contains("map") && !printing;
-    // Paper has a width of its own, that of @page in the style; the window's would run over its edge.
+    // The width of a page on paper, as @page in the style sets it; a figure as wide as the window would run over its edge.
     if (printing) figure.layout.width = box.closest(".panel, .beside") ? PANEL_ON_PAPER_PX : PAPER_PX;
     return Plotly.react(box, figure.data, figure.layout, {
       responsive: !printing, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
@@ -29,7 +29,7 @@
     }).then(() => { box.dataset.drawn = "yes"; });
   };
   const boxes = [...document.querySelectorAll(".figure")];
-  const seen = (box) => box.offsetParent !== null;
+  const visible = (box) => box.offsetParent !== null;
   const redraw = () => boxes.filter((box) => box.dataset.drawn).forEach(draw);
   const theme = () => {
     const dark = !printing && (chosen === "auto" ? prefersDark.matches : chosen === "dark");
@@ -54,13 +54,13 @@
   prefersDark.addEventListener("change", theme);
   const print = (on) => {
     printing = on;
-    // On paper nothing can be opened; what was closed is closed again.
+    // On paper nothing can be opened, so everything is open there, and closed again afterwards.
     document.querySelectorAll("details.branch, details.studied-node").forEach((box) => {
       if (on && !box.open) { box.open = true; box.dataset.opened = "yes"; }
       if (!on && box.dataset.opened) { box.open = false; delete box.dataset.opened; }
     });
     theme();
-    if (on) boxes.filter((box) => seen(box) && !box.dataset.drawn).forEach(draw);
+    if (on) boxes.filter((box) => visible(box) && !box.dataset.drawn).forEach(draw);
   };
   window.addEventListener("beforeprint", () => print(true));
   window.addEventListener("afterprint", () => print(false));
@@ -71,8 +71,8 @@
     const maps = [...document.querySelectorAll(".mapbox")];
     const show = () => {
       maps.forEach((map) => { map.hidden = map.id !== picker.value; });
-      boxes.filter((box) => seen(box) && !box.dataset.drawn && box.closest(".mapbox")).forEach((box) => watcher.observe(box));
-      boxes.filter((box) => seen(box) && box.dataset.drawn && box.closest(".mapbox")).forEach((box) => Plotly.Plots.resize(box));
+      boxes.filter((box) => visible(box) && !box.dataset.drawn && box.closest(".mapbox")).forEach((box) => watcher.observe(box));
+      boxes.filter((box) => visible(box) && box.dataset.drawn && box.closest(".mapbox")).forEach((box) => Plotly.Plots.resize(box));
     };
     picker.closest(".tools").hidden = false;
     picker.addEventListener("change", show);
@@ -84,7 +84,7 @@
   const refresh = (table) => {
     let hiddenBelow = Infinity;
     for (const row of table.tBodies[0].rows) {
-      if (row.classList.contains("told")) {
+      if (row.classList.contains("sentences")) {
         const above = row.previousElementSibling;
         row.hidden = above.hidden || above.querySelector("button.tell").getAttribute("aria-expanded") === "false";
         continue;

@@ -13,12 +13,13 @@ from .._campaign_data import Configuration, ReportData
 from ._format import listed, plural
 from ._situation import events_text, group_text, intelligence_text, rules_text
 
+# Chosen: a fact stays a line or two.
 SHOWN_VALUES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One line of what was run; `varied` when it is not the same in every run."""
+    """One line about what was run; `varied` when it is not the same in every run."""
 
     name: str
     text: str
@@ -73,6 +74,7 @@ def _design(data: ReportData) -> str:
 
 
 def _fact_over_runs(name: str, texts: Sequence[str]) -> Fact:
+    # By number: 10 follows 9, not 1.
     different = sorted(set(texts), key=_numeric_order)
     more = f" · and {len(different) - SHOWN_VALUES} more" if len(different) > SHOWN_VALUES else ""
     return Fact(name, " · ".join(different[:SHOWN_VALUES]) + more, len(different) > 1)
@@ -87,8 +89,8 @@ def _numeric_order(text: str) -> tuple[float, str]:
 
 
 def _group(simspec: SimSpec, name: str) -> str:
-    found = next((candidate for candidate in simspec.actors if candidate.id == name), None)
-    return "none" if found is None else group_text(found, simspec.world.area.area_m2)
+    group = next((group for group in simspec.actors if group.id == name), None)
+    return "none" if group is None else group_text(group, simspec.world.area.area_m2)
 
 
 def factor_rows(data: ReportData) -> list[dict[str, str]]:
@@ -135,6 +137,7 @@ def provenance_of(data: ReportData) -> list[Fact]:
     seed = design.get("seed") if isinstance(design, Mapping) else None
     versions = data.manifest.get("versions")
     stated = ", ".join(f"{name} {versions[name]}" for name in sorted(versions)) if isinstance(versions, Mapping) else ""
+    # Of the content as CSV: Parquet files with equal rows may differ in their bytes.
     digest = hashlib.sha256(data.scores.write_csv().encode()).hexdigest()
     return [
         Fact("Decomposition", data.decomposition or "not stated"),

@@ -31,6 +31,7 @@ def confidence_extremes(data: ReportData, agent: str) -> str:
     tallies = [t for node in data.study if (t := data.tally(agent, node)) is not None and t.confidence is not None]
     if not tallies:
         return "No run considered any of the key attributes under study, so there is no result."
+    # The id breaks ties, so that the same folder gives the same sentence.
     best = max(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
     worst = min(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
     return (
@@ -52,6 +53,7 @@ def difference_sentences(data: ReportData, pairings: Iterable[Pairing]) -> list[
         f"On the same {plural(pairing.scenes, 'scene')}, {pairing.second} passed {pairing.node} ({data.title(pairing.node)}) in "
         f"{pairing.only_second} where {pairing.first} did not, the reverse in {pairing.only_first} (McNemar's exact test, {p_value(pairing.p_value)})."
         for pairing in pairings
+        # The conventional level, not adjusted: the disclaimers of the report say so.
         if pairing.p_value is not None and pairing.p_value < 0.05
     ]
 
@@ -81,6 +83,7 @@ def disclaimers(data: ReportData) -> list[str]:
             "intervals of confidence and the bounds of competence allow for this. The intervals of scores, the claims from "
             "counts of passes, the comparisons of agents and the tests of factors do not."
         )
+    # Runs that were not flown because the question was decided are not lost.
     lost = [r for r in data.runs if r.outcome is not None and r.outcome is not Outcome.SETTLED and not r.outcome.counts]
     if lost:
         sentences.append(

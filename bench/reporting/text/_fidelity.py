@@ -20,6 +20,7 @@ def with_table_notes(page: str, note: str) -> str:
     """The page with the note at the head of every table's caption; a table without one gets one. Scripts stay as they are."""
     if not note:
         return page
+    # The scripts follow </main>, and a `<table` in their text is no element.
     body, end, rest = page.partition("</main>")
     return _TABLE.sub(lambda match: _with_caption(match, note), body) + end + rest
 

@@ -11,7 +11,8 @@ def number(value: float | None, digits: int = 1) -> str:
     """A number with fixed digits, or an en dash where there is none."""
     if value is None:
         return "–"
-    rounded = round(value, digits) or 0.0  # never a negative zero
+    # `or 0.0` turns a negative zero into a positive one.
+    rounded = round(value, digits) or 0.0
     return f"{rounded:.{digits}f}".replace("-", "−")
 
 
@@ -36,6 +37,7 @@ def span(low: float | None, high: float | None) -> str:
     """A range of difficulty, one number where both ends are the same."""
     if low is None or high is None:
         return "–"
+    # Difficulties are compared to six decimals (docs/rulings.md 14).
     return number(low) if abs(high - low) < 5e-7 else f"{number(low)} to {number(high)}"
 
 

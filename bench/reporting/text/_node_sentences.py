@@ -29,6 +29,7 @@ CURVE_CAVEATS = {
 
 def node_sentences(tally: Tally | None, trials: Trials) -> list[str]:
     """What can be said of one node of one agent over all runs."""
+    # No-break spaces: a line must not end between a number and its unit.
     return [sentence.replace(" %", "\u00a0%") for sentence in _sentences(tally, trials)]
 
 
@@ -91,6 +92,7 @@ def _claim(tally: Tally, trials: Trials) -> str:
         claim_sentences += (
             f" This assumes that the runs are independent, but they come from {plural(tally.design_points, 'design point')}."
         )
+    # Both anytime-valid methods mean that the number of runs depended on the results (METHODS of _glossary).
     if tally.method.startswith("anytime"):
         claim_sentences += " It also assumes a fixed number of runs, but here the number depended on the results."
     return claim_sentences
@@ -112,5 +114,6 @@ def curve_remark(curve: Curve) -> str:
         return f"The curve passes an even chance at difficulty {number(curve.half_at)}; this is not the competence, because it rises when easy runs fail."
     if curve.probability[-1] > curve.probability[0]:
         return "The curve rises: harder runs passed at least as often as easier ones, so the rated difficulty does not explain the failures."
+    # Neither rising nor crossing 50 %: the last value is on the same side as all others.
     side = "above" if curve.probability[-1] > 0.5 else "below"
     return f"The curve stays {side} an even chance at every difficulty flown."
