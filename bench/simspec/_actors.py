@@ -56,6 +56,7 @@ class CountRange(Document):
 
 
 def _count_kind(value: object) -> str:
+    # Chosen before validation: without it, pydantic would report a wrong range a second time as a wrong number.
     return "range" if isinstance(value, (dict, CountRange)) else "number"
 
 

@@ -11,6 +11,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 from ._assets import ASSETS
 from ._placement import HOME
 
+# Only for types: those modules import this one.
 if TYPE_CHECKING:
     from ._actors import ActorGroup
     from ._document import SimSpec
@@ -23,7 +24,7 @@ Inconsistency = tuple[FieldPath, str]
 
 def raise_inconsistencies(title: str, inconsistencies: Iterable[Inconsistency]) -> None:
     """Raise pydantic's ValidationError with one error for each inconsistency; do nothing when there is none."""
-    # All at once, and not the first alone: a person who mends a file wants the whole list.
+    # All at once: a person who corrects a file wants the whole list, not one fault for each attempt.
     if errors := [_error(field, message) for field, message in inconsistencies]:
         raise ValidationError.from_exception_data(title, errors)
 

@@ -98,6 +98,7 @@ class Outage(Document):
 class DetectionModel(Document):
     """The error model of the truth-based detector. docs/detection.md gives the formulas."""
 
+    # All numbers here are stated assumptions, not fits to a camera or a network (docs/detection.md).
     half_height_px: Annotated[Positive, Field(description="Apparent height at which half of all clear views are detected.")] = (
         14.0
     )
@@ -165,6 +166,7 @@ class Budgets(Document):
 class Seeds(Document):
     """One seed for each stream of random numbers. A stream without a seed derives one from `root` and its name."""
 
+    # 63 bits, as many as `seed_of` derives: a seed fits a signed 64-bit integer.
     root: Annotated[int, Field(ge=0, lt=2**63)] = 0
     placement: Annotated[int | None, Field(ge=0, lt=2**63)] = None
     intelligence: Annotated[int | None, Field(ge=0, lt=2**63)] = None
@@ -230,6 +232,7 @@ class SimSpec(Document):
 
     def group(self, group_id: str) -> ActorGroup:
         """The group with this id. Raises KeyError when there is none."""
+        # A scan: a situation has few groups, and a frozen document keeps no index.
         for group in self.actors:
             if group.id == group_id:
                 return group

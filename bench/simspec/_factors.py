@@ -66,7 +66,8 @@ def _targets(simspec: SimSpec) -> float | None:
     return float(sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, Role.ADVERSARY)))
 
 
-ADULT_HEIGHT_M = 1.75  # the height of the asset `civilian`
+# The height of the asset `civilian`.
+ADULT_HEIGHT_M = 1.75
 
 
 def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
@@ -109,6 +110,7 @@ def _gps_outage_s(simspec: SimSpec) -> float:
     spans = (
         (failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
         for failure in simspec.vehicle.failures
+        # A drifting fix is not usable either.
         if failure.kind in ("gps_off", "gps_drift")
     )
     return _union_s(spans, simspec.mission.time_limit_s)
@@ -125,6 +127,7 @@ def _closure_share(simspec: SimSpec) -> float:
 
 
 def _order_urgency_per_min(simspec: SimSpec) -> float:
+    # The inverse of the time: without orders it is 0, and more urgent orders have a larger value.
     return max((60.0 / order.within_s for order in simspec.orders), default=0.0)
 
 
@@ -152,6 +155,7 @@ def _no_fly_share(simspec: SimSpec) -> float:
     import shapely
 
     def ground(polygon: Polygon) -> shapely.Geometry:
+        # A polygon whose edges cross is no fault of a SimSpec, but shapely needs a valid one for an intersection.
         return shapely.make_valid(shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners]))
 
     world = ground(simspec.world.area)

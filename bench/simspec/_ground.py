@@ -36,6 +36,7 @@ class Polygon(Document):
         """Whether `point` is inside (even-odd rule). A point on the edge may count either way."""
         inside = False
         for a, b in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
+            # The two corners differ in their north here, so the division below is safe.
             if (a.north_m > point.north_m) != (b.north_m > point.north_m):
                 share = (point.north_m - a.north_m) / (b.north_m - a.north_m)
                 inside ^= point.east_m < a.east_m + share * (b.east_m - a.east_m)
@@ -53,6 +54,7 @@ class Polygon(Document):
 class Origin(Document):
     """The point at which the local tangent plane touches the earth (WGS84)."""
 
+    # No poles: east has no direction there. The defaults are the home of PX4's simulator, rounded (SIH_LOC_LAT0, SIH_LOC_LON0).
     latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.3977
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.5456
     altitude_m: Annotated[float, Field(ge=-400.0, le=5000.0, description="Ground height above mean sea level.")] = 488.0

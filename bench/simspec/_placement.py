@@ -28,6 +28,7 @@ class Near(Document):
 
     @model_validator(mode="after")
     def _leaves_room(self) -> Self:
+        # Equal bounds leave a circle without width, which no sampled position hits.
         if self.max_m <= self.min_m:
             raise ValueError(f"max_m {self.max_m} must exceed min_m {self.min_m}")
         return self
@@ -103,6 +104,7 @@ class Facing(PlaceReference):
 
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
+        # Two of the three are absent. 0 is a heading, so truth values would not do.
         if [self.of, self.point, self.heading_deg].count(None) != 2:
             raise ValueError("give one of the three: of (a group or home), point or heading_deg")
         return self
@@ -204,6 +206,7 @@ class Placement(Document):
         other_fields = [
             name
             for name, field in type(self).model_fields.items()
+            # The gap to other footprints applies to a fixed member as well.
             if name not in ("at", "separation_m") and getattr(self, name) != field.default
         ]
         if self.at and other_fields:

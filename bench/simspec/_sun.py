@@ -26,6 +26,7 @@ class Sun:
 
 def sun_at(moment: dt.datetime, latitude_deg: float, longitude_deg: float) -> Sun:
     """Position of the sun at a moment with a time zone, for geodetic latitude and east longitude in degrees."""
+    # UTC in place of terrestrial time: a minute or so, in which the sun moves along the ecliptic by less than 0.001 degree.
     days = (moment - _J2000).total_seconds() / 86400.0
     mean_longitude = math.radians((280.460 + 0.9856474 * days) % 360.0)
     anomaly = math.radians((357.528 + 0.9856003 * days) % 360.0)
@@ -43,6 +44,7 @@ def sun_at(moment: dt.datetime, latitude_deg: float, longitude_deg: float) -> Su
     elevation = math.asin(
         math.sin(declination) * math.sin(latitude) + math.cos(declination) * math.cos(latitude) * math.cos(hour_angle)
     )
+    # Two arguments, because an arcsine could not tell north from south.
     azimuth = math.atan2(
         -math.cos(declination) * math.sin(hour_angle),
         math.sin(declination) * math.cos(latitude) - math.cos(declination) * math.sin(latitude) * math.cos(hour_angle),

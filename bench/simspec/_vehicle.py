@@ -42,6 +42,7 @@ class Camera(Document):
     gimbal: Annotated[
         bool, Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg.")
     ] = False
+    # 100 is MAV_COMP_ID_CAMERA of MAVLink's common.xml.
     mavlink: Annotated[
         bool, Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100.")
     ] = False
@@ -60,6 +61,7 @@ class Battery(Document):
     initial_fraction: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
 
+# A field that the kind does not use would be ignored without a word, so it is a fault.
 _FAILURE_FIELDS = {
     "gps_off": {"duration_s"},
     "gps_drift": {"duration_s", "drift_mps", "towards_deg"},

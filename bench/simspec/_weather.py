@@ -47,6 +47,7 @@ class Environment(Document):
         dt.datetime,
         BeforeValidator(_as_utc),
         Field(description="The moment at which simulated time is zero. It decides where the sun is."),
+        # Within minutes of solar noon over the default origin, near the longest day of the year.
     ] = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)
     rain_level: WeatherLevel = 0.0
     fog_level: WeatherLevel = 0.0
