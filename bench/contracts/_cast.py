@@ -27,6 +27,7 @@ def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:
         if actor.group not in groups
     ]
     assets = ((f"actors[{index}].asset", group.asset) for index, group in enumerate(simspec.actors))
+    # Collected with the faults above: a person who corrects a file wants all of them at once.
     faults += [fault for where, asset in assets if (fault := asset_fault(where, asset))]
     if faults:
         raise SetupError(faults)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+# The contrast threshold of Koschmieder's meteorological range: 3.912 / b, and 3.912 = -ln 0.02.
 THRESHOLD_CONTRAST = 0.02
 """Apparent contrast below which nothing is seen at any size: the meteorological range ends there."""
 
 DAY_SUN_RAD = math.radians(6.0)
+# The end of civil twilight.
 NIGHT_SUN_RAD = math.radians(-6.0)
 """Sun elevation above which light costs no contrast, and below which only `night_contrast` is left."""
 

@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 from bench.documents import Document
 from bench.simspec import ASSETS, ActorGroup, Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
 
+# Limits on everything that an agent sends: it is outside the trust boundary, and its words go into reports.
 Text = Annotated[str, Field(max_length=2000)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -67,6 +68,7 @@ class MissionOrder(Document):
         Field(description="What to do while the operator's link is down for longer than link_lost_after_s."),
     ] = "continue"
     link_lost_after_s: float = 10.0
+    # Class labels and not assets: an agent knows what a detector can report, not the catalogue.
     target_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as targets.")]
     bystander_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as bystanders.")]
 
@@ -80,6 +82,7 @@ class IntelligenceDocument(Document):
     north_m: float
     uncertainty_m: float
     priority: int
+    # An age would depend on when the agent reads it.
     observed_s: Annotated[float, Field(description="When the sighting was made; negative when before the start.")]
 
 
@@ -268,5 +271,6 @@ def parse_document(kind: type[D], text: str | bytes) -> D | None:
     """The document in `text`, or None when it is not a valid one; never raises."""
     try:
         return kind.model_validate_json(text)
+    # Also for text that is not JSON: pydantic reports both with this exception.
     except ValidationError:
         return None

@@ -74,6 +74,7 @@ class Tape:
     vehicle_tilt_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_position_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    # Not part of the value: it neither compares nor prints, and a replaced tape starts with an empty one.
     _cache: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -94,6 +95,7 @@ class Tape:
         if len(times) == 0:
             return np.zeros((len(self.cast), 3))
         after = int(np.searchsorted(times, time_s))
+        # Held and not extrapolated: nothing is known of the motion beyond the samples.
         if after in (0, len(times)):
             held: NDArray[np.float64] = self.actor_position_enu_m[0 if after == 0 else -1]
             return held

@@ -36,6 +36,7 @@ class Outcome(StrEnum):
         return self in _SCORED_OUTCOMES
 
 
+# Listed and not derived: whether a run counts decides over every number, so a new outcome must be put here on purpose.
 _SCORED_OUTCOMES = frozenset(
     {
         Outcome.COMPLETED,
@@ -105,6 +106,7 @@ class SessionFailure:
                 # The model's numbers ran away: the text says which, and the frames of our stack would say nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
             case _:
+                # A fault in the bench is ours to find, so its traceback goes into result.json.
                 text = "".join(traceback.format_exception(error))
                 return cls(Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}", text)
 

@@ -23,5 +23,6 @@ class Record:
     data: bytes
 
 
+# A function and not a class: recorder, tape builder and tests all are taps.
 Tap = Callable[[Record], None]
 """Where records go; must not block and must not raise."""

@@ -92,5 +92,6 @@ class Detector(Protocol):
     def process(self, frame: CameraFrame) -> None:
         """Take in one exposure; draws all that is random about it."""
 
+    # Apart from `process`, because a detection is published later than its frame was exposed.
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
         """The results that are published by `now` and were not handed out before, in order of exposure."""

@@ -18,7 +18,9 @@ from pydantic import Field, ValidationError
 
 from bench.documents import Document
 
+# Agents in JavaScript read JSON numbers as doubles, which are exact below 2**53.
 Count = Annotated[int, Field(ge=0, lt=2**53)]
+# A limit, because the other end is not trusted.
 Counts = Annotated[dict[str, Count], Field(max_length=256)]
 MAX_LINE_BYTES = 64 * 1024
 

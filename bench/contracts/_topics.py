@@ -9,8 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 # Air network, bench to agent.
-TF = "/tf"  # tf2_msgs/msg/TFMessage, map -> {v}/base_link (and {v}/base_level, its place and yaw alone) as the vehicle itself estimates it
-TF_STATIC = "/tf_static"  # tf2_msgs/msg/TFMessage, latched: what the camera hangs on -> its optical frame; a level mount hangs on base_level
+# tf2_msgs/msg/TFMessage, map -> {v}/base_link as the vehicle itself estimates it. {v}/base_level has its place and yaw alone:
+# a camera mount that stays level hangs on it.
+TF = "/tf"
+# tf2_msgs/msg/TFMessage, latched: the frame that carries the camera -> its optical frame.
+TF_STATIC = "/tf_static"
 
 # Bench network.
 TRUTH_ODOMETRY = "/truth/odometry"  # nav_msgs/msg/Odometry, map (ENU) -> base_link (FLU)

@@ -98,6 +98,7 @@ class Vehicle(Protocol):
     def endpoints(self) -> Mapping[str, str]:
         """Connection string of every link, by name, as pymavlink takes it (`udpin:127.0.0.1:14540`, `tcp:127.0.0.1:5760`)."""
 
+    # Counts since the start and not differences: a session compares them with those in an Ack, and none can be lost on the way.
     def receive(self) -> Mapping[str, int]:
         """Move what waits in the sockets to the inboxes, without blocking; whole MAVLink messages received so far, by link."""
 

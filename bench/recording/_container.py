@@ -21,10 +21,13 @@ from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
 from bench.errors import Fault, SetupError
 
+# The MCAP specification: the first and the last bytes of a file.
 MAGIC = b"\x89MCAP0\r\n"
+# Chosen, not measured: our chunks are 256 KiB, and a file from a stranger must not allocate without limit.
 MAX_RECORD_BYTES = 256 * 1024 * 1024
 Item = Schema | Channel | Message | Attachment | Metadata
 
+# Of every record: opcode and length. A message begins with channel, sequence, log time and publish time.
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _DAMAGE = (McapError, struct.error, ValueError, OverflowError, zstandard.ZstdError)
@@ -61,11 +64,13 @@ class Container:
                 self.cut = f"ends at byte {start} without an end record"
                 return
             opcode, length = _HEAD.unpack(head)
+            # Before anything is read: the length is a claim of the file.
             if length > min(size - file.tell(), MAX_RECORD_BYTES):
                 self.cut = f"ends within the record at byte {start}"
                 return
             payload = file.read(length)
             if opcode == Opcode.DATA_END:
+                # No message may follow a DataEnd record; what comes after it is summary and index.
                 self.complete = True
                 self._check_end(file, size)
                 return
@@ -107,6 +112,7 @@ def _read_item(opcode: int, payload: bytes) -> Item | None:
             item = Metadata.read(_stream(payload))
         case Opcode.ATTACHMENT:
             (stated,) = struct.unpack("<I", payload[-4:])
+            # MCAP writes 0 for "no checksum".
             if stated not in (0, zlib.crc32(payload[:-4])):
                 raise ValueError("checksum of an attachment")
             item = Attachment.read(_stream(payload))

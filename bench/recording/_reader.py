@@ -98,6 +98,7 @@ class _Copy:
 
     def __init__(self, writer: Writer) -> None:
         self._writer = writer
+        # MCAP: schema 0 means that a channel has none.
         self._schemas = {0: 0}
         self._channels: dict[int, int] = {}
         self.messages = self.attachments = self.metadata = 0
@@ -133,6 +134,7 @@ def _records(container: Container) -> Iterator[Record]:
                 channel = channels.get(item.channel_id)
                 if channel is None:
                     continue
+                # Sorting would hide a fault of the writer, and a tape is built in one pass.
                 if item.log_time < last_ns:
                     fault = f"a message on {channel[0]} at {item.log_time} ns follows one at {last_ns} ns"
                     raise SetupError(
@@ -142,6 +144,7 @@ def _records(container: Container) -> Iterator[Record]:
                 yield Record(SimTime(item.log_time), channel[0], channel[1], item.data)
             case Schema():
                 schemas[item.id] = item.name
+            # Foreign channels are passed over: somebody may have merged another log into the file.
             case Channel() if item.message_encoding == "cdr" and item.schema_id in schemas:
                 channels[item.id] = (item.topic, schemas[item.schema_id])
 

@@ -21,6 +21,7 @@ LIBRARY = "rebar"
 SIMSPEC_ATTACHMENT = "simspec.json"
 VERSIONS = "rebar.versions"
 SESSION = "rebar.session"
+# Chosen, not measured: larger chunks compress better, and a crash loses the one that is open.
 CHUNK_BYTES = 256 * 1024
 
 
@@ -65,6 +66,7 @@ class Recorder:
         if schema is None:
             text = schema_text(record.type_name).encode()
             schema = self._schemas[record.type_name] = self._writer.register_schema(record.type_name, "ros2msg", text)
+        # Registered at its first record, so that a recording has only channels with messages, in a fixed order.
         channel = self._writer.register_channel(record.topic, "cdr", schema, {})
         self._channels[record.topic, record.type_name] = channel
         self._sequences[channel] = 0
@@ -72,6 +74,7 @@ class Recorder:
 
     def _begin(self, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str]) -> None:
         self._writer.start(profile=PROFILE, library=LIBRARY)
+        # Both times are 0 and the dictionaries sorted: equal sessions make equal bytes.
         self._writer.add_attachment(0, 0, SIMSPEC_ATTACHMENT, "application/json", dump_json(simspec).encode())
         self._writer.add_metadata(VERSIONS, dict(sorted(versions.items())))
         self._writer.add_metadata(SESSION, dict(sorted(metadata.items())))
@@ -95,6 +98,7 @@ def open_recording(
     """
     with path.open("wb") as file:
         recorder = Recorder(_HashedFile(file))
+        # Written and flushed before the session: even a recording that is cut off says what it was.
         recorder._begin(simspec, versions, metadata or {})
         try:
             yield recorder

@@ -147,6 +147,7 @@ class TapeBuilder:
         message = decode(Detection2DArray, record.data)
         if message is None:
             return False
+        # The stamp is the moment of exposure, the time of the record that of publication.
         stamp = message.header.stamp
         detections = tuple(_detection(detection) for detection in message.detections if detection.results)
         self._detections.append(DetectionFrame(SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections))
@@ -223,6 +224,7 @@ class _ActorColumns:
 
     def arrays(self, members: int) -> tuple[Floats, Floats, int]:
         """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another cast."""
+        # A pose array has no ids: only its length says whether it is of this cast.
         fitting = [index for index, positions in enumerate(self._positions) if len(positions) == members]
         times = np.array([self._times[index] for index in fitting], dtype=np.float64)
         positions = np.array([self._positions[index] for index in fitting], dtype=np.float64)

@@ -15,7 +15,9 @@ from typing import Any, TypeVar, overload
 
 from ._types import Field, RosMessage, fields_of, message_class
 
-HEADER = b"\x00\x01\x00\x00"  # plain CDR, little endian, no options
+# Plain CDR, little endian, no options.
+HEADER = b"\x00\x01\x00\x00"
+# Only what the messages of `_types` need. CDR aligns each of these to its own size.
 _SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "d": 8}
 _FORMATS = {"int8": "b", "uint8": "B", "bool": "?", "uint16": "H", "int32": "i", "uint32": "I", "float64": "d"}
 # Some writers pad the end of a sample to four bytes.
@@ -62,6 +64,7 @@ def decode(kind: type[M] | str, data: bytes) -> Any:
         if named is None:
             raise KeyError(kind)
         return decode(named, data)
+    # Byte 1 is 0 for big endian and 1 for little; other values are encodings such as XCDR2.
     if len(data) < 4 or data[0] != 0 or data[1] > 1:
         return None
     of: Any = kind
@@ -108,6 +111,7 @@ def _is_fixed(field: Field) -> bool:
 @cache
 def _phased(formats: str, order: str = _LITTLE) -> tuple[struct.Struct, ...]:
     """`formats` with its padding, for every offset modulo 8; offsets count the header's four bytes, alignment does not."""
+    # Eight formats suffice: no primitive is aligned to more than 8 bytes.
     return tuple(_padded(formats, order, (offset - len(HEADER)) % 8) for offset in range(8))
 
 
@@ -153,6 +157,7 @@ def _writer(run: list[tuple[str, Field]]) -> _Write:
 def _write_run(run: list[tuple[str, Field]]) -> _Write:
     structs = _phased("".join(_FORMATS[str(field.of)] for _, field in run))
     get = attrgetter(*(path for path, _ in run))
+    # attrgetter gives one value for one name, and a tuple for several.
     if len(run) == 1:
 
         def write_one(out: bytearray, message: Any) -> None:
@@ -169,6 +174,7 @@ def _write_run(run: list[tuple[str, Field]]) -> _Write:
 def _write_string(get: Callable[[Any], str]) -> _Write:
     def write(out: bytearray, message: Any) -> None:
         text = get(message).encode()
+        # The length counts the closing NUL.
         out += _U32[len(out) & 7].pack(len(text) + 1)
         out += text
         out.append(0)
@@ -201,6 +207,7 @@ def _write_numbers(get: Callable[[Any], tuple[float, ...]], code: str) -> _Write
         values = get(message)
         out += _U32[len(out) & 7].pack(len(values))
         if values:
+            # Without elements there is no padding for their type, as in Fast-CDR.
             out += bytes((4 - len(out)) % size)
             out += struct.pack(f"<{len(values)}{code}", *values)
 
@@ -345,6 +352,7 @@ def _read_messages(kind: type[RosMessage], order: str) -> _Read:
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
         length, at = count(data, at)
+        # Before the loop: a sender could claim four billion elements in a few bytes.
         if length * least > len(data) - at:
             raise _Malformed
         flat: list[Any] = []

@@ -25,7 +25,8 @@ from ._cdr import decode, encode
 from ._keys import RELIABLE_10, QoS, data_key, endpoint_gid, endpoint_token, is_name, node_token, read_sequence, write_attachment
 from ._types import type_name_of
 
-_LEASE_MS = 60_000  # rmw_zenoh's
+# The lease in the session file of rmw_zenoh: a link that dies silently is noticed after this time.
+_LEASE_MS = 60_000
 # Of one inbox, however few the samples: what a flooding agent can cost in memory.
 INBOX_BYTES = 32 * 1024 * 1024
 # The most that Zenoh allows: samples are dropped when a reader is this far behind.
@@ -76,6 +77,7 @@ class Publisher:
     def put_bytes(self, data: bytes) -> None:
         """Send a message that is already encoded."""
         self.sequence += 1
+        # Wall clock by the contract of rmw_zenoh; stamps inside messages are simulated time.
         self._publisher.put(data, attachment=write_attachment(self.sequence, time.time_ns(), self._gid))
 
     @property
@@ -109,6 +111,7 @@ class Subscription:
 
     def take(self) -> list[Sample]:
         """Everything in the inbox, in order of arrival; the inbox is empty afterwards."""
+        # Without the lock: whether a deque is empty can be read safely from any thread.
         if not self._inbox:
             return []
         with self._arrival:
@@ -119,6 +122,7 @@ class Subscription:
 
     def wait(self, sequence: int, timeout_s: float) -> bool:
         """Block until a sample with this number or a higher one has come; False when it has not within `timeout_s`."""
+        # Without the lock: the number only grows.
         if self.highest >= sequence:
             return True
         with self._arrival:
@@ -259,6 +263,7 @@ def session_settings() -> dict[str, Any]:
     """What every session of the bench has in common: it looks for nobody, and is found at its address alone."""
     everywhere: Mapping[str, bool] = {"router": True, "peer": True, "client": True}
     return {
+        # No search: other sessions may run on this host, and their networks must stay apart.
         "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "adminspace": {"enabled": False},
         "timestamping": {"enabled": everywhere, "drop_future_timestamp": False},

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _POSE = "<f8"
-_WIDTH = 7  # position x y z, quaternion x y z w
+# Position x y z, quaternion x y z w.
+_WIDTH = 7
 
 
 def encode_pose_array(
@@ -36,6 +37,7 @@ def encode_pose_array(
     poses = np.empty((count, _WIDTH), dtype=_POSE)
     poses[:, :3] = positions_m
     poses[:, 3:] = (0.0, 0.0, 0.0, 1.0) if quaternions is None else quaternions
+    # The first double is aligned to 8, counted from after the header; poses then follow without gaps.
     return head + bytes((len(HEADER) - len(head)) % 8) + poses.tobytes()
 
 
@@ -57,6 +59,7 @@ def decode_pose_array(data: bytes) -> tuple[int, NDArray[np.float64], NDArray[np
     at += 4
     if count:
         at += (len(HEADER) - at) % 8
+    # Up to three bytes of padding may follow, as in `_cdr`.
     if not 0 <= len(data) - at - count * _WIDTH * 8 <= 3:
         return None
     poses = np.frombuffer(data, dtype=_POSE, count=count * _WIDTH, offset=at).reshape(count, _WIDTH)

@@ -27,6 +27,7 @@ from ._types import message_class, type_hash
 
 MAX_DOCUMENT_BYTES = 64 * 1024
 _AGENT = "agent"
+# Chosen: a race for a free port is rare, and 16 lost in a row mean something else.
 _ATTEMPTS = 16
 
 Topic = tuple[str, str]
@@ -74,6 +75,7 @@ def open_router(plan: AirPlan) -> Iterator[Router]:
     Raises SetupError when the plan names something that is no topic or type, or when its port is taken.
     """
     _check(plan)
+    # Fresh for each session, so that an agent left over from an earlier one cannot join.
     password = secrets.token_urlsafe(24)
     session, port = _open(plan, password)
     with session:
@@ -133,6 +135,7 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
     settings["access_control"] = _access_control(plan)
     written = _keys(plan, plan.agent_writes)
     if written:
+        # Only what comes in: the samples of the bench have no limit.
         everything = {"flows": ["ingress"], "messages": ["put"]}
         settings["low_pass_filter"] = [{**everything, "key_exprs": written, "size_limit": plan.agent_limit_bytes}]
         if plan.agent_limit_hz is not None:
@@ -149,6 +152,7 @@ def _access_control(plan: AirPlan) -> dict[str, Any]:
     rules = list(_rules(plan))
     return {
         "enabled": True,
+        # An allow-list: a kind of message that a later Zenoh adds is refused.
         "default_permission": "deny",
         "rules": rules,
         "subjects": [{"id": _AGENT, "usernames": [_AGENT]}],

@@ -416,6 +416,7 @@ def _field(name: str, annotation: Any) -> Field:
     if plain is not None:
         return Field(name, plain)
     if get_origin(annotation) is Annotated:
+        # The text of the annotation is the type in the .msg file: uint8, uint8[] or float64[36].
         base, _, rest = get_args(annotation)[1].partition("[")
         if not rest:
             return Field(name, base)
@@ -451,9 +452,11 @@ def type_hash(type_name: str) -> str:
         "type_description": _description(kind),
         "referenced_type_descriptions": [_description(message) for message in inside],
     }
+    # The separators ", " and ": " are the defaults of json.dumps, and part of the canonical form.
     return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
 
 
+# Of type_description_interfaces/msg/FieldType: an array adds 48, an unbounded sequence 144 to the id of its elements.
 _TYPE_IDS = {"int8": 2, "uint8": 3, "uint16": 5, "int32": 6, "uint32": 7, "float64": 11, "bool": 15, "string": 17}
 _COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
 
@@ -481,6 +484,7 @@ def schema_text(type_name: str) -> str:
     """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it. KeyError when unknown."""
     kind = _BY_NAME[type_name]
     parts = [_definition(kind)]
+    # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
     parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]
     return ("=" * 80 + "\n").join(parts)
 

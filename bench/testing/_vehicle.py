@@ -1,4 +1,4 @@
-"""A vehicle without physics: it stands on its home, or obeys nothing but gravity's absence. For tests of everything around it."""
+"""A vehicle without physics, for tests of everything around it: it stays at its home."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench.contracts import START, MavlinkTap, SimTime, VehicleCondition, Vehicl
 
 
 class StillVehicle:
-    """Stands at home, disarmed, for ever; has no socket, so whatever the agent says that it sent never comes."""
+    """Stays at home, disarmed. It has no socket, so messages that an agent claims to have sent never arrive."""
 
     def __init__(self, plan: VehiclePlan) -> None:
         self._plan = plan
@@ -25,6 +25,7 @@ class StillVehicle:
         return 1.0 / self._plan.controller_hz
 
     def endpoints(self) -> Mapping[str, str]:
+        # Port 9 is the discard service: nothing listens there, and an agent can still open the connection.
         return {link.name: "udpin:127.0.0.1:9" for link in self._plan.links}
 
     def receive(self) -> Mapping[str, int]:

@@ -15,7 +15,8 @@ from typing import Literal
 
 from ._manifest import BEHAVIOURS
 
-TURN = 10  # the tick at which a bad agent turns bad
+# Late enough that the session is under way, early enough for a quick test.
+TURN = 10
 
 
 def main() -> None:
@@ -69,7 +70,8 @@ def answer(connection: socket.socket, behaviour: str, number: int) -> None:
 
 def finish(number: int, phase: Literal["complete", "searching"] = "complete", times: int = 1) -> dict[str, int]:
     """Publish a status document; the count of it belongs into every ack from then on."""
-    from bench.contracts import AgentStatus, VehicleTopics  # only this behaviour needs the middleware
+    # Imported here: only behaviours that publish need the middleware.
+    from bench.contracts import AgentStatus, VehicleTopics
     from bench.streams import AirAccess, String, open_client
 
     topic = VehicleTopics(os.environ["REBAR_VEHICLE"]).status
@@ -81,7 +83,8 @@ def finish(number: int, phase: Literal["complete", "searching"] = "complete", ti
             domain=int(os.environ["ROS_DOMAIN_ID"]),
         )
         client = open_client(access, "finisher")
-        node = client.__enter__()  # lives as long as the process
+        # Never closed: the node lives as long as the process, as that of an agent which is killed.
+        node = client.__enter__()
         publisher = node.publisher(topic, String)
         for _ in range(times):
             publisher.put(String(AgentStatus(time_s=0.0, phase=phase).model_dump_json()))
@@ -89,6 +92,7 @@ def finish(number: int, phase: Literal["complete", "searching"] = "complete", ti
     return {topic: times}
 
 
+# Without a reference, the client would be collected and its session closed.
 _open_clients: list[object] = []
 
 
