@@ -28,9 +28,9 @@ NOT_IMPLEMENTED = {14, 23, 24, 25}
 
 
 def rulings() -> dict[int, str]:
-    """The text of every ruling by its number."""
+    """The text of every ruling by its number, on one line: a phrase may be broken over two lines of the page."""
     parts = re.split(r"^(\d+)\. ", RULINGS.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
-    return {int(number): text for number, text in zip(parts[::2], parts[1::2], strict=True)}
+    return {int(number): " ".join(text.split()) for number, text in zip(parts[::2], parts[1::2], strict=True)}
 
 
 def texts() -> Iterator[tuple[Path, str]]:
