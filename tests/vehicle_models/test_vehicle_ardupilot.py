@@ -1,4 +1,4 @@
-"""The ardupilot personality: the same services under other policies."""
+"""The ardupilot autopilot: the same services under other policies."""
 
 from __future__ import annotations
 
@@ -10,57 +10,59 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import Client, simspec
 
 Make = Callable[..., Client]
+# pymavlink follows ArduPilot's definitions, which lack this message.
+PROTOCOL_VERSION = 300
 ACCEPTED, _, DENIED, UNSUPPORTED, FAILED = range(5)
 
 
 @pytest.fixture
 def copter(make: Make) -> Client:
-    """An ArduCopter that has been told to speak at 10 Hz, ready to be armed in GUIDED."""
+    """An ArduCopter with streams at 10 Hz, ready to be armed in GUIDED."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
     client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 10, 1))
-    assert client.command(176, 1, 4) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
     return client
 
 
 def test_a_silent_client_hears_heartbeats_and_nothing_else(make: Make) -> None:
-    """No texts, no position: everything has to be asked for. TIMESYNC comes every ten seconds."""
+    """No texts, no position: everything has to be requested. TIMESYNC comes every ten seconds."""
     client = make(simspec("ardupilot"), streams="onboard")
     client.fly(20.5)
-    assert Counter(one.get_type() for one in client.received) == {"HEARTBEAT": 21, "TIMESYNC": 3}
+    assert Counter(message.get_type() for message in client.received) == {"HEARTBEAT": 21, "TIMESYNC": 3}
     assert (client.received[0].base_mode, client.received[0].system_status) == (89, 1)
     beat = client.last("HEARTBEAT")
     assert (beat.autopilot, beat.base_mode, beat.custom_mode, beat.system_status) == (3, 81, 0, 3)
 
 
-def test_data_streams_come_at_the_rate_asked(copter: Client) -> None:
+def test_data_streams_come_at_the_requested_rate(copter: Client) -> None:
     """Group 0 is all of them, at exactly the rate; POSITION_TARGET is in no group."""
-    heard = Counter(one.get_type() for one in copter.fly(4.0))
+    counts = Counter(message.get_type() for message in copter.fly(4.0))
     for name in ("ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS", "VFR_HUD", "EKF_STATUS_REPORT", "RAW_IMU"):
-        assert heard[name] == pytest.approx(40, abs=1)
-    assert heard["EXTENDED_SYS_STATE"] == 0
-    assert copter.command(511, 30, 1000) == [DENIED]
-    assert copter.command(511, 9999, 100_000) == [DENIED]
+        assert counts[name] == pytest.approx(40, abs=1)
+    assert counts["EXTENDED_SYS_STATE"] == 0
+    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1000) == [DENIED]
+    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 9999, 100_000) == [DENIED]
     assert "No ap_message for mavlink id (9999)" in copter.texts()
-    assert copter.command(512, 300) == [FAILED]
+    assert copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, PROTOCOL_VERSION) == [FAILED]
 
 
 def test_arming_is_refused_until_there_is_a_position(make: Make) -> None:
     client = make(simspec("ardupilot"))
     client.fly(25.0)
-    assert client.command(176, 1, 4) == [ACCEPTED]
-    assert client.command(400, 1) == [FAILED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [FAILED]
     assert "Arm: Need Position Estimate" in client.texts()
     client.fly(20.0)
-    assert client.command(400, 1) == [ACCEPTED]
-    assert client.command(400, 2) == [UNSUPPORTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 2) == [UNSUPPORTED]
 
 
 def test_guided_flight(copter: Client) -> None:
     """Arm, take off without a mode of its own, a position, a velocity that lapses after 3 s, RTL with a climb to 15 m."""
-    assert copter.command(22, 0, 0, 0, 0, 0, 0, 10) == [FAILED], "disarmed"
-    assert copter.command(400, 1) == [ACCEPTED]
-    assert copter.command(22, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [FAILED], "disarmed"
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
     copter.fly(1.1)
     assert (copter.last("HEARTBEAT").base_mode, copter.last("HEARTBEAT").custom_mode) == (217, 4)
     copter.fly(9.0)
@@ -73,25 +75,25 @@ def test_guided_flight(copter: Client) -> None:
     assert copter.vehicle.truth().velocity_enu_mps[1] == pytest.approx(2.0, abs=0.2)
     copter.fly(3.0)
     assert abs(copter.vehicle.truth().velocity_enu_mps[1]) < 0.2
-    assert copter.command(20) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [ACCEPTED]
     copter.fly(4.0)
     assert copter.vehicle.truth().position_enu_m[2] == pytest.approx(15.0, abs=0.5)
     copter.fly(50.0)
     condition = copter.vehicle.condition()
     assert (condition.armed, condition.landed, condition.mode) == (False, True, "RTL")
-    assert copter.command(400, 1) == [FAILED]
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [FAILED]
     assert "Arm: RTL mode not armable" in copter.texts()
 
 
 def test_mode_refusals(copter: Client) -> None:
     """No such mode, a mode that refuses, a request without the custom flag; and a change is followed by a heartbeat."""
-    assert copter.command(176, 1, 99) == [FAILED]
-    assert copter.command(176, 1, 14) == [FAILED]
-    assert copter.command(176, 0, 4) == [DENIED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 99) == [FAILED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 14) == [FAILED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4) == [DENIED]
     assert {"No such mode 99", "Mode change to FLIP failed: init failed"} <= set(copter.texts())
     before = len(copter.received)
-    assert copter.command(176, 1, 5) == [ACCEPTED]
-    kinds = [one.get_type() for one in copter.received[before:]]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5) == [ACCEPTED]
+    kinds = [message.get_type() for message in copter.received[before:]]
     assert kinds.index("COMMAND_ACK") < kinds.index("HEARTBEAT")
 
 
@@ -101,8 +103,8 @@ def test_parameters_are_plain_numbers(copter: Client) -> None:
     copter.send(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1))
     copter.send(mavlink.MAVLink_param_set_message(1, 1, b"RTL_ALT", 1234.6, 9))
     copter.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 300.0, 9))
-    values = [one for one in copter.fly(0.1) if one.get_type().startswith("PARAM")]
-    assert [(one.param_id, one.param_value, one.param_index) for one in values] == [
+    values = [message for message in copter.fly(0.1) if message.get_type().startswith("PARAM")]
+    assert [(value.param_id, value.param_value, value.param_index) for value in values] == [
         ("rtl_alt", 1500.0, 65535),
         ("RTL_ALT", 1234.0, 65535),
         ("FS_GCS_ENABLE", 127.0, 65535),
@@ -112,8 +114,8 @@ def test_parameters_are_plain_numbers(copter: Client) -> None:
 def test_a_lost_station_returns(copter: Client) -> None:
     """FS_GCS_ENABLE 1: five seconds after the last heartbeat of system 255, RTL with status CRITICAL."""
     copter.send(mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 1.0, 9))
-    copter.command(400, 1)
-    copter.command(22, 0, 0, 0, 0, 0, 0, 10)
+    copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10)
     copter.fly(10.0, lambda: copter.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)))
     copter.fly(6.1)
     assert copter.vehicle.condition().mode == "RTL"

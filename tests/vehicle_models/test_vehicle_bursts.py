@@ -1,4 +1,4 @@
-"""A whole session in lockstep with an agent that says more in a tick than its vehicle hears in one."""
+"""A whole session in lockstep with an agent that sends more in a tick than its vehicle handles in one."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ for line in ticks.makefile("rb"):
 
 
 @pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
-def test_more_than_is_heard_in_a_tick_waits_and_is_lost_by_nobody(tmp_path: Path, kind: Literal["udp_in", "tcp_in"]) -> None:
+def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(tmp_path: Path, kind: Literal["udp_in", "tcp_in"]) -> None:
     """Thirteen hundred messages in the first tick and 150 in each that follows: the session is not held up, and the
     recording has every one of them."""
     frame = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=245)))
@@ -57,5 +57,5 @@ def test_more_than_is_heard_in_a_tick_waits_and_is_lost_by_nobody(tmp_path: Path
     assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
     assert end.wall_s < 5.0
     assert end.counters["mavlink_dropped"] == 0
-    heard = b"".join(bytes(one.data) for one in records if one.topic.endswith("from_agent"))
-    assert heard.count(frame) == 1300 + 150 * 30
+    recorded = b"".join(bytes(record.data) for record in records if record.topic.endswith("from_agent"))
+    assert recorded.count(frame) == 1300 + 150 * 30

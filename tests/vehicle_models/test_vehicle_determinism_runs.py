@@ -30,22 +30,31 @@ FAILURES: tuple[dict[str, Any], ...] = (  # seconds after the vehicle is ready
 
 def rows(client: Client) -> list[Row]:
     first: list[Row] = [to(client, 0, 0, 8)] if client.vehicle.condition().mode == "GUIDED" else []
-    return [*first, to(client, 0, 0, 8, 22), to(client, 0, 15, 8), bare(178, 1, 3.0, -1), to(client, 12, 15, 8), bare(20)]
+    return [
+        *first,
+        to(client, 0, 0, 8, 22),
+        to(client, 0, 15, 8),
+        bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1),
+        to(client, 12, 15, 8),
+        bare(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH),
+    ]
 
 
 def ready(client: Client, autopilot: str) -> None:
     """Armed in the air, a mission uploaded."""
     client.fly(READY_S[autopilot] - client.vehicle.time.s)
     ardupilot = autopilot == "ardupilot"
-    client.command(176, 1, 4, 0 if ardupilot else 3)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 0 if ardupilot else 3)
     assert upload(client, rows(client)) == 0
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, NAN, NAN, NAN, 8.0 if ardupilot else 496.0) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 8.0 if ardupilot else 496.0) == [0]
     client.fly(12.0)
 
 
 def fly_mission(client: Client, autopilot: str) -> None:
-    client.command(176, 1, 3) if autopilot == "ardupilot" else client.command(176, 1, 4, 4)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3) if autopilot == "ardupilot" else client.command(
+        mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4
+    )
     client.fly(25.0)
 
 
@@ -60,7 +69,7 @@ def fly_setpoints(client: Client, autopilot: str) -> None:
 
     client.fly(0.3, place)
     if autopilot == "px4":
-        client.command(176, 1, 6)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
     client.fly(6.0, place)
     client.fly(5.0, speed)
     client.fly(6.0)
@@ -80,7 +89,7 @@ def run(make: Make, autopilot: str, script: str, seed: int = 5) -> tuple[str, st
     def tap(link: str, direction: str, data: bytes) -> None:
         wire.update(direction.encode() + data)
 
-    broken = [{**one, "at_s": one["at_s"] + READY_S[autopilot]} for one in FAILURES if script == "failures"]
+    broken = [{**failure, "at_s": failure["at_s"] + READY_S[autopilot]} for failure in FAILURES if script == "failures"]
     vehicle = {"gps": NOISY, "failures": broken}
     spec = simspec(autopilot, environment=ENVIRONMENT, vehicle=vehicle, seeds={"root": seed})
     client = make(spec, streams="onboard", tap=tap, system=255)
@@ -131,6 +140,6 @@ def test_a_script_flown_again_is_the_same_flight(
 
 def test_every_script_and_seed_is_another_flight(make: Make, elsewhere: dict[tuple[str, str], tuple[str, str]]) -> None:
     """Nothing that is compared above is empty or the same for all."""
-    all_six = [one for pair in elsewhere.values() for one in pair]
+    all_six = [digest for pair in elsewhere.values() for digest in pair]
     assert len(set(all_six)) == 2 * len(elsewhere) == 12
     assert not set(run(make, "px4", "setpoints", seed=6)) & set(all_six)

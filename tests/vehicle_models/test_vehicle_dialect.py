@@ -1,4 +1,4 @@
-"""The dialect: what pymavlink lacks is there, packed as the specification says, and pymavlink's own is left alone."""
+"""The dialect has the messages that pymavlink lacks, packed as specified, and leaves pymavlink unchanged."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def test_added_messages_go_there_and_back() -> None:
     mav = dialect.MAVLink(None, 1, 1)
 
     def there_and_back(message: object) -> dict[str, object]:
-        found: dict[str, object] = mav.decode(bytearray(message.pack(mav))).to_dict()  # type: ignore[attr-defined]
-        return found
+        fields: dict[str, object] = mav.decode(bytearray(message.pack(mav))).to_dict()  # type: ignore[attr-defined]
+        return fields
 
     uri = there_and_back(dialect.MAVLink_component_metadata_message(5, 6, b"mftp://x"))
     assert uri == {"mavpackettype": "COMPONENT_METADATA", "time_boot_ms": 5, "file_crc": 6, "uri": "mftp://x"}

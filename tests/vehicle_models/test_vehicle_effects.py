@@ -66,11 +66,11 @@ def tilt_deg(client: Client) -> float:
 
 def most(of: Callable[[Client], float], client: Client, seconds: float, each: Callable[[], None] | None = None) -> float:
     """The greatest value within so many seconds."""
-    found = -math.inf
+    highest = -math.inf
     for _ in range(round(seconds * 5)):
         client.fly(0.2, each)
-        found = max(found, of(client))
-    return found
+        highest = max(highest, of(client))
+    return highest
 
 
 def wait(client: Client, until: Callable[[Client], bool], seconds: float, each: Callable[[], None] | None = None) -> float:
@@ -87,8 +87,8 @@ def in_mode(name: str) -> Callable[[Client], bool]:
     return lambda client: client.vehicle.condition().mode == name
 
 
-def said(text: str) -> Callable[[Client], bool]:
-    return lambda client: any(text in one for one in client.texts())
+def has_sent(text: str) -> Callable[[Client], bool]:
+    return lambda client: any(text in sent for sent in client.texts())
 
 
 def disarmed(client: Client) -> bool:
@@ -98,16 +98,16 @@ def disarmed(client: Client) -> bool:
 def hover(client: Client, height_m: float = 12.0) -> None:
     copter = client.vehicle.condition().mode in ("STABILIZE", "GUIDED")
     if copter:
-        client.command(176, 1, 4)
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, NAN, NAN, NAN, height_m if copter else 488.0 + height_m) == [0]
-    wait(client, lambda one: up_m(one) > height_m - 0.3, 60.0)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, height_m if copter else 488.0 + height_m) == [0]
+    wait(client, lambda flown: up_m(flown) > height_m - 0.3, 60.0)
     client.fly(1.5)
 
 
 def go(client: Client, east_m: float, north_m: float, height_m: float) -> None:
     place = client.vehicle_goal(east_m, north_m)
-    assert client.command_int(192, 0, -1, 1, 0, NAN, *place, 488.0 + height_m) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 488.0 + height_m) == [0]
 
 
 def joystick(client: Client, ahead: int = 0, right: int = 0, up: int = 500, turn: int = 0) -> Callable[[], None]:
@@ -141,23 +141,23 @@ def sinking(client: Client) -> float:
 
 
 def idling_s(client: Client) -> float:
-    assert client.command(400, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     return wait(client, disarmed, 15.0)
 
 
 def touching(client: Client) -> float:
     """Speed of coming down, at about 1 m."""
     hover(client, 5.0)
-    client.command(21)
-    wait(client, lambda one: up_m(one) < 1.0, 30.0)
+    client.command(mavlink.MAV_CMD_NAV_LAND)
+    wait(client, lambda flown: up_m(flown) < 1.0, 30.0)
     return sink_mps(client)
 
 
 def landing_at(height_m: float) -> Measure:
     def measured(client: Client) -> float:
         hover(client, 22.0)
-        client.command(21)
-        wait(client, lambda one: up_m(one) < height_m, 60.0)
+        client.command(mavlink.MAV_CMD_NAV_LAND)
+        wait(client, lambda flown: up_m(flown) < height_m, 60.0)
         return sink_mps(client)
 
     return measured
@@ -168,7 +168,7 @@ def returning_height(away_m: float) -> Measure:
         hover(client, 10.0)
         go(client, 0, away_m, 10)
         client.fly(3.0 + away_m / 3.0)
-        client.command(20)
+        client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
         return most(up_m, client, 12.0)
 
     return measured
@@ -178,7 +178,7 @@ def returning_speed(client: Client) -> float:
     hover(client, 30.0)
     go(client, 0, 120, 30)
     client.fly(16.0)
-    client.command(20)
+    client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     return most(speed_mps, client, 8.0)
 
 
@@ -188,7 +188,7 @@ def sticks(mode: tuple[float, ...], of: Callable[[Client], float], **stick: int)
     def measured(client: Client) -> float:
         hover(client, 12.0)
         client.fly(0.5, joystick(client))
-        client.command(176, 1, *mode)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, *mode)
         client.fly(4.0, joystick(client, **stick))
         return of(client)
 
@@ -199,15 +199,15 @@ def sticks(mode: tuple[float, ...], of: Callable[[Client], float], **stick: int)
 
 
 def takeoff_height(client: Client) -> float:
-    assert client.command(400, 1) == [0]
-    client.command(22, 0, 0, 0, NAN, NAN, NAN, NAN)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, NAN)
     client.fly(20.0)
     return up_m(client)
 
 
 def rising(client: Client) -> float:
-    assert client.command(400, 1) == [0]
-    client.command(22, 0, 0, 0, NAN, NAN, NAN, 518.0)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 518.0)
     return most(up_mps, client, 10.0)
 
 
@@ -216,7 +216,7 @@ def offboard_velocity(of: Callable[[Client], float], down: float, height_m: floa
         hover(client, height_m)
         say = velocity(client, north, down)
         client.fly(0.3, say)
-        client.command(176, 1, 6)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
         return most(of, client, 4.0, say)
 
     return measured
@@ -224,8 +224,8 @@ def offboard_velocity(of: Callable[[Client], float], down: float, height_m: floa
 
 def landed_s(client: Client) -> float:
     hover(client, 3.0)
-    client.command(21)
-    wait(client, said("Landing detected"), 30.0)
+    client.command(mavlink.MAV_CMD_NAV_LAND)
+    wait(client, has_sent("Landing detected"), 30.0)
     return wait(client, disarmed, 10.0)
 
 
@@ -233,7 +233,7 @@ def silent_companion(client: Client) -> None:
     hover(client, 5.0)
     say = velocity(client)
     client.fly(0.3, say)
-    client.command(176, 1, 6)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
     client.fly(1.0, say)
 
 
@@ -262,7 +262,7 @@ def station_lost(client: Client) -> str:
 def joystick_lost(client: Client) -> None:
     hover(client, 5.0)
     client.fly(0.5, joystick(client))
-    client.command(176, 1, 3)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
     client.fly(1.0, joystick(client))
 
 
@@ -287,8 +287,8 @@ def battery_text_s(text: str) -> Measure:
     """From arming to a text, with a battery of 10 s."""
 
     def measured(client: Client) -> float:
-        assert client.command(400, 1) == [0]
-        return wait(client, said(text), 15.0)
+        assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+        return wait(client, has_sent(text), 15.0)
 
     return measured
 
@@ -303,20 +303,20 @@ def flat_battery(client: Client) -> str:
 
 
 def half_volts(client: Client) -> float:
-    client.command(400, 1)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     client.fly(5.0)
     return volts(client)
 
 
 def volts(client: Client) -> float:
-    client.command(512, 1)
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYS_STATUS)
     return float(client.last("SYS_STATUS").voltage_battery) / 1000.0
 
 
 def wide_orbit(client: Client) -> float:
     hover(client, 5.0)
-    client.command_int(34, 3, 50.0, 3.0, 0, 0, HERE, HERE, NAN)
-    return float(said("Orbit radius limit exceeded")(client))
+    client.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, 50.0, 3.0, 0, 0, HERE, HERE, NAN)
+    return float(has_sent("Orbit radius limit exceeded")(client))
 
 
 def nose_deg(client: Client) -> float:
@@ -351,11 +351,11 @@ def leader(client: Client, north_mps: float, begins_m: float = 0.0) -> Callable[
 
 
 def follow(client: Client) -> tuple[float, float, float]:
-    """East, north and up of the leader, after half a minute behind one who walks north at 1 m/s."""
+    """East, north and up of the leader, after half a minute of walking north at 1 m/s."""
     hover(client, 10.0)
     say = leader(client, 1.0)
     client.fly(0.5, say)
-    client.command(176, 1, 4, 8)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 8)
     client.fly(25.0, say)
     east, north, up = client.vehicle.truth().position_enu_m
     return east, north - client.vehicle.time.s, up
@@ -377,7 +377,7 @@ def follow_speed(client: Client) -> float:
     hover(client, 10.0)
     say = leader(client, 0.0, 60.0)
     client.fly(0.5, say)
-    client.command(176, 1, 4, 8)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 8)
     return most(speed_mps, client, 15.0, say)
 
 
@@ -431,23 +431,23 @@ PX4 = (
 
 def copter_landing(client: Client) -> float:
     hover(client, 5.0)
-    client.command(176, 1, 9)
-    wait(client, lambda one: up_m(one) < 1.0, 30.0)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9)
+    wait(client, lambda flown: up_m(flown) < 1.0, 30.0)
     return sink_mps(client)
 
 
 def waiting_above_home_s(client: Client) -> float:
     """From the return's start to the descent, with no way to go."""
     hover(client, 15.0)
-    client.command(176, 1, 6)
-    return wait(client, lambda one: up_m(one) < 14.0, 30.0)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
+    return wait(client, lambda flown: up_m(flown) < 14.0, 30.0)
 
 
 def lapse_s(client: Client) -> float:
     hover(client, 5.0)
     velocity(client, north=2.0)()
     client.fly(1.0)
-    return 1.0 + wait(client, lambda one: speed_mps(one) < 1.0, 15.0)
+    return 1.0 + wait(client, lambda flown: speed_mps(flown) < 1.0, 15.0)
 
 
 def thrust(client: Client) -> float:
@@ -463,9 +463,9 @@ def thrust(client: Client) -> float:
 def circling(of: Callable[[Client], float]) -> Measure:
     def measured(client: Client) -> float:
         hover(client, 5.0)
-        client.command(400, 1)
+        client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         client.fly(0.5, joystick(client))
-        client.command(176, 1, 7)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 7)
         client.fly(15.0, joystick(client))
         return of(client)
 
@@ -475,16 +475,16 @@ def circling(of: Callable[[Client], float]) -> Measure:
 def north_of_centre_m(client: Client) -> float:
     """Widest distance from the start along a whole circle is its diameter."""
     start = client.vehicle.truth().position_enu_m
-    return 0.5 * most(lambda one: math.dist(start, one.vehicle.truth().position_enu_m), client, 20.0, joystick(client))
+    return 0.5 * most(lambda flown: math.dist(start, flown.vehicle.truth().position_enu_m), client, 20.0, joystick(client))
 
 
 def sticks_kept_s(client: Client) -> float:
     """How long the stick of a joystick that has gone still holds the height."""
     hover(client, 20.0)
     client.fly(0.5, joystick(client))
-    client.command(176, 1, 2)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 2)
     client.fly(1.0, joystick(client))
-    return wait(client, lambda one: sink_mps(one) > 0.5, 15.0)
+    return wait(client, lambda flown: sink_mps(flown) > 0.5, 15.0)
 
 
 def copter_station_lost_s(client: Client) -> float:
@@ -531,7 +531,7 @@ def ceiling_m(client: Client) -> float:
 def circle_m(client: Client) -> float:
     """How far out a velocity leads before it is turned back."""
     hover(client, 5.0)
-    return most(lambda one: one.vehicle.truth().position_enu_m[1], client, 14.0, velocity(client, north=2.0))
+    return most(lambda flown: flown.vehicle.truth().position_enu_m[1], client, 14.0, velocity(client, north=2.0))
 
 
 def breached(client: Client) -> str:
@@ -541,7 +541,7 @@ def breached(client: Client) -> str:
 
 def streamed_hz(client: Client) -> float:
     client.fly(2.0)
-    return sum(bool(one.get_type() == "GLOBAL_POSITION_INT") for one in client.fly(4.0)) / 4.0
+    return sum(bool(message.get_type() == "GLOBAL_POSITION_INT") for message in client.fly(4.0)) / 4.0
 
 
 # The fixed wing
@@ -554,8 +554,8 @@ def circling_mps(client: Client) -> float:
 
 
 def get_up(client: Client) -> None:
-    assert client.command(400, 1) == [0]
-    client.command(22, 0, 0, 0, NAN, NAN, NAN, 538.0)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 538.0)
     wait(client, in_mode("AUTO_LOITER"), 60.0)
 
 
@@ -624,11 +624,11 @@ ARDUPILOT = (
 
 def copter_radio(client: Client) -> str:
     """What arming and flying come to while the radio is silent."""
-    client.command(176, 1, 4)
-    client.command(400, 1)
-    client.command(22, 0, 0, 0, NAN, NAN, NAN, 5.0)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 5.0)
     client.fly(4.0)
-    return str(int(said("Radio Failsafe")(client)))
+    return str(int(has_sent("Radio Failsafe")(client)))
 
 
 @pytest.fixture
@@ -646,7 +646,7 @@ def client_of() -> Iterator[Callable[..., Client]]:
             client.vehicle = stack.enter_context((open_wing if wing else open_x500)(plan))
             client.fly(1.1)
             client.fly(42.0 if autopilot == "ardupilot" else 4.0)
-            client.command(512, 242)
+            client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
             return client
 
         yield build
@@ -666,17 +666,17 @@ def shown(client_of: Callable[..., Client], autopilot: str, effect: Effect) -> N
         assert measured == expected, f"{effect.name} {value:g}"
 
 
-@pytest.mark.parametrize("effect", PX4, ids=lambda one: one.name)
+@pytest.mark.parametrize("effect", PX4, ids=lambda case: case.name)
 def test_px4_does_what_the_parameter_says(client_of: Callable[..., Client], effect: Effect) -> None:
     shown(client_of, "px4", effect)
 
 
-@pytest.mark.parametrize("effect", ARDUPILOT, ids=lambda one: one.name)
+@pytest.mark.parametrize("effect", ARDUPILOT, ids=lambda case: case.name)
 def test_ardupilot_does_what_the_parameter_says(client_of: Callable[..., Client], effect: Effect) -> None:
     shown(client_of, "ardupilot", effect)
 
 
-@pytest.mark.parametrize("effect", WING, ids=lambda one: one.name)
+@pytest.mark.parametrize("effect", WING, ids=lambda case: case.name)
 def test_the_wing_does_what_the_parameter_says(client_of: Callable[..., Client], effect: Effect) -> None:
     shown(client_of, "wing", effect)
 
@@ -690,7 +690,7 @@ ROW = re.compile(r"\| `(\w+)` \| ([-\d.]+) \| (.+) \| (\S+|not shown) \|")
 
 def read_by_the_code() -> dict[str, set[str]]:
     """Names of parameters that the code looks up, by section of the page."""
-    found: dict[str, set[str]] = {name: set() for name in SECTIONS}
+    names_by_section: dict[str, set[str]] = {name: set() for name in SECTIONS}
     known = {name: {parameter.name for parameter in SECTIONS[name].parameters.definitions} for name in SECTIONS}
     for path in (ROOT / "vehicle_models").rglob("*.py"):
         looked_up = {
@@ -699,28 +699,28 @@ def read_by_the_code() -> dict[str, set[str]]:
             if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, str)
         }
         if path.parent.name == "px4_wing":
-            found["wing"] |= looked_up & known["wing"]
+            names_by_section["wing"] |= looked_up & known["wing"]
             continue
         for name in ("px4", "ardupilot"):
             if path.parent.name == name or not {"px4", "ardupilot"} & set(path.parts):
-                found[name] |= looked_up & known[name]
+                names_by_section[name] |= looked_up & known[name]
     for name in ("px4", "ardupilot"):
         autopilot = SECTIONS[name]
         named = (autopilot.parameters.system_id, autopilot.safety.failure_parameter, autopilot.safety.fence.enable_parameter)
-        found[name] |= {parameter for parameter in named if parameter}
-        found[name] |= {f"SR0_{suffix}" for suffix in autopilot.telemetry.stream_parameters}
-    return found
+        names_by_section[name] |= {parameter for parameter in named if parameter}
+        names_by_section[name] |= {f"SR0_{suffix}" for suffix in autopilot.telemetry.stream_parameters}
+    return names_by_section
 
 
 def on_the_page() -> dict[str, dict[str, tuple[float, str]]]:
     """Default and proof of each parameter, by section and name."""
-    found: dict[str, dict[str, tuple[float, str]]] = {}
+    rows_by_section: dict[str, dict[str, tuple[float, str]]] = {}
     for line in PAGE.read_text().splitlines():
         if line.startswith("## "):
-            section = found.setdefault(line.removeprefix("## "), {})
+            section = rows_by_section.setdefault(line.removeprefix("## "), {})
         elif row := ROW.fullmatch(line):
             section[row[1]] = (float(row[2]), row[4])
-    return found
+    return rows_by_section
 
 
 def test_the_page_lists_every_parameter_that_the_code_reads() -> None:
@@ -737,7 +737,7 @@ def test_the_page_has_the_defaults() -> None:
 def test_the_page_says_where_each_effect_is_shown() -> None:
     """By the tables above, or by a test that sets the parameter, or nowhere."""
     for section, rows in on_the_page().items():
-        here = {one.name for one in EFFECTS[section]}
+        here = {effect.name for effect in EFFECTS[section]}
         assert here == {name for name, (_, proof) in rows.items() if proof == "effects"}
         for name, (_, proof) in rows.items():
             if proof not in ("effects", "not shown"):

@@ -10,17 +10,17 @@ from vehicle_client import NAN, Client, mavlink, simspec
 from vehicle_models.controller.px4._identity import EVENTS
 
 Make = Callable[..., Client]
-NUMBERS = {one.name: one.number for one in EVENTS}
+NUMBERS = {event.name: event.number for event in EVENTS}
 
 
 def events(client: Client) -> list[str]:
-    """Names of the events heard, in order."""
+    """Names of the received events, in order."""
     names = {number: name for name, number in NUMBERS.items()}
-    return [names[one.id] for one in client.received if one.get_type() == "EVENT"]
+    return [names[message.id] for message in client.received if message.get_type() == "EVENT"]
 
 
 def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
-    """12 s after its last heartbeat, whatever is done about it; once, until it has been heard again."""
+    """12 s after its last heartbeat, whatever the reaction; once, until the next heartbeat."""
     client = make()
     client.airborne(3.0)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
@@ -38,38 +38,38 @@ def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
 
 
 def test_a_plan_too_far_away_is_an_event_and_no_text(make: Make) -> None:
-    """Latitude 200 is taken, said as an event alone, and cannot be flown; a plan that can be is not remarked on."""
+    """Latitude 200 is stored, reported by an event alone, and cannot be flown; a valid plan sends no event."""
     client = make()
     client.fly(5.0)
     client.received.clear()
-    assert upload(client, [(16, 3, 0, 0, 0, NAN, 2_000_000_000, 0, 10)]) == 0
+    assert upload(client, [(mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, NAN, 2_000_000_000, 0, 10)]) == 0
     assert events(client) == ["navigator_mis_first_wp_far"]
     assert client.texts() == []
-    (event,) = [one for one in client.received if one.get_type() == "EVENT"]
+    (event,) = [message for message in client.received if message.get_type() == "EVENT"]
     assert event.log_levels == 0x33
-    client.command(512, 242)
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     assert upload(client, [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(0, 50), 10)]) == 0
     assert events(client) == ["navigator_mis_first_wp_far"]
 
 
 def test_events_are_numbered_without_gaps_and_come_again(make: Make) -> None:
-    """Texts and events that are none count alike; all of them can be asked for."""
+    """Events with and without a text share one numbering; a client can request all of them."""
     client = make()
     client.airborne(3.0)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(13.0)
-    first = [(one.sequence, one.id) for one in client.received if one.get_type() == "EVENT"]
+    first = [(message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"]
     assert [sequence for sequence, _ in first] == list(range(len(first)))
     assert first[-1][1] == NUMBERS["commander_gcs_lost"]
     client.received.clear()
     client.send(mavlink.MAVLink_request_event_message(1, 1, 0, len(first) - 1))
     client.fly(0.1)
-    assert [(one.sequence, one.id) for one in client.received if one.get_type() == "EVENT"] == first
+    assert [(message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"] == first
 
 
 def test_ardupilot_has_no_events(make: Make) -> None:
     client = make(simspec("ardupilot"))
-    client.command(400, 1)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     client.fly(3.0)
-    assert [one for one in client.texts() if one.startswith("Arm: ")]
-    assert not [one for one in client.received if one.get_type() == "EVENT"]
+    assert [text for text in client.texts() if text.startswith("Arm: ")]
+    assert not [message for message in client.received if message.get_type() == "EVENT"]

@@ -21,9 +21,9 @@ def copter(make: Make, height_m: float = 10.0, **parameters: float) -> Client:
     client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     client.fly(42.0, lambda: beat(client))
-    assert client.command(176, 1, 4) == [0]
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, 0, 0, 0, height_m) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == [0]
     client.fly(12.0, lambda: beat(client))
     return client
 
@@ -70,14 +70,14 @@ def test_a_return_for_a_lost_station_goes_on_when_it_is_back(make: Make) -> None
     beat(client)
     client.fly(17.2)
     assert state(client) == ("AUTO_RTL", "link")
-    assert [one.strip() for one in client.texts() if "Failsafe" in one] == [
+    assert [text.strip() for text in client.texts() if "Failsafe" in text] == [
         "Failsafe activated: entering Hold for 5 seconds",
         "Failsafe activated",
     ]
     beat(client)
     client.fly(0.5)
     assert state(client) == ("AUTO_RTL", "link")
-    assert client.command(176, 1, 4, 3)[-1] == 0
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)[-1] == 0
     assert state(client) == ("AUTO_LOITER", "")
 
 
@@ -98,7 +98,7 @@ def test_lost_sticks_hold_and_return(make: Make) -> None:
         client.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
 
     client.fly(0.5, sticks)
-    client.command(176, 1, 3)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
     client.fly(1.0, sticks)
     assert state(client) == ("POSCTL", "")
     assert until(client, "AUTO_LOITER", 2.0) == pytest.approx(1.0, abs=0.15)
@@ -112,16 +112,17 @@ def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
         simspec(vehicle={"parameters": {"COM_LOW_BAT_ACT": 3}, "battery": {"capacity_wh": 6.0, "initial_fraction": 0.32}})
     )
     client.airborne(3.0)
-    client.command(511, 147, 100_000)
+    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 100_000)
     assert client.vehicle.condition().battery_fraction > 0.16
     until(client, "AUTO_LAND", 60.0)
-    texts = [one.strip() for one in client.texts()]
+    texts = [text.strip() for text in client.texts()]
     places = [
-        texts.index(one) for one in ("Low battery", "Failsafe activated: entering Hold for 5 seconds", "Emergency battery level")
+        texts.index(name)
+        for name in ("Low battery", "Failsafe activated: entering Hold for 5 seconds", "Emergency battery level")
     ]
     assert places == sorted(places)
     assert "Critical battery" not in texts
-    states = [one.charge_state for one in client.received if one.get_type() == "BATTERY_STATUS"]
+    states = [message.charge_state for message in client.received if message.get_type() == "BATTERY_STATUS"]
     assert sorted(set(states)) == [1, 2, 3, 4]
 
 
@@ -134,7 +135,7 @@ def test_copter_needs_ten_seconds_of_low_voltage(make: Make) -> None:
     client.fly(1.3)
     assert state(client) == ("RTL", "battery")
     assert client.last("HEARTBEAT").system_status == 5
-    assert any(one.startswith("Battery 1 is low 10.") and one.endswith(" mAh") for one in client.texts())
+    assert any(text.startswith("Battery 1 is low 10.") and text.endswith(" mAh") for text in client.texts())
     put(client, "SIM_BATT_VOLTAGE", 9.5)
     client.fly(10.3)
     assert state(client) == ("LAND", "battery")
@@ -160,7 +161,7 @@ def test_copter_radio(make: Make) -> None:
     put(client, "SIM_RC_FAIL", 0)
     client.fly(0.2)
     assert state(client) == ("RTL", "")
-    assert [one for one in client.texts() if "Radio" in one] == ["Radio Failsafe", "Radio Failsafe Cleared"]
+    assert [text for text in client.texts() if "Radio" in text] == ["Radio Failsafe", "Radio Failsafe Cleared"]
 
 
 def test_copter_stays_critical_while_the_station_is_lost(make: Make) -> None:
@@ -168,13 +169,13 @@ def test_copter_stays_critical_while_the_station_is_lost(make: Make) -> None:
     client = copter(make, FS_GCS_ENABLE=1)
     client.fly(5.2)
     assert state(client) == ("RTL", "link")
-    assert client.command(176, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert state(client) == ("GUIDED", "link")
     beat(client)
     client.fly(1.1)
     assert state(client) == ("GUIDED", "")
     assert client.last("HEARTBEAT").system_status == 4
-    assert [one for one in client.texts() if "GCS" in one] == ["GCS Failsafe", "GCS Failsafe Cleared"]
+    assert [text for text in client.texts() if "GCS" in text] == ["GCS Failsafe", "GCS Failsafe Cleared"]
 
 
 def test_another_system_is_not_the_ground_station(make: Make) -> None:
@@ -188,8 +189,8 @@ def test_another_system_is_not_the_ground_station(make: Make) -> None:
 def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
     client = make(simspec("ardupilot", vehicle={"parameters": {"FS_GCS_ENABLE": 1, "DISARM_DELAY": 60}}), system=255)
     client.fly(42.0)
-    client.command(176, 1, 4)
-    assert client.command(400, 1) == [0]
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     beat(client)
     client.fly(5.2)
     assert not client.vehicle.condition().armed

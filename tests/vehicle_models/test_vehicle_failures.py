@@ -14,6 +14,7 @@ from bench.errors import SetupError
 from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene
 from bench.simulation._truth import TruthRecorder
+from vehicle_models.controller.links._dialect import dialect as mavlink
 
 Make = Callable[..., Client]
 
@@ -29,24 +30,24 @@ def error_m(client: Client) -> float:
 
 
 def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
-    """During a loss nothing is sent, counted or heard; what came is counted as received; then it goes on as before."""
+    """During a loss nothing is sent or handled; messages that arrive are counted as received; then the link works as before."""
     taped: list[tuple[str, int]] = []
     spec = failing({"at_s": 2.0, "kind": "link_loss", "link": "onboard", "duration_s": 3.0})
     client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
     client.fly(0.92)
     assert client.vehicle.time.s == pytest.approx(2.02)
-    sent, heard, received = client.vehicle.sent()["onboard"], len(client.received), client.vehicle.receive()["onboard"]
+    sent, message_count, received = client.vehicle.sent()["onboard"], len(client.received), client.vehicle.receive()["onboard"]
     taped.clear()
-    assert client.command(176, 1, 4, 5) == []
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5) == []
     client.fly(2.9)
     assert client.vehicle.condition().failures == ("link_loss onboard",)
-    assert (client.vehicle.sent()["onboard"], len(client.received)) == (sent, heard)
+    assert (client.vehicle.sent()["onboard"], len(client.received)) == (sent, message_count)
     assert client.vehicle.receive()["onboard"] == received + 1
     assert taped == []
     client.fly(0.5)
     assert client.vehicle.condition().failures == ()
     assert client.vehicle.condition().mode == "AUTO_LOITER"
-    assert len(client.received) > heard
+    assert len(client.received) > message_count
     assert client.vehicle.sent()["onboard"] == len(client.received)
 
 
@@ -82,7 +83,7 @@ def test_fixes_that_drift_take_the_vehicle_along(make: Make) -> None:
 
 
 def test_a_battery_falls_at_once(make: Make) -> None:
-    """Charge drops to what is said at the step of the moment, and is never raised by it."""
+    """Charge drops to the given fraction in the step of the failure, and never rises."""
     client = make(
         failing(
             {"at_s": 3.0, "kind": "battery_drop", "to_fraction": 0.2}, {"at_s": 4.0, "kind": "battery_drop", "to_fraction": 0.9}
@@ -115,33 +116,33 @@ def test_what_is_not_there_cannot_break(make: Make) -> None:
 def test_failures_by_command_need_the_parameter(make: Make) -> None:
     """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not modelled."""
     client = make()
-    assert client.command(420, 4, 1, 0) == [2]
+    assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [2]
     allowed = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 1}}))
     allowed.airborne(5.0)
-    assert allowed.command(420, 4, 1, 0) == [0]
+    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [0]
     allowed.fly(0.1)
     assert allowed.vehicle.condition().failures == ("gps_off",)
-    assert allowed.command(420, 4, 0, 0) == [0]
+    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 0, 0) == [0]
     allowed.fly(0.1)
     assert allowed.vehicle.condition().failures == ()
-    assert allowed.command(420, 1, 1, 0) == [3]
-    assert allowed.command(420, 101, 1, 9) == [3]
-    assert allowed.command(420, math.nan, math.nan, math.nan) == [3]
+    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 1, 1, 0) == [3]
+    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 101, 1, 9) == [3]
+    assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, math.nan, math.nan, math.nan) == [3]
 
 
 def test_ardupilot_does_not_know_the_command(make: Make) -> None:
     client = make(simspec("ardupilot"))
-    assert client.command(420, 4, 1, 0) == [3]
+    assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [3]
 
 
 def test_two_runs_with_the_same_failures_are_the_same(make: Make) -> None:
     """The drift of reckoning is drawn from the SimSpec's seeds."""
     spec = failing({"at_s": 2.0, "kind": "gps_off"}, gps={"wander_m": 1.0, "noise_m": 0.1})
-    one, other = make(spec), make(spec)
-    one.fly(8.0)
+    client, other = make(spec), make(spec)
+    client.fly(8.0)
     other.fly(8.0)
-    assert one.vehicle.estimate() == other.vehicle.estimate()
-    assert error_m(one) > 0.2
+    assert client.vehicle.estimate() == other.vehicle.estimate()
+    assert error_m(client) > 0.2
 
 
 def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> None:
@@ -153,8 +154,8 @@ def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> N
         client.fly(0.7)
         truth.write_due(client.vehicle.time, client.vehicle, scene)
     events = [record for record in records if record.topic == SESSION_EVENTS]
-    assert [b"gps_off" in one.data for one in events] == [True, True]
-    assert [b'"failure"' in one.data for one in events] == [True, False]
+    assert [b"gps_off" in event.data for event in events] == [True, True]
+    assert [b'"failure"' in event.data for event in events] == [True, False]
     assert b'"repaired"' in events[1].data
 
 

@@ -24,9 +24,9 @@ def square(client: Client, middle: tuple[float, float], half: float, command: in
 
 def airborne_ardupilot(make: Make) -> Client:
     client = ready_ardupilot(make)
-    client.command(176, 1, 4)
-    client.command(400, 1)
-    assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [0]
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [0]
     client.fly(15.0)
     return client
 
@@ -37,14 +37,14 @@ def outwards(client: Client, seconds: float) -> None:
 
 
 def test_px4_reposition_outside_is_a_text(make: Make) -> None:
-    """Accepted, said, and not flown; inside it is."""
+    """Accepted with a text and not flown; a place inside is flown to."""
     client = make(simspec(vehicle={"parameters": {"GF_MAX_HOR_DIST": 40.0}}))
     client.airborne()
-    assert client.command_int(192, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 60), 498.0) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 60), 498.0) == [0]
     client.fly(8.0)
     assert "Reposition is outside geofence\t" in client.texts()
     assert client.vehicle.truth().position_enu_m[1] < 0.5
-    assert client.command_int(192, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 30), 498.0) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 30), 498.0) == [0]
     client.fly(12.0)
     assert client.vehicle.truth().position_enu_m[1] == pytest.approx(30.0, abs=0.5)
 
@@ -64,8 +64,8 @@ def states(client: Client) -> tuple[str, str]:
     return condition.mode, condition.failsafe
 
 
-def said(client: Client) -> list[str]:
-    return [one.strip() for one in client.texts() if "Geofence" in one or "Failsafe" in one]
+def flight_texts(client: Client) -> list[str]:
+    return [text.strip() for text in client.texts() if "Geofence" in text or "Failsafe" in text]
 
 
 @pytest.mark.parametrize("action", ACTIONS)
@@ -76,7 +76,7 @@ def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
     client.airborne()
     rows = square(client, (0, 0), 20.0)
     assert upload(client, rows, 1) == 0
-    assert [one.frame for one in download(client, 1)] == [5] * 4
+    assert [item.frame for item in download(client, 1)] == [5] * 4
     client.offboard(0, 0, -10)
     while client.vehicle.truth().position_enu_m[1] < 20.5:
         client.fly(0.1, lambda: client.setpoint(50, 0, -10))
@@ -84,10 +84,10 @@ def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
     hold = ["Failsafe activated: entering Hold for 5 seconds"] if action in (3, 5) else []
     acts = [] if hold or not action else ["Failsafe activated"]
     breach = ["Geofence: approaching or outside geofence"] if action else []
-    assert said(client) == [*breach, *hold, *acts]
+    assert flight_texts(client) == [*breach, *hold, *acts]
     client.fly(5.5, lambda: client.setpoint(50, 0, -10))
     assert states(client) == (then, failsafe)
-    assert said(client) == [*breach, *hold, *(acts or (["Failsafe activated"] if hold else []))]
+    assert flight_texts(client) == [*breach, *hold, *(acts or (["Failsafe activated"] if hold else []))]
 
 
 def test_px4_termination_by_the_fence_is_for_good(make: Make) -> None:
@@ -97,14 +97,14 @@ def test_px4_termination_by_the_fence_is_for_good(make: Make) -> None:
     client.offboard(0, 0, -30)
     while client.vehicle.condition().mode != "TERMINATION":
         client.fly(0.1, lambda: client.setpoint(30, 0, -30))
-    assert client.command(176, 1, 4, 3)[-1] == 1
-    client.command(20)
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)[-1] == 1
+    client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     client.setpoint(0, 0, -30)
     client.fly(1.5)
     assert states(client) == ("TERMINATION", "fence")
     assert client.vehicle.truth().velocity_enu_mps[2] < -8.0
     assert client.last("HEARTBEAT").system_status == 8
-    assert "Geofence: exceeding maximum distance to Home" in said(client)
+    assert "Geofence: exceeding maximum distance to Home" in flight_texts(client)
 
 
 def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
@@ -114,17 +114,17 @@ def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
     client.offboard(0, 0, -10)
     client.fly(6.0, lambda: client.setpoint(0, 0, -25))
     assert states(client) == ("AUTO_LOITER", "fence")
-    assert said(client)[-2:] == ["Geofence: exceeding maximum altitude above Home", "Failsafe activated"]
+    assert flight_texts(client)[-2:] == ["Geofence: exceeding maximum altitude above Home", "Failsafe activated"]
     assert client.last("HEARTBEAT").system_status == 5
-    count = len(said(client))
+    count = len(flight_texts(client))
     client.offboard(0, 0, -18)
     client.fly(2.0, lambda: client.setpoint(0, 0, -18))
     assert states(client) == ("OFFBOARD", "")
-    assert len(said(client)) == count
+    assert len(flight_texts(client)) == count
     client.fly(5.0, lambda: client.setpoint(0, 0, -10))
     client.fly(5.0, lambda: client.setpoint(0, 0, -18))
     assert states(client) == ("AUTO_LOITER", "fence")
-    assert len(said(client)) == count + 2
+    assert len(flight_texts(client)) == count + 2
 
 
 def empty(client: Client) -> None:
@@ -142,7 +142,7 @@ def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
     assert states(client) == ("AUTO_LAND", "battery")
     client.send(mavlink.MAVLink_param_set_message(1, 1, b"GF_MAX_VER_DIST", 5.0, 9))
     client.fly(0.5)
-    assert "Geofence: exceeding maximum altitude above Home" in said(client)
+    assert "Geofence: exceeding maximum altitude above Home" in flight_texts(client)
     assert client.vehicle.condition().mode == "AUTO_LAND"
 
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_LOW_BAT_ACT": 2}}))
@@ -166,7 +166,7 @@ def test_ardupilot_fence_actions(make: Make, action: int) -> None:
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.fly(0.3)
     assert states(client) == (COPTER_ACTIONS[action], "")
-    texts = [one for one in client.texts() if "breached" in one or "recovery" in one]
+    texts = [text for text in client.texts() if "breached" in text or "recovery" in text]
     assert texts == ["Max Alt fence breached", *(["Manual recovery started"] if action else [])]
 
 
@@ -178,7 +178,7 @@ def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
     client.fly(0.1)
     outwards(client, 9.0)
     assert client.vehicle.condition().mode == "RTL"
-    assert client.command(176, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.texts()[-1] == "Manual recovery started"
     outwards(client, 9.0)
     assert client.vehicle.condition().mode == "GUIDED"
@@ -203,10 +203,10 @@ def test_px4_exclusions_and_missions(make: Make) -> None:
     assert upload(client, [(5004, 0, 10, 0, 0, 0, *client.vehicle_goal(0, 30), 0)], 1) == 0
     assert upload(client, [to(client, 0, 30, 10)]) == 0
     assert "Geofence violation for waypoint 1\t" in client.texts()
-    assert client.command(300) == [2]
+    assert client.command(mavlink.MAV_CMD_MISSION_START) == [2]
     client.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
     step(client)
-    assert client.command(300) == [0]
+    assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
 
 
 def test_ardupilot_circle_as_observed(make: Make) -> None:
@@ -214,7 +214,7 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
-    client.command(511, 162, 200_000)
+    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
     client.fly(0.1)
     farthest: list[float] = []
     for _ in range(18):
@@ -223,11 +223,11 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     assert client.vehicle.condition().mode == "RTL"
     assert client.texts()[-2:] == ["Circle fence breached", "Manual recovery started"]
     assert 40.0 < max(farthest) < 41.0
-    status = [one for one in client.received if one.get_type() == "FENCE_STATUS"]
-    assert {(one.breach_status, one.breach_type) for one in status} == {(0, 0), (1, 3)}
-    assert {one.breach_mitigation for one in status} == {1, 2}
+    status = [message for message in client.received if message.get_type() == "FENCE_STATUS"]
+    assert {(statu.breach_status, statu.breach_type) for statu in status} == {(0, 0), (1, 3)}
+    assert {statu.breach_mitigation for statu in status} == {1, 2}
     assert client.last("FENCE_STATUS").breach_count == 1
-    assert client.command(176, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert client.last("HEARTBEAT").system_status == 4
 
 
@@ -236,21 +236,21 @@ def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
     client = airborne_ardupilot(make)
     client.send(mavlink.MAVLink_param_set_message(1, 1, b"FENCE_ALT_MAX", 15.0, 9))
     client.fly(0.1)
-    assert client.command(207, 7) == [4]
+    assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 7) == [4]
     client.fly(6.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
     assert client.vehicle.truth().position_enu_m[2] > 16.0
-    assert client.command(207, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
     client.fly(0.3)
     assert client.texts()[-2:] == ["Max Alt fence breached", "Manual recovery started"]
     assert client.vehicle.condition().mode == "RTL"
 
 
 def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
-    """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status says that it acts."""
+    """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status shows that the fence acts."""
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 15.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
-    client.command(511, 162, 200_000)
+    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_FENCE_STATUS, 200_000)
     client.fly(0.1)
     client.fly(8.0, lambda: client.setpoint(0, 0, 0, mask=0b110111000111, vd=-2.0))
     assert client.vehicle.condition().mode == "GUIDED"
@@ -264,13 +264,13 @@ def test_ardupilot_setpoints_outside_are_not_flown_to(make: Make) -> None:
     for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
     client.fly(0.1)
-    said = len(client.texts())
+    text_count = len(client.texts())
     latitude, longitude = client.vehicle_goal(0, 80)
     message = mavlink.MAVLink_set_position_target_global_int_message
     client.send(message(0, 1, 1, 6, 0b110111111000, latitude, longitude, 10, 0, 0, 0, 0, 0, 0, 0, 0))
     client.fly(8.0)
     assert math.hypot(*client.vehicle.truth().position_enu_m[:2]) < 1.0
-    assert len(client.texts()) == said
+    assert len(client.texts()) == text_count
 
 
 def test_ardupilot_polygons(make: Make) -> None:
@@ -280,9 +280,9 @@ def test_ardupilot_polygons(make: Make) -> None:
     assert client.texts()[-2:] == ["Invalid vertex count (2)", "Fence validation failed"]
     assert upload(client, square(client, (0, 0), 20.0), 1) == 0
     assert client.texts()[-1] == "Fence Indexed OK"
-    assert client.command(207, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
     latitude, longitude = client.vehicle_goal(0, 60)
-    assert client.command_int(192, 6, -1, 1, 0, NAN, latitude, longitude, 10.0) == [4]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, latitude, longitude, 10.0) == [4]
     outwards(client, 7.0)
     assert "Polygon fence breached" in client.texts()
 
@@ -294,9 +294,9 @@ def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: flo
     client.airborne()
     rally = (5100, 3, 0, 0, 0, 0, *client.vehicle_goal(60, 0), 20)
     assert upload(client, [rally], 2) == 0
-    client.command_int(192, 0, 8, 1, 0, NAN, *client.vehicle_goal(45, 0), 498.0)
+    client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8, 1, 0, NAN, *client.vehicle_goal(45, 0), 498.0)
     client.fly(12.0)
-    assert client.command(20) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     client.fly(80.0)
     assert client.vehicle.condition().landed
     assert math.dist(client.vehicle.truth().position_enu_m[:2], (east, 0.0)) < 1.0
@@ -305,11 +305,11 @@ def test_px4_returns_to_the_nearest_rally_point(make: Make, kind: int, east: flo
 def test_ardupilot_rally_points(make: Make) -> None:
     """Accepted without a text; RTL goes to the nearest, home among them."""
     client = airborne_ardupilot(make)
-    said = len(client.texts())
+    text_count = len(client.texts())
     assert upload(client, [(5100, 3, 0, 0, 0, 0, *client.vehicle_goal(0, 50), 15)], 2) == 0
-    assert len(client.texts()) == said
+    assert len(client.texts()) == text_count
     outwards(client, 8.0)
-    assert client.command(20) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     client.fly(50.0)
     assert client.vehicle.condition().landed
     assert math.dist(client.vehicle.truth().position_enu_m[:2], (0.0, 50.0)) < 1.0

@@ -35,20 +35,20 @@ class Ftp:
         head = _HEAD.pack(self._sequence & 0xFFFF, session, opcode, len(data), 0, 0, 0, offset)
         payload = head + data + bytes(239 - len(data))
         self._client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
-        (answer,) = [one for one in self._client.fly(0.04) if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
+        (answer,) = [message for message in self._client.fly(0.04) if message.get_type() == "FILE_TRANSFER_PROTOCOL"]
         raw = bytes(answer.payload)
-        sequence, _, said, size, asked, _, _, _ = _HEAD.unpack_from(raw)
-        assert (sequence, asked) == ((self._sequence + 1) & 0xFFFF, opcode)
-        return said, raw[12 : 12 + size]
+        sequence, _, reply, size, requested, _, _, _ = _HEAD.unpack_from(raw)
+        assert (sequence, requested) == ((self._sequence + 1) & 0xFFFF, opcode)
+        return reply, raw[12 : 12 + size]
 
     def done(self, opcode: int, data: bytes = b"", offset: int = 0) -> bytes:
-        said, answer = self.ask(opcode, data, offset)
-        assert said == FtpOpcode.ACK, answer
+        reply, answer = self.ask(opcode, data, offset)
+        assert reply == FtpOpcode.ACK, answer
         return answer
 
     def refused(self, opcode: int, data: bytes = b"", offset: int = 0) -> bytes:
-        said, answer = self.ask(opcode, data, offset)
-        assert said == FtpOpcode.NAK
+        reply, answer = self.ask(opcode, data, offset)
+        assert reply == FtpOpcode.NAK
         return answer
 
 
@@ -118,7 +118,7 @@ def test_ardupilot_takes_no_files(make: Make) -> None:
 
 
 def test_the_scratch_area_has_an_end() -> None:
-    """A megabyte and 256 names, whoever asks for more; what is removed makes room."""
+    """A megabyte and 256 names at most; removing a file makes room."""
     files = ServedFiles({}, writable=True)
     files.create("big")
     files.truncate("big", 1 << 20)
@@ -196,7 +196,7 @@ def test_files_behave_as_those_of_a_file_system(tmp_path: Path, seed: int) -> No
         except NotADirectoryError:
             content = None
         assert files.read(name) == content
-        listed = sorted(one.name for one in path.iterdir()) if path.is_dir() else None
+        listed = sorted(entry.name for entry in path.iterdir()) if path.is_dir() else None
         entries = files.entries(name)
-        assert (None if entries is None else [one[1:].split("\t")[0] for one in entries]) == listed
+        assert (None if entries is None else [entry[1:].split("\t")[0] for entry in entries]) == listed
     shutil.rmtree(tmp_path)

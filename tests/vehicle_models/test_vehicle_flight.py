@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from vehicle_client import NAN, Client, simspec
 
+from vehicle_models.controller.links._dialect import dialect as mavlink
+
 Make = Callable[..., Client]
 
 
@@ -27,8 +29,8 @@ def test_takeoff_lasts_as_long_as_the_real_one(make: Make, height_m: float, real
     """From the command to AUTO_LOITER within a tenth of what PX4 was seen to take."""
     client = make()
     client.fly(5.0)
-    client.command(400, 1)
-    client.command(22, 0, 0, 0, NAN, NAN, NAN, 488.0 + height_m)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 488.0 + height_m)
     begun = client.vehicle.time.s
     while client.vehicle.condition().mode != "AUTO_LOITER":
         client.fly(0.02)
@@ -40,9 +42,9 @@ def copter(make: Make) -> Client:
     """An ArduCopter armed in GUIDED."""
     client = make(simspec("ardupilot"), system=255)
     client.fly(43.0)
-    assert client.command(410) == [0]
-    assert client.command(176, 1, 4) == [0]
-    assert client.command(400, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_GET_HOME_POSITION) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     return client
 
 
@@ -50,7 +52,7 @@ def airborne(make: Make, autopilot: str) -> Client:
     """At 10 m, holding."""
     if autopilot == "ardupilot":
         client = copter(make)
-        assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [0]
+        assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [0]
         client.fly(14.0)
         return client
     client = make()
@@ -61,7 +63,7 @@ def airborne(make: Make, autopilot: str) -> Client:
 def test_a_copter_takes_off_as_fast_as_the_real_one(make: Make) -> None:
     """From the command to 95 % of 10 m within a tenth of the 8.1 s that ArduCopter was seen to take, and no higher than 10.5 m."""
     client = copter(make)
-    assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [0]
     rise = track(client, 14.0)
     assert np.argmax(rise[:, 2] > 9.5) / 10 == pytest.approx(8.1, rel=0.1)
     assert rise[:, 2].max() < 10.5
@@ -71,8 +73,8 @@ def test_a_copter_takes_off_as_fast_as_the_real_one(make: Make) -> None:
 def test_a_copters_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
     """After DO_CHANGE_SPEED a reposition reaches that speed and passes its goal by less than 1 m."""
     client = airborne(make, "ardupilot")
-    assert client.command(178, 1, speed, -1) == [0]
-    assert client.command_int(192, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 50.0), 10.0) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, speed, -1) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 50.0), 10.0) == [0]
     leg = track(client, 20.0)
     assert leg[:, 1].max() < 51.0
     assert abs(leg[-1, 1] - 50.0) < 0.1
@@ -81,7 +83,7 @@ def test_a_copters_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_minute_of_hold_without_wind(make: Make, autopilot: str) -> None:
-    """Never farther than 0.3 m from where it was told to be."""
+    """Never farther than 0.3 m from its commanded position."""
     client = airborne(make, autopilot)
     assert np.abs(track(client, 60.0) - [0.0, 0.0, 10.0]).max() < 0.3
 
@@ -92,7 +94,7 @@ def test_it_comes_down_where_it_should(make: Make, autopilot: str, command: int,
     """Return and landing begun 30 m away end within 1 m of home, of the place; disarmed and whole."""
     client = airborne(make, autopilot)
     altitude = 498.0 if autopilot == "px4" else 10.0
-    assert client.command_int(192, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 30.0), altitude) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 30.0), altitude) == [0]
     client.fly(12.0)
     assert client.command(command, 0, 0, 0, NAN, NAN, NAN, NAN) == [0]
     while client.vehicle.condition().armed:
@@ -106,8 +108,8 @@ def test_takeoff_reaches_its_height_and_holds(make: Make) -> None:
     """No overshoot worth naming, and 0.1 m of hold in still air."""
     client = make()
     client.fly(5.0)
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, NAN, NAN, NAN, 498.0) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 498.0) == [0]
     rise = track(client, 14.0)
     assert rise[:, 2].max() < 10.3
     hold = track(client, 5.0)
@@ -120,7 +122,7 @@ def test_a_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
     client = make(simspec(vehicle={"home": {"east_m": 12.0, "north_m": -7.0}}))
     client.airborne()
     latitude, longitude = client.vehicle_goal(0.0, 50.0)
-    assert client.command_int(192, 6, speed, 1, 0, NAN, latitude, longitude, 498.0) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, speed, 1, 0, NAN, latitude, longitude, 498.0) == [0]
     leg = track(client, 20.0) - [12.0, -7.0, 0.0]
     assert leg[:, 1].max() < 51.0
     assert abs(leg[-1, 1] - 50.0) < 0.1
@@ -156,14 +158,14 @@ def test_hold_in_wind_with_gusts(make: Make) -> None:
 
 
 def test_velocity_setpoints_reach_their_speed(make: Make) -> None:
-    """A velocity of (3, -2, -1) with a yaw rate is flown as asked; POSITION_TARGET echoes it with NaN and mask 7."""
+    """A velocity of (3, -2, -1) with a yaw rate is flown as commanded; POSITION_TARGET echoes it with NaN and mask 7."""
     client = make(streams="onboard")
     client.airborne()
     mask = 0x7 | 0x1C0 | 0x400
     client.setpoint(0, 0, 0, mask, vn=3.0, ve=-2.0, vd=-1.0, yawrate=0.2)
     client.fly(0.1)
     client.setpoint(0, 0, 0, mask, vn=3.0, ve=-2.0, vd=-1.0, yawrate=0.2)
-    assert client.command(176, 1, 6) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [0, 0]
     client.fly(5.0, lambda: client.setpoint(0, 0, 0, mask, vn=3.0, ve=-2.0, vd=-1.0, yawrate=0.2))
     truth = client.vehicle.truth()
     assert truth.velocity_enu_mps == pytest.approx((-2.0, 3.0, 1.0), abs=0.1)
@@ -205,7 +207,7 @@ def test_a_wandering_position_does_not_turn_it_over_on_the_ground(make: Make, ro
     """Ten metres of wander move the landing, not the vehicle that stands on its feet: it disarms whole."""
     client = make(simspec(vehicle={"gps": {"wander_m": 10.0}}, seeds={"root": root}))
     client.airborne()
-    client.command(21, 0, 0, 0, NAN, NAN, NAN, NAN)
+    client.command(mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, NAN, NAN, NAN, NAN)
     while client.vehicle.condition().armed:
         client.fly(0.5)
         assert client.vehicle.time.s < 90.0
@@ -278,7 +280,7 @@ def test_landing_in_wind_disarms_near_home(make: Make) -> None:
     client.airborne()
     client.offboard(40, 0, -10)
     client.fly(8.0, lambda: client.setpoint(40, 0, -10))
-    assert client.command(20) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     flown = track(client, 75.0)
     assert flown[:, 2].max() == pytest.approx(30.0, abs=0.5)
     condition = client.vehicle.condition()
@@ -292,9 +294,9 @@ def test_a_hard_landing_is_a_crash(make: Make) -> None:
     """Disarmed by force at 10 m the vehicle falls, and that is a crash: motors off, arming refused from then on."""
     client = make()
     client.airborne()
-    assert client.command(400, 0, 21196) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == [0]
     client.fly(3.0)
     condition = client.vehicle.condition()
     assert condition.crashed
     assert not condition.armed
-    assert client.command(400, 1) == [1]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [1]

@@ -15,12 +15,12 @@ def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
     """MISSION_ITEM with current 2, DroneKit's way to go somewhere: acknowledged, flown, and no part of a mission."""
     client = make(simspec("ardupilot"))
     client.fly(45.0)
-    assert client.command(176, 1, 4) == [0]
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, NAN, 0, 0, 20) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, 0, 0, 20) == [0]
     client.fly(20.0)
-    client.command(512, 242)
-    latitude, longitude = (one * 1e-7 for one in client.vehicle_goal(0.0, 15.0))
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+    latitude, longitude = (angle * 1e-7 for angle in client.vehicle_goal(0.0, 15.0))
     client.send(mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, latitude, longitude, 18))
     client.fly(15.0)
     assert client.last("MISSION_ACK").type == 0

@@ -25,7 +25,7 @@ def until(client: Client, second: float) -> None:
 
 
 def bits(client: Client) -> tuple[int, int, int]:
-    client.command(512, 1)
+    client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_SYS_STATUS)
     m = client.last("SYS_STATUS")
     return (
         m.onboard_control_sensors_present,
@@ -46,21 +46,21 @@ def test_copter_bits_through_the_start(copter: Client) -> None:
     assert bits(copter) == (0x5371FC2F, 0x52619C2F, 0x47719C2F)
     until(copter, 24.0)
     assert bits(copter) == (0x5371FC2F, 0x52619C2F, 0x57719C2F)
-    assert copter.command(176, 1, 4) == [0]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert bits(copter)[2] & PREARM == 0
     until(copter, 43.0)
     assert bits(copter) == (0x5371FC2F, 0x5261FC2F, 0x57719C2F)
-    assert copter.command(400, 1) == [0]
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     assert bits(copter)[1] == 0x5361FC2F
 
 
 def test_copter_estimator_flags(copter: Client) -> None:
     """Without the receiver a constant position, with it 831."""
     until(copter, 10.0)
-    copter.command(512, 193)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
     assert copter.last("EKF_STATUS_REPORT").flags == 167
     until(copter, 42.0)
-    copter.command(512, 193)
+    copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
     assert copter.last("EKF_STATUS_REPORT").flags == 831
 
 
@@ -78,36 +78,36 @@ def test_copter_says_each_check_that_keeps_it_from_arming(copter: Client, second
     """FAILED and a text for each; by force likewise, since these checks are mandatory."""
     until(copter, second)
     if mode:
-        assert copter.command(176, 1, mode) == [0]
+        assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == [0]
         copter.fly(1.1)
     for force in (0, 21196):
         copter.received.clear()
-        assert copter.command(400, 1, force) == [4]
-        assert [one for one in copter.texts() if one.startswith("Arm: ")] == [f"Arm: {one}" for one in texts]
+        assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, force) == [4]
+        assert [text for text in copter.texts() if text.startswith("Arm: ")] == [f"Arm: {text}" for text in texts]
 
 
 def test_copter_repeats_what_fails(copter: Client) -> None:
-    """A mode in which checks fail is said at once, then every 30 s; asked for, at any time."""
+    """Failing checks of a mode are sent at once, then every 30 s; on request, at any time."""
     until(copter, 30.5)
-    assert not [one for one in copter.texts() if one.startswith("PreArm")]
-    copter.command(176, 1, 4)
+    assert not [text for text in copter.texts() if text.startswith("PreArm")]
+    copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     copter.fly(1.1)
-    assert [one for one in copter.texts() if one.startswith("PreArm")] == ["PreArm: Need Position Estimate"]
-    assert copter.command(401) == [0]
+    assert [text for text in copter.texts() if text.startswith("PreArm")] == ["PreArm: Need Position Estimate"]
+    assert copter.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == [0]
     assert copter.texts().count("PreArm: Need Position Estimate") == 2
     until(copter, 43.0)
-    assert copter.command(401) == [0]
+    assert copter.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == [0]
     assert copter.texts().count("PreArm: Need Position Estimate") == 2
-    assert copter.command(400, 1) == [0]
-    assert copter.command(401) == [1]
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert copter.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == [1]
 
 
 def test_a_low_battery_keeps_a_copter_from_arming(copter: Client) -> None:
     until(copter, 43.0)
     copter.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_BATT_VOLTAGE", 9.0, 9))
     copter.fly(0.1)
-    assert copter.command(400, 1) == [4]
-    assert [one for one in copter.texts() if one.startswith("Arm: ")] == [
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [4]
+    assert [text for text in copter.texts() if text.startswith("Arm: ")] == [
         "Arm: Battery 1 low voltage failsafe",
         "Arm: Battery failsafe",
     ]
@@ -149,4 +149,4 @@ def test_px4_is_ready_after_four_seconds(make: Make) -> None:
     assert (present & PREARM, enabled & PREARM, health & PREARM) == (0, 0, PREARM)
     until(client, 10.2)
     assert bits(client)[2] & PREARM == 0
-    assert client.command(400, 1) == [1]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [1]

@@ -1,4 +1,4 @@
-"""Who the autopilot says it is: version, protocol, modes, events, metadata; and its files over MAVLink FTP."""
+"""Identity of the autopilot: version, protocol, modes, events, metadata; and its files over MAVLink FTP."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ REQUEST = 512
 
 
 def only(messages: list[Any], name: str) -> list[Any]:
-    return [one for one in messages if one.get_type() == name]
+    return [message for message in messages if message.get_type() == name]
 
 
 def ask(client: Client, number: int, index: float = 0.0) -> tuple[list[int], list[Any]]:
-    """Request a message: the results, and everything else heard."""
+    """Request a message: the results, and everything else messages."""
     begun = len(client.received)
     results = client.command(REQUEST, number, index)
     return results, client.received[begun:]
 
 
 def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[Any]:
-    """One request; the answers of three steps as (opcode, size, asked, complete, offset, data)."""
+    """One request; the answers of three steps as (opcode, size, requested, complete, offset, data)."""
     size = fields.get("size", len(data))
     head = struct.pack(
         "<HBBBBBBI", fields.get("seq", 1), fields.get("session", 0), opcode, size, 0, 0, 0, fields.get("offset", 0)
     )
     client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))]))
-    found = []
-    for one in only(client.fly(0.06), "FILE_TRANSFER_PROTOCOL"):
-        payload = bytes(one.payload)
-        _, _, op, length, asked, complete, _, offset = struct.unpack_from("<HBBBBBBI", payload)
-        found.append((op, length, asked, complete, offset, payload[12 : 12 + length]))
-    return found
+    replies = []
+    for message in only(client.fly(0.06), "FILE_TRANSFER_PROTOCOL"):
+        payload = bytes(message.payload)
+        _, _, op, length, requested, complete, _, offset = struct.unpack_from("<HBBBBBBI", payload)
+        replies.append((op, length, requested, complete, offset, payload[12 : 12 + length]))
+    return replies
 
 
 def fetch(client: Client, path: str) -> bytes:
@@ -61,22 +61,22 @@ def plain_crc(data: bytes) -> int:
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def test_px4_answers_who_it_is(make: Make) -> None:
+def test_px4_answers_requests_for_its_identity(make: Make) -> None:
     """Version, protocol, component metadata and modes on request; a mode out of range and an unknown message are denied."""
     client = make()
-    results, heard = ask(client, 148)
-    assert (results, only(heard, "AUTOPILOT_VERSION")[0].capabilities) == ([0], 59647)
-    results, heard = ask(client, 300)
-    protocol = only(heard, "PROTOCOL_VERSION")[0]
+    results, messages = ask(client, 148)
+    assert (results, only(messages, "AUTOPILOT_VERSION")[0].capabilities) == ([0], 59647)
+    results, messages = ask(client, 300)
+    protocol = only(messages, "PROTOCOL_VERSION")[0]
     assert (results, protocol.version, protocol.min_version, protocol.max_version) == ([0], 200, 100, 203)
-    results, heard = ask(client, 435)
-    modes = only(heard, "AVAILABLE_MODES")
+    results, messages = ask(client, 435)
+    modes = only(messages, "AVAILABLE_MODES")
     assert results == [0]
-    assert [one.mode_index for one in modes] == list(range(1, modes[0].number_modes + 1))
-    named = {one.custom_mode: one for one in modes}
+    assert [mode.mode_index for mode in modes] == list(range(1, modes[0].number_modes + 1))
+    named = {mode.custom_mode: mode for mode in modes}
     assert (named[3 << 24 | 4 << 16].mode_name, named[3 << 24 | 4 << 16].standard_mode) == ("Hold", 0)
     assert (named[5 << 24 | 4 << 16].mode_name, named[5 << 24 | 4 << 16].standard_mode) == ("", 5)
-    assert sum(one.mode_name == "(Mode not available)" and one.properties == 2 for one in modes) == 8
+    assert sum(mode.mode_name == "(Mode not available)" and mode.properties == 2 for mode in modes) == 8
     assert [len(only(ask(client, 435, index)[1], "AVAILABLE_MODES")) for index in (1, 200)] == [1, 0]
     assert [ask(client, number, index)[0] for number, index in ((435, 200), (411, 0), (437, 0), (31999, 0))] == [[2]] * 4
     assert only(ask(client, 436)[1], "CURRENT_MODE")[0].custom_mode == 3 << 24 | 4 << 16
@@ -85,25 +85,25 @@ def test_px4_answers_who_it_is(make: Make) -> None:
 def test_ardupilot_acknowledges_first_and_has_no_modes_to_list(make: Make) -> None:
     """The acknowledgement comes before the message; what it has no slot for is FAILED."""
     client = make(simspec("ardupilot"))
-    results, heard = ask(client, 148)
+    results, messages = ask(client, 148)
     assert results == [0]
-    assert [one.get_type() for one in heard if one.get_type() in ("COMMAND_ACK", "AUTOPILOT_VERSION")] == [
+    assert [message.get_type() for message in messages if message.get_type() in ("COMMAND_ACK", "AUTOPILOT_VERSION")] == [
         "COMMAND_ACK",
         "AUTOPILOT_VERSION",
     ]
-    version = only(heard, "AUTOPILOT_VERSION")[0]
+    version = only(messages, "AUTOPILOT_VERSION")[0]
     assert (version.capabilities, bytes(version.uid2)[17]) == (64495, 0)
     assert [ask(client, number)[0] for number in (300, 397, 435, 436, 411)] == [[4]] * 5
 
 
 def test_px4_events_are_numbered_and_kept(make: Make) -> None:
-    """A text that is an event comes as EVENT too; what was missed can be asked for, what never was is an error."""
+    """A text that is an event comes as EVENT too; what was missed can be requested for, what never was is an error."""
     client = make()
-    assert client.command(400, 1) == [1]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [1]
     (event,) = only(client.received, "EVENT")
     assert (event.sequence, event.id >> 24, event.log_levels) == (0, 1, 0x22)
     client.send(mavlink.MAVLink_request_event_message(1, 1, 0, 0))
-    assert [one.id for one in only(client.fly(0.02), "EVENT")] == [event.id]
+    assert [message.id for message in only(client.fly(0.02), "EVENT")] == [event.id]
     client.send(mavlink.MAVLink_request_event_message(1, 1, 7, 9))
     (error,) = only(client.fly(0.02), "RESPONSE_EVENT_ERROR")
     assert (error.sequence, error.sequence_oldest_available) == (7, 0)
@@ -117,17 +117,17 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
     packed = fetch(client, "etc/extras/component_general.json.xz")
     assert plain_crc(packed) == metadata.file_crc
     files = {}
-    for one in json.loads(lzma.decompress(packed))["metadataTypes"]:
-        content = fetch(client, one["uri"].removeprefix("mftp://"))
-        assert plain_crc(content) == one["fileCrc"]
-        files[one["type"]] = json.loads(lzma.decompress(content))
-    described = {one["name"]: one for one in files[1]["parameters"]}
+    for load in json.loads(lzma.decompress(packed))["metadataTypes"]:
+        content = fetch(client, load["uri"].removeprefix("mftp://"))
+        assert plain_crc(content) == load["fileCrc"]
+        files[load["type"]] = json.loads(lzma.decompress(content))
+    described = {file["name"]: file for file in files[1]["parameters"]}
     takeoff = described["MIS_TAKEOFF_ALT"]
     assert (takeoff["type"], takeoff["default"], takeoff["units"]) == ("Float", 2.5, "m")
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
-    listed = {one.param_id for one in only(client.fly(1.5), "PARAM_VALUE")} - {"_HASH_CHECK"}
+    listed = {message.param_id for message in only(client.fly(1.5), "PARAM_VALUE")} - {"_HASH_CHECK"}
     assert listed == set(described)
-    assert client.command(400, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     event = only(client.received, "EVENT")[-1]
     events = files[4]["components"]["1"]["event_groups"]["default"]["events"]
     assert events[str(event.id & 0xFFFFFF)]["name"] == "commander_armed_by"
@@ -138,7 +138,7 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     client = make()
     assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
     listed = ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=2)[0][5]
-    assert [one.split(b"\t")[0] for one in listed.split(b"\0")[:-1]] == [
+    assert [part.split(b"\t")[0] for part in listed.split(b"\0")[:-1]] == [
         b"Fall_events.json.xz",
         b"Fcomponent_general.json.xz",
         b"Fparameters.json.xz",
@@ -150,14 +150,17 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     answers = ftp(client, FtpOpcode.BURST, seq=6, size=239)
     while not answers[-1][3]:
         answers += [
-            (op, length, asked, complete, offset, data)
-            for one in only(client.fly(0.02), "FILE_TRANSFER_PROTOCOL")
-            for (_, _, op, length, asked, complete, _, offset), data in [
-                (struct.unpack_from("<HBBBBBBI", bytes(one.payload)), bytes(one.payload)[12 : 12 + bytes(one.payload)[4]])
+            (op, length, requested, complete, offset, data)
+            for message in only(client.fly(0.02), "FILE_TRANSFER_PROTOCOL")
+            for (_, _, op, length, requested, complete, _, offset), data in [
+                (
+                    struct.unpack_from("<HBBBBBBI", bytes(message.payload)),
+                    bytes(message.payload)[12 : 12 + bytes(message.payload)[4]],
+                )
             ]
         ]
-    assert b"".join(one[5] for one in answers) == whole
-    assert [one[3] for one in answers[:-1]] == [0] * (len(answers) - 1)
+    assert b"".join(message[5] for message in answers) == whole
+    assert [message[3] for message in answers[:-1]] == [0] * (len(answers) - 1)
     (checksum,) = ftp(client, FtpOpcode.CRC32, b"etc/extras/parameters.json.xz", seq=7)
     assert struct.unpack("<I", checksum[5])[0] == plain_crc(whole)
     refusals = {
@@ -182,18 +185,18 @@ def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
     assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
     decoded = MAVFTP.ftp_param_decode(fetch(client, "@PARAM/param.pck?withdefaults=1"))
     assert decoded is not None
-    found = {name.decode(): value for name, value, _ in decoded.params}
-    assert len(found) == len(decoded.params) > 700
-    assert (found["RTL_ALT"], found["GUID_TIMEOUT"], found["DISARM_DELAY"]) == (1500, 3.0, 10)
+    values = {name.decode(): value for name, value, _ in decoded.params}
+    assert len(values) == len(decoded.params) > 700
+    assert (values["RTL_ALT"], values["GUID_TIMEOUT"], values["DISARM_DELAY"]) == (1500, 3.0, 10)
 
 
 def test_the_system_id_is_a_parameter_read_at_the_start(make: Make) -> None:
-    """A vehicle started as system 7 speaks as 7 and hears what is for 7; writing the parameter changes nothing before a start."""
+    """A vehicle started as system 7 sends as 7 and takes messages to 7; writing the parameter has no effect before a restart."""
     client = make(simspec(vehicle={"parameters": {"MAV_SYS_ID": 7}}))
-    assert {one.get_srcSystem() for one in client.received} == {7}
+    assert {message.get_srcSystem() for message in client.received} == {7}
     assert client.command(REQUEST, 148) == []
     client.send(mavlink.MAVLink_command_long_message(7, 1, REQUEST, 0, 148, 0, 0, 0, 0, 0, 0))
-    assert [one.result for one in only(client.fly(0.02), "COMMAND_ACK")] == [0]
+    assert [message.result for message in only(client.fly(0.02), "COMMAND_ACK")] == [0]
     (bits,) = struct.unpack("<f", struct.pack("<i", 9))
     client.send(mavlink.MAVLink_param_set_message(7, 1, b"MAV_SYS_ID", bits, 6))
-    assert {one.get_srcSystem() for one in client.fly(2.0)} == {7}
+    assert {message.get_srcSystem() for message in client.fly(2.0)} == {7}

@@ -35,9 +35,9 @@ def peer(opened: Open) -> Iterator[Callable[..., Peer]]:
     with ExitStack() as stack:
 
         def build(vehicle: Vehicle, name: str = "air", system: int = 255) -> Peer:
-            one = Peer(vehicle, name, system)
-            stack.callback(one.socket.close)
-            return one
+            peer = Peer(vehicle, name, system)
+            stack.callback(peer.socket.close)
+            return peer
 
         yield build
 
@@ -81,7 +81,7 @@ def names(messages: list[Any]) -> set[str]:
 
 
 def test_a_companion_on_a_serial_line(opened: Open, tmp_path: Path) -> None:
-    """The other end of the line is a device of the name asked for; what is written there is heard, and answered there."""
+    """The other end of the line is a device of the given name; a message that is written there is answered there."""
     device = tmp_path / "ttyCompanion"
     vehicle = opened(LinkSpec("telem2", "serial", path=str(device)))
     assert vehicle.endpoints() == {"telem2": str(device)}
@@ -89,17 +89,17 @@ def test_a_companion_on_a_serial_line(opened: Open, tmp_path: Path) -> None:
     mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
     mav.robust_parsing = True
     os.write(line, bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
-    heard: list[Any] = []
+    messages: list[Any] = []
     for _ in range(60):
         vehicle.receive()
         vehicle.step()
-        heard += mav.parse_buffer(os.read(line, 1 << 16)) or []
-    assert {"HEARTBEAT", "ATTITUDE", "PARAM_VALUE"} <= names(heard)
+        messages += mav.parse_buffer(os.read(line, 1 << 16)) or []
+    assert {"HEARTBEAT", "ATTITUDE", "PARAM_VALUE"} <= names(messages)
     os.close(line)
 
 
-def test_a_serial_line_that_nobody_reads_loses_what_it_cannot_hold(opened: Open) -> None:
-    """It does not stop the vehicle, and what is lost is counted; whoever reads later finds whole messages again."""
+def test_an_unread_serial_line_loses_what_it_cannot_hold(opened: Open) -> None:
+    """It does not stop the vehicle, and lost messages are counted; a later reader finds whole messages again."""
     vehicle = opened(LinkSpec("telem2", "serial"))
     for _ in range(300):
         vehicle.receive()
@@ -108,13 +108,13 @@ def test_a_serial_line_that_nobody_reads_loses_what_it_cannot_hold(opened: Open)
     line = os.open(vehicle.endpoints()["telem2"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     mav = mavlink.MAVLink(None)
     mav.robust_parsing = True
-    heard: list[Any] = []
+    messages: list[Any] = []
     for _ in range(100):
         vehicle.receive()
         vehicle.step()
-        heard += mav.parse_buffer(os.read(line, 1 << 16)) or []
+        messages += mav.parse_buffer(os.read(line, 1 << 16)) or []
     assert mav.total_receive_errors == 0
-    assert [one.time_boot_ms for one in heard if one.get_type() == "ATTITUDE"][-1] > 7900
+    assert [message.time_boot_ms for message in messages if message.get_type() == "ATTITUDE"][-1] > 7900
     os.close(line)
 
 
@@ -133,7 +133,7 @@ def test_the_device_goes_with_the_vehicle(tmp_path: Path) -> None:
     assert taken.read_text() == "mine"
 
 
-def test_who_speaks_mavlink_1_is_answered_in_it(opened: Open, peer: Callable[..., Peer]) -> None:
+def test_a_mavlink_1_client_is_answered_in_mavlink_1(opened: Open, peer: Callable[..., Peer]) -> None:
     """Payloads of their old length, nothing that has no place in it; a word of MAVLink 2 changes that for good."""
     vehicle = opened(LinkSpec("air", "udp_in"))
     old = peer(vehicle)
@@ -145,10 +145,10 @@ def test_who_speaks_mavlink_1_is_answered_in_it(opened: Open, peer: Callable[...
         vehicle.step()
         data += old.read()
     assert data[0] == 0xFE
-    heard = mavlink.MAVLink(None).parse_buffer(data)
-    assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS"} <= names(heard)
-    assert {message.get_msgbuf()[0] for message in heard} == {0xFE}
-    assert max(message.get_msgId() for message in heard) < 256
+    messages = mavlink.MAVLink(None).parse_buffer(data)
+    assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS"} <= names(messages)
+    assert {message.get_msgbuf()[0] for message in messages} == {0xFE}
+    assert max(message.get_msgId() for message in messages) < 256
     old.beat()
     old.fly()
     old.beat(v1=True)
@@ -167,32 +167,34 @@ def test_lengths_of_mavlink_1_are_those_of_its_own_dialect() -> None:
 
 
 def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -> None:
-    """Unsigned, wrongly signed and repeated messages are not heard, and counted; ours carry a signature that holds."""
+    """Unsigned, wrongly signed and repeated messages are rejected and counted; the vehicle's own signature is valid."""
     vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex()))
     client = peer(vehicle)
     client.beat()
     assert vehicle.counters().get("mavlink_unsigned") is None
     ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
     client.send(ask)
-    heard = client.fly(60)
+    messages = client.fly(60)
     assert vehicle.counters()["mavlink_unsigned"] == 2
-    assert "PARAM_VALUE" not in names(heard)
+    assert "PARAM_VALUE" not in names(messages)
     client.mav.signing.secret_key = bytes(32)
     client.mav.signing.link_id = 3
     client.mav.signing.sign_outgoing = True
-    client.mav.signing.timestamp = heard[-1].get_msgbuf() and int.from_bytes(bytes(heard[-1].get_msgbuf())[-12:-6], "little")
+    client.mav.signing.timestamp = messages[-1].get_msgbuf() and int.from_bytes(
+        bytes(messages[-1].get_msgbuf())[-12:-6], "little"
+    )
     client.send(ask)
     client.fly()
     assert vehicle.counters()["mavlink_bad_signature"] == 1
     client.mav.signing.secret_key = KEY
     refused = client.mav.signing.badsig_count
-    said = bytes(ask.pack(client.mav))
-    client.socket.send(said)
-    client.socket.send(said)
-    heard = client.fly(5)
-    assert len([one for one in heard if one.get_type() == "PARAM_VALUE"]) == 1
+    frame = bytes(ask.pack(client.mav))
+    client.socket.send(frame)
+    client.socket.send(frame)
+    messages = client.fly(5)
+    assert len([message for message in messages if message.get_type() == "PARAM_VALUE"]) == 1
     assert vehicle.counters()["mavlink_old_timestamp"] == 1
-    assert all(one.get_signed() for one in heard)
+    assert all(message.get_signed() for message in messages)
     assert client.mav.signing.badsig_count == refused
 
 
@@ -205,7 +207,9 @@ def signed(mav: Any, key: bytes, message: Any) -> bytes:
 
 @pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
 @pytest.mark.parametrize("signing", ["require", "accept"])
-def test_what_is_believed(opened: Open, kind: Literal["udp_in", "tcp_in"], signing: Literal["require", "accept"]) -> None:
+def test_which_frames_are_accepted(
+    opened: Open, kind: Literal["udp_in", "tcp_in"], signing: Literal["require", "accept"]
+) -> None:
     """A good signature is; a bad one, a repeated message, one from before, and an unsigned one where signing is required are
     not, and each kind is counted. It is the same over TCP, where many messages come in one piece."""
     vehicle = opened(LinkSpec("air", kind, streams="none", signing_key=KEY.hex(), signing=signing))
@@ -221,10 +225,10 @@ def test_what_is_believed(opened: Open, kind: Literal["udp_in", "tcp_in"], signi
             vehicle.receive()
             vehicle.step()
         data = client.recv(65536)
-    heard = mavlink.MAVLink(None).parse_buffer(data) or []
+    messages = mavlink.MAVLink(None).parse_buffer(data) or []
     unsigned = 1 if signing == "require" else 0
-    assert [one.get_type() for one in heard].count("PARAM_VALUE") == 3 - unsigned
-    assert {one.get_msgbuf()[2] for one in heard} == {1}  # signed
+    assert [message.get_type() for message in messages].count("PARAM_VALUE") == 3 - unsigned
+    assert {message.get_msgbuf()[2] for message in messages} == {1}  # signed
     counters = vehicle.counters()
     assert (counters["mavlink_bad_signature"], counters["mavlink_old_timestamp"]) == (1, 2)
     assert counters.get("mavlink_unsigned", 0) == unsigned
@@ -235,8 +239,8 @@ def test_signing_where_unsigned_is_accepted(opened: Open, peer: Callable[..., Pe
     vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex(), signing="accept"))
     client = peer(vehicle)
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
-    heard = client.fly(3)
-    (answer,) = [one for one in heard if one.get_type() == "PARAM_VALUE"]
+    messages = client.fly(3)
+    (answer,) = [message for message in messages if message.get_type() == "PARAM_VALUE"]
     assert answer.get_msgbuf()[2] == 1
     assert "mavlink_unsigned" not in vehicle.counters()
 
@@ -271,7 +275,7 @@ def test_a_key_that_is_none_is_named(opened: Open, key: str) -> None:
 
 
 def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[..., Peer]) -> None:
-    """While one client sends full datagrams, far more than is heard in a step and than any socket holds, the other's every
+    """While one client sends full datagrams, far more than a step handles and than any socket holds, the other's every
     request is answered in the step it came; what was thrown away is counted."""
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     flood, client = peer(vehicle, system=9), peer(vehicle)
@@ -286,7 +290,7 @@ def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[...,
             flood.socket.send(beat * 50)
         for _ in range(3):
             client.send(ask)
-        assert [one.get_type() for one in client.fly()].count("PARAM_VALUE") == 3
+        assert [message.get_type() for message in client.fly()].count("PARAM_VALUE") == 3
     assert vehicle.counters()["mavlink_dropped"] > 500
 
 
@@ -308,16 +312,16 @@ def test_a_flood_over_tcp_does_not_delay_another_client(opened: Open) -> None:
             client.sendall(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
             vehicle.receive()
             vehicle.step()
-            heard = mav.parse_buffer(client.recv(65536)) or []
-            answers += [one.get_type() for one in heard].count("PARAM_VALUE")
+            messages = mav.parse_buffer(client.recv(65536)) or []
+            answers += [message.get_type() for message in messages].count("PARAM_VALUE")
         assert answers == 60
         assert 2000 < vehicle.receive()["serial0"] < sent // 21
         assert vehicle.counters()["mavlink_dropped"] == 0
 
 
 @pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
-def test_a_burst_is_counted_and_heard_whole(opened: Open, kind: Literal["udp_in", "tcp_in"]) -> None:
-    """More than is heard in a step, sent within one tick: every message is counted before time goes on, none is lost."""
+def test_every_message_of_a_burst_is_counted_and_answered(opened: Open, kind: Literal["udp_in", "tcp_in"]) -> None:
+    """More than a step handles, sent within one tick: every message is counted before time advances, none is lost."""
     vehicle = opened(LinkSpec("air", kind, streams="none"))
     host, port = vehicle.endpoints()["air"].split(":")[1:]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM) as client:
@@ -337,14 +341,14 @@ def test_a_burst_is_counted_and_heard_whole(opened: Open, kind: Literal["udp_in"
             vehicle.step()
             with contextlib.suppress(BlockingIOError):
                 while True:
-                    heard = mav.parse_buffer(client.recv(65536)) or []
-                    answers += [one.get_type() for one in heard].count("PARAM_VALUE")
+                    messages = mav.parse_buffer(client.recv(65536)) or []
+                    answers += [message.get_type() for message in messages].count("PARAM_VALUE")
         assert answers == 440
         assert vehicle.counters()["mavlink_dropped"] == 0
 
 
 def test_the_port_stays_the_links_own(opened: Open, peer: Callable[..., Peer]) -> None:
-    """Although a client that speaks has a socket of its own at the same port, nobody else can take it."""
+    """An active client has a socket of its own at the same port, but no other process can bind the port."""
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     client = peer(vehicle)
     for _ in range(3):
@@ -357,16 +361,16 @@ def test_the_port_stays_the_links_own(opened: Open, peer: Callable[..., Peer]) -
             other.bind(("127.0.0.1", port))
 
 
-def test_clients_that_come_and_go_do_not_push_out_who_speaks(opened: Open, peer: Callable[..., Peer]) -> None:
+def test_clients_that_come_and_go_do_not_push_out_an_active_one(opened: Open, peer: Callable[..., Peer]) -> None:
     """Forty that say one thing and vanish; the one that goes on speaking goes on hearing."""
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     client = peer(vehicle)
     for number in range(40):
         client.beat()
         client.fly()
-        gone = Peer(vehicle, "air", number)
-        gone.beat()
-        gone.socket.close()
+        newcomer = Peer(vehicle, "air", number)
+        newcomer.beat()
+        newcomer.socket.close()
         client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1))
         assert "PARAM_VALUE" in names(client.fly(2))
 

@@ -19,15 +19,15 @@ from vehicle_models import open_x500
 
 def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
     """What the tap saw of 20 s with two UDP links and a TCP link, a client on each, and one signing on the way."""
-    seen: list[tuple[str, str, bytes]] = []
+    log: list[tuple[str, str, bytes]] = []
     with ExitStack() as stack:
         udp = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
         links = [LinkSpec("a", "udp_in", streams="gcs"), LinkSpec("b", "udp_in"), LinkSpec("c", "tcp_in", streams="none")]
         plan = VehiclePlan(simspec(autopilot, environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), tuple(links))
-        vehicle = stack.enter_context(open_x500(plan, lambda *one: seen.append(one)))
+        vehicle = stack.enter_context(open_x500(plan, lambda *entry: log.append(entry)))
         ports = {name: int(end.rsplit(":", 1)[1]) for name, end in vehicle.endpoints().items()}
-        for one, name in zip(udp, "ab", strict=True):
-            one.connect(("127.0.0.1", ports[name]))
+        for sock, name in zip(udp, "ab", strict=True):
+            sock.connect(("127.0.0.1", ports[name]))
         tcp = stack.enter_context(socket.create_connection(("127.0.0.1", ports["c"])))
         speakers = [mavlink.MAVLink(None, srcSystem=system, srcComponent=190) for system in (255, 245, 7)]
         counts = {"a": 0, "b": 0, "c": 0}
@@ -35,7 +35,11 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
             if step % 10 == 0:
                 for name, sock, mav in zip("abc", (*udp, tcp), speakers, strict=True):
                     frames = [mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)]
-                    frames.append(mavlink.MAVLink_command_long_message(1, 1, 400, 0, step // 300, 0, 0, 0, 0, 0, 0))
+                    frames.append(
+                        mavlink.MAVLink_command_long_message(
+                            1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, step // 300, 0, 0, 0, 0, 0, 0
+                        )
+                    )
                     frames.append(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
                     frames.append(mavlink.MAVLink_ping_message(step, step, 0, 0))
                     sock.send(b"".join(bytes(frame.pack(mav, force_mavlink1=name == "c")) for frame in frames))
@@ -44,12 +48,12 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
                 while dict(vehicle.receive()) != counts:
                     assert time.monotonic() < deadline
             vehicle.step()
-    return seen
+    return log
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_several_links_give_the_same_log_twice(autopilot: str) -> None:
-    """Same script, same log: what each of three clients said, heard, and had forwarded, in the same order."""
+    """Same script, same log: the messages of three clients, sent, received and forwarded, in the same order."""
     first = log_of_a_flight(autopilot)
     assert {(link, way) for link, way, _ in first} == {(link, way) for link in "abc" for way in ("to_agent", "from_agent")}
     assert first == log_of_a_flight(autopilot)
@@ -77,12 +81,12 @@ def test_ten_times_as_fast() -> None:
                 if message.time_boot_ms >= ready:
                     return time.monotonic(), message.time_boot_ms / 1000.0
 
-        host, own = at(5000)
+        host, simulated = at(5000)
         client.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
         acknowledged = client.recv_match(type="COMMAND_ACK", blocking=True, timeout=10)
         assert acknowledged.result == 0
         host_later, own_later = at(25000)
-        assert own_later - own <= 10.0 * (host_later - host) + 2.0  # never ahead; behind as the machine is loaded
+        assert own_later - simulated <= 10.0 * (host_later - host) + 2.0  # never ahead; behind as the machine is loaded
         beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=10)
         assert not beat.base_mode & 128
     finally:

@@ -55,34 +55,34 @@ def read(client: socket.socket) -> bytes:
 
 
 def test_tcp_serves_several_clients_the_same_bytes() -> None:
-    """Nothing is sent or counted while nobody is connected; two clients then hear the same."""
+    """Nothing is sent or counted without a client; two clients then receive the same."""
     with flown(LinkSpec("serial0", "tcp_in")) as vehicle:
         run(vehicle, 60)
         assert vehicle.sent() == {"serial0": 0}
-        with tcp_client(vehicle) as one, tcp_client(vehicle) as two:
+        with tcp_client(vehicle) as first, tcp_client(vehicle) as second:
             run(vehicle, 100)
-            heard = read(one)
-            assert len(heard) > 1000
-            assert heard == read(two)
-            one.sendall(beat() + beat())
-            two.sendall(beat())
+            data = read(first)
+            assert len(data) > 1000
+            assert data == read(second)
+            first.sendall(beat() + beat())
+            second.sendall(beat())
             assert vehicle.receive() == {"serial0": 3}
 
 
 def test_a_client_that_stops_reading_is_dropped() -> None:
-    """It costs bounded memory and nobody else's data; the drop is counted."""
+    """It costs bounded memory and no other client's data; the drop is counted."""
     with (
         flown(LinkSpec("serial0", "tcp_in")) as vehicle,
         tcp_client(vehicle) as greedy,
         tcp_client(vehicle) as silent,
     ):
         silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        heard = 0
+        data = 0
         while vehicle.counters()["mavlink_dropped"] == 0:
             run(vehicle, 500)
-            heard += len(read(greedy))
+            data += len(read(greedy))
             assert vehicle.time.s < 1000.0
-        assert heard > BACKLOG_BYTES
+        assert data > BACKLOG_BYTES
         run(vehicle, 50)
         assert read(greedy)
 
@@ -104,8 +104,8 @@ def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
         assert vehicle.time.ns == 20_000_000
 
 
-def test_udp_in_answers_who_has_written() -> None:
-    """Silent until somebody writes; then that peer hears, and is one whole-message count."""
+def test_udp_in_answers_every_peer_that_has_sent() -> None:
+    """Silent until a peer sends something; then that peer receives, and its message is counted once."""
     with flown(LinkSpec("air", "udp_in")) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.setblocking(False)
         run(vehicle, 60)
@@ -121,33 +121,35 @@ def test_messages_for_others_are_forwarded_between_links() -> None:
     """A heartbeat on one link shows on the other as it was; what is for the vehicle alone does not."""
     with (
         flown(LinkSpec("a", "udp_in", streams="none"), LinkSpec("b", "udp_in", streams="none")) as vehicle,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
     ):
-        two.setblocking(False)
+        second.setblocking(False)
         ports = {name: int(end.split(":")[2]) for name, end in vehicle.endpoints().items()}
-        two.sendto(beat(7), ("127.0.0.1", ports["b"]))
+        second.sendto(beat(7), ("127.0.0.1", ports["b"]))
         run(vehicle, 1)
         mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
         private = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1).pack(mav))
-        other = bytes(mavlink.MAVLink_command_long_message(77, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav))
-        one.sendto(beat(9) + private + other, ("127.0.0.1", ports["a"]))
+        other = bytes(
+            mavlink.MAVLink_command_long_message(77, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav)
+        )
+        first.sendto(beat(9) + private + other, ("127.0.0.1", ports["a"]))
         run(vehicle, 1)
-        assert two.recv(65535) == beat(9)  # nobody has ever heard of system 77 there
-        two.sendto(beat(77), ("127.0.0.1", ports["b"]))
+        assert second.recv(65535) == beat(9)  # nobody has ever heard of system 77 there
+        second.sendto(beat(77), ("127.0.0.1", ports["b"]))
         run(vehicle, 1)
-        one.sendto(private + other, ("127.0.0.1", ports["a"]))
+        first.sendto(private + other, ("127.0.0.1", ports["a"]))
         run(vehicle, 1)
-        assert two.recv(65535) == other
+        assert second.recv(65535) == other
 
 
 def test_the_tap_has_both_directions_whole() -> None:
-    """What the tap saw is what the client sent and heard."""
-    seen: dict[str, bytes] = {"to_agent": b"", "from_agent": b""}
+    """The tap has what the client sent and received."""
+    tapped: dict[str, bytes] = {"to_agent": b"", "from_agent": b""}
 
     def tap(link: str, direction: str, data: bytes) -> None:
         assert link == "serial0"
-        seen[direction] += data
+        tapped[direction] += data
 
     with (
         open_x500(VehiclePlan(simspec(), (LinkSpec("serial0", "tcp_in"),)), tap) as vehicle,
@@ -155,8 +157,8 @@ def test_the_tap_has_both_directions_whole() -> None:
     ):
         client.sendall(beat())
         run(vehicle, 100)
-        assert seen["from_agent"] == beat()
-        assert seen["to_agent"] == read(client)
+        assert tapped["from_agent"] == beat()
+        assert tapped["to_agent"] == read(client)
 
 
 def test_links_that_cannot_be_opened_are_named_all_at_once() -> None:

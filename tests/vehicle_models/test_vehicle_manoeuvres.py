@@ -1,6 +1,6 @@
 # mypy: disable-error-code="func-returns-value, arg-type"
 # Two calls in one lambda are a tuple of None; naming a function for each pair would hide the script of the flight.
-"""Manoeuvres by command and by stick: orbits, headings, pauses, speeds, and what happens when nobody holds the sticks."""
+"""Manoeuvres by command and by stick: orbits, headings, pauses, speeds, and loss of the sticks."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def copter(make: Make) -> Client:
     """An ArduCopter in GUIDED at 10 m."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
-    client.command(410)
-    assert client.command(176, 1, 4) == [ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
-    assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
+    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
     client.fly(12.0)
     return client
 
@@ -52,22 +52,22 @@ def speed(client: Client) -> float:
 def test_a_leg_to_the_north_turns_the_nose(px4: Client) -> None:
     """A reposition without heading looks where it goes when that is far, and ends within 0.3 m; with one it keeps that."""
     latitude, longitude = px4.vehicle_goal(50.0, 0.0)
-    assert px4.command_int(192, 0, 8.0, 1, 0, NAN, latitude, longitude, 498.0) == [ACCEPTED]
+    assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8.0, 1, 0, NAN, latitude, longitude, 498.0) == [ACCEPTED]
     px4.fly(6.0)
     assert px4.vehicle.truth().yaw_rad == pytest.approx(math.pi / 2, abs=0.05)
     px4.fly(10.0)
     assert math.dist(px4.vehicle.truth().position_enu_m, (50.0, 0.0, 10.0)) < 0.3
     latitude, longitude = px4.vehicle_goal(20.0, 0.0)
-    assert px4.command_int(192, 0, 8.0, 1, 0, 0.5, latitude, longitude, 498.0) == [ACCEPTED]
+    assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8.0, 1, 0, 0.5, latitude, longitude, 498.0) == [ACCEPTED]
     px4.fly(5.0)
     assert px4.vehicle.truth().yaw_rad == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize("radius", [20.0, -10.0])
 def test_orbit(px4: Client, radius: float) -> None:
-    """DO_ORBIT: mode 3.1, base mode as auto, on the circle within 0.5 m at its speed and sense, nose inwards, status told."""
+    """DO_ORBIT: mode 3.1, base mode as auto, on the circle within 0.5 m at its speed and sense, nose inwards, status streamed."""
     latitude, longitude = px4.vehicle_goal(5.0, 15.0)
-    assert px4.command_int(34, 3, radius, 4.0, 0, 0, latitude, longitude, 500.0) == [ACCEPTED]
+    assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, latitude, longitude, 500.0) == [ACCEPTED]
     px4.fly(15.0)
     for _ in range(40):
         px4.fly(0.5)
@@ -82,7 +82,7 @@ def test_orbit(px4: Client, radius: float) -> None:
     beat, status = px4.last("HEARTBEAT"), px4.last("ORBIT_EXECUTION_STATUS")
     assert (beat.custom_mode, beat.base_mode) == (1 << 24 | 3 << 16, 157)
     assert (status.radius, status.x, status.frame) == (pytest.approx(radius), latitude, 5)
-    assert px4.command(176, 1, 4, 3) == [ACCEPTED, ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
     px4.fly(6.0)
     assert speed(px4) < 0.1
 
@@ -90,21 +90,21 @@ def test_orbit(px4: Client, radius: float) -> None:
 def test_orbit_of_the_wrong_size(px4: Client) -> None:
     """Accepted, a text, and nothing flown."""
     for radius in (0.5, 2000.0):
-        assert px4.command_int(34, 3, radius, 4.0, 0, 0, HERE, HERE, NAN) == [ACCEPTED]
+        assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, HERE, HERE, NAN) == [ACCEPTED]
     assert px4.vehicle.condition().mode == "AUTO_LOITER"
-    assert [one for one in px4.texts() if "Orbit radius limit exceeded" in one] == ["Orbit radius limit exceeded\t"] * 2
+    assert [text for text in px4.texts() if "Orbit radius limit exceeded" in text] == ["Orbit radius limit exceeded\t"] * 2
 
 
 def test_change_altitude_and_speed(px4: Client) -> None:
     """DO_CHANGE_ALTITUDE moves the height that is held; DO_CHANGE_SPEED the speed of the leg being flown."""
-    assert px4.command(186, 503.0, 0) == [ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_CHANGE_ALTITUDE, 503.0, 0) == [ACCEPTED]
     px4.fly(6.0)
     assert px4.vehicle.truth().position_enu_m == pytest.approx((0.0, 0.0, 15.0), abs=0.3)
     latitude, longitude = px4.vehicle_goal(0.0, 200.0)
-    assert px4.command_int(192, 0, -1, 1, 0, NAN, latitude, longitude, 503.0) == [ACCEPTED]
+    assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, latitude, longitude, 503.0) == [ACCEPTED]
     px4.fly(6.0)
     assert speed(px4) == pytest.approx(5.0, abs=0.2)
-    assert px4.command(178, 1, 9.0, -1) == [ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9.0, -1) == [ACCEPTED]
     px4.fly(5.0)
     assert speed(px4) == pytest.approx(9.0, abs=0.3)
 
@@ -113,8 +113,8 @@ def test_px4_position_mode_by_joystick(make: Make) -> None:
     """Full throttle takes off, sticks move it, their middle holds it, throttle at zero lands and disarms."""
     client = make()
     client.fly(5.0, lambda: joystick(client))
-    assert client.command(176, 1, 3) == [ACCEPTED, ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3) == [ACCEPTED, ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     client.fly(5.0, lambda: joystick(client, up=1000))
     assert client.vehicle.truth().position_enu_m[2] > 5.0
     client.fly(4.0, lambda: joystick(client, ahead=500))
@@ -138,7 +138,7 @@ def test_px4_sticks_take_over(make: Make, bits: int, follows: bool, mode: str) -
     if follows:
         client.offboard(0, 0, -10)
     else:
-        client.command(20)
+        client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
     before = client.vehicle.condition().mode
     client.fly(1.0, lambda: (joystick(client, ahead=400), client.setpoint(0, 0, -10)))
     client.fly(1.0, lambda: (joystick(client, ahead=415), client.setpoint(0, 0, -10)))
@@ -169,7 +169,7 @@ def test_px4_sticks_take_over_from_a_failsafe_once_it_acts(make: Make) -> None:
 def test_px4_tilts_by_joystick(px4: Client, main: int, up: int) -> None:
     """ALTCTL keeps the height; STABILIZED and MANUAL hold the tilt: half a stick of 35 degrees."""
     px4.fly(0.2, lambda: joystick(px4))
-    assert px4.command(176, 1, main) == [ACCEPTED, ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main) == [ACCEPTED, ACCEPTED]
     px4.fly(1.5, lambda: joystick(px4, right=500, up=up))
     truth = px4.vehicle.truth()
     assert truth.roll_rad == pytest.approx(math.radians(17.5), abs=0.05)
@@ -181,17 +181,17 @@ def test_px4_tilts_by_joystick(px4: Client, main: int, up: int) -> None:
 def test_px4_stick_modes_need_sticks(px4: Client) -> None:
     """Refused without a joystick, had with one."""
     for main, label in ((1, "Manual"), (2, "Altitude"), (3, "Position"), (5, "Acro"), (7, "Stabilized")):
-        assert px4.command(176, 1, main) == [ACCEPTED, REJECTED]
+        assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main) == [ACCEPTED, REJECTED]
         assert f"Switching to {label} is currently not available" in "".join(px4.texts())
     px4.fly(0.5, lambda: joystick(px4))
-    assert px4.command(176, 1, 3) == [ACCEPTED, ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3) == [ACCEPTED, ACCEPTED]
     assert px4.vehicle.condition().mode == "POSCTL"
 
 
 @pytest.mark.parametrize("mode", [2, 5, 16])
-def test_copter_descends_where_nobody_holds_the_throttle(copter: Client, mode: int) -> None:
+def test_copter_descends_without_a_held_throttle(copter: Client, mode: int) -> None:
     """ALT_HOLD, LOITER, POSHOLD: the radio's throttle lies at zero, so it lands, and disarms after DISARM_DELAY."""
-    assert copter.command(176, 1, mode) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == [ACCEPTED]
     copter.fly(3.0)
     assert copter.vehicle.truth().position_enu_m[2] < 6.5
     copter.fly(6.0)
@@ -205,7 +205,7 @@ def test_copter_descends_where_nobody_holds_the_throttle(copter: Client, mode: i
 def test_copter_flies_by_overrides(copter: Client) -> None:
     """RC_CHANNELS_OVERRIDE: mid throttle holds, pitch low is nose down; three seconds of silence give the radio back."""
     channels(copter, 1500, 1500, 1500, 1500)
-    assert copter.command(176, 1, 5) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5) == [ACCEPTED]
     copter.fly(3.0, lambda: channels(copter, 1500, 1250, 1500, 1500))
     assert copter.vehicle.truth().velocity_enu_mps[1] > 4.0
     copter.fly(6.0, lambda: channels(copter, 1500, 1500, 1500, 1500))
@@ -220,7 +220,7 @@ def test_copter_flies_by_overrides(copter: Client) -> None:
 def test_copter_sticks_of_a_stranger(make: Make) -> None:
     """Overrides count from SYSID_MYGCS alone."""
     client = make(simspec("ardupilot"), streams="onboard", system=7)
-    client.command(511, 65, 100_000)
+    client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS, 100_000)
     channels(client, 1900)
     client.fly(1.0)
     assert client.last("RC_CHANNELS").chan1_raw == 1500
@@ -230,7 +230,7 @@ def test_copter_brake_and_circle(copter: Client) -> None:
     """BRAKE stops and stays; CIRCLE goes around a point 10 m ahead at 20 degrees a second while the throttle is held."""
     copter.setpoint(0, 0, 0, 0xDC7, vn=5.0)
     copter.fly(2.5)
-    assert copter.command(176, 1, 17) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
     copter.fly(6.0)
     assert speed(copter) < 0.1
     assert copter.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.5)
@@ -240,7 +240,7 @@ def test_copter_brake_and_circle(copter: Client) -> None:
         truth.position_enu_m[1] + 10 * math.cos(truth.yaw_rad),
     )
     channels(copter, 1500, 1500, 1500, 1500)
-    assert copter.command(176, 1, 7) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 7) == [ACCEPTED]
     copter.fly(20.0, lambda: channels(copter, 1500, 1500, 1500, 1500))
     assert math.dist(copter.vehicle.truth().position_enu_m[:2], centre) == pytest.approx(10.0, abs=0.5)
     assert speed(copter) == pytest.approx(10.0 * math.radians(20.0), abs=0.3)
@@ -248,52 +248,52 @@ def test_copter_brake_and_circle(copter: Client) -> None:
 
 def test_copter_heading_commands(copter: Client) -> None:
     """CONDITION_YAW absolute, relative and refused; a region of interest keeps the nose on it; NONE lets go."""
-    assert copter.command(115, 90, 30, 1, 0) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 90, 30, 1, 0) == [ACCEPTED]
     copter.fly(1.0)
     assert copter.vehicle.truth().yaw_rad < math.radians(45.0), "no faster than asked"
     copter.fly(4.0)
     assert copter.vehicle.truth().yaw_rad == pytest.approx(math.pi / 2, abs=0.05)
-    assert copter.command(115, 45, 60, -1, 1) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 45, 60, -1, 1) == [ACCEPTED]
     copter.fly(3.0)
     assert copter.vehicle.truth().yaw_rad == pytest.approx(math.pi / 4, abs=0.05)
-    assert copter.command(115, 400, 30, 1, 0) == [FAILED]
-    assert copter.command(115, 10, 30, 5, 0) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 400, 30, 1, 0) == [FAILED]
+    assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 10, 30, 5, 0) == [ACCEPTED]
     latitude, longitude = copter.vehicle_goal(-40.0, 0.0)
-    assert copter.command_int(195, 0, 0, 0, 0, 0, latitude, longitude, 0.0) == [ACCEPTED]
+    assert copter.command_int(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, latitude, longitude, 0.0) == [ACCEPTED]
     copter.fly(5.0)
     assert copter.vehicle.truth().yaw_rad == pytest.approx(-math.pi / 2, abs=0.05)
-    assert copter.command(197) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == [ACCEPTED]
 
 
 def test_copter_pauses_and_goes_on(copter: Client) -> None:
     copter.setpoint(60, 0, -10, 0xDF8)
     copter.fly(3.0)
-    assert copter.command(193, 0) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0) == [ACCEPTED]
     copter.fly(8.0)
     assert speed(copter) < 0.1
-    assert copter.command(193, 1) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 1) == [ACCEPTED]
     copter.fly(12.0)
     assert copter.vehicle.truth().position_enu_m[1] == pytest.approx(60.0, abs=0.3)
 
 
 def test_copter_speeds(copter: Client) -> None:
     """DO_CHANGE_SPEED holds for the way to a position; type 2 is the climb."""
-    assert copter.command(178, 1, 4.0) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 4.0) == [ACCEPTED]
     copter.setpoint(60, 0, -10, 0xDF8)
     copter.fly(5.0)
     assert speed(copter) == pytest.approx(4.0, abs=0.2)
-    assert copter.command(178, 2, 1.0) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 2, 1.0) == [ACCEPTED]
     copter.setpoint(60, 0, -30, 0xDF8)
     copter.fly(3.0)
     assert copter.vehicle.truth().velocity_enu_mps[2] == pytest.approx(1.0, abs=0.1)
     for wrong in (0.0, -1.0):
-        assert copter.command(178, 1, wrong) == [FAILED]
+        assert copter.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, wrong) == [FAILED]
 
 
 def test_copter_return_keeps_its_heading_and_lands_at_home(copter: Client) -> None:
     copter.setpoint(30, 0, -10, 0xDF8)
     copter.fly(8.0)
-    assert copter.command(20) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [ACCEPTED]
     copter.fly(8.0)
     assert abs(copter.vehicle.truth().yaw_rad) < 0.1
     copter.fly(45.0)
@@ -312,8 +312,8 @@ def lead(client: Client, north: float, east: float, capabilities: int = 1, vn: f
 
 
 def test_px4_follows_a_leader(px4: Client) -> None:
-    """Eight metres behind somebody walking north at 2 m/s, eight above home, looking at them; they stop, it stops."""
-    assert px4.command(176, 1, 4, 8) == [ACCEPTED, ACCEPTED]
+    """Eight metres behind a leader that walks north at 2 m/s, eight above home, looking at it; when the leader stops, it stops."""
+    assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 8) == [ACCEPTED, ACCEPTED]
     px4.fly(2.0, lambda: lead(px4, 0, 0, capabilities=2, vn=5.0))
     assert speed(px4) < 0.1, "a velocity alone leads nowhere"
     begun = px4.vehicle.time.s
@@ -333,7 +333,7 @@ def test_px4_sticks_adjust_how_it_follows(px4: Client) -> None:
     def sticks(seconds: float, **moved: int) -> None:
         px4.fly(seconds, lambda: (lead(px4, 20.0, 0.0), joystick(px4, **moved)))
 
-    assert px4.command(176, 1, 4, 8) == [ACCEPTED, ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 8) == [ACCEPTED, ACCEPTED]
     sticks(8.0, ahead=400, right=-400, up=600)
     assert px4.vehicle.truth().position_enu_m == pytest.approx((0.0, 12.0, 8.0), abs=0.5)
     sticks(2.0, up=1000)

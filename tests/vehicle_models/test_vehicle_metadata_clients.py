@@ -65,6 +65,6 @@ def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
         stop.set()
         flying.join()
     assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(done.stdout.splitlines()[-1])
-    assert sorted(found["described"]) == sorted(found["listed"])
-    assert found["components"] == ["1"]
+    metadata = json.loads(done.stdout.splitlines()[-1])
+    assert sorted(metadata["described"]) == sorted(metadata["listed"])
+    assert metadata["components"] == ["1"]

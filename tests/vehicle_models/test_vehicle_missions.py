@@ -1,4 +1,4 @@
-"""Missions: the protocol as each personality speaks it, and the flight."""
+"""Missions: the protocol as each autopilot speaks it, and the flight."""
 
 from __future__ import annotations
 
@@ -15,38 +15,42 @@ Row = tuple[Any, ...]  # command, frame, params 1 to 4, x, y, z
 
 
 def item(seq: int, row: Row, kind: int = 0) -> Any:
-    command, frame, one, two, three, four, x, y, z = row
+    command, frame, first, second, third, fourth, x, y, z = row
     message = mavlink.MAVLink_mission_item_int_message
-    return message(1, 1, seq, frame, command, int(seq == 0), 1, one, two, three, four, x, y, z, kind)
+    return message(1, 1, seq, frame, command, int(seq == 0), 1, first, second, third, fourth, x, y, z, kind)
 
 
 def step(client: Client) -> list[Any]:
-    """What the vehicle says of missions in one step."""
-    return [one for one in client.fly(0.02) if one.get_type().startswith("MISSION_") and one.get_type() != "MISSION_CURRENT"]
+    """The messages of the mission protocol in one step."""
+    return [
+        message
+        for message in client.fly(0.02)
+        if message.get_type().startswith("MISSION_") and message.get_type() != "MISSION_CURRENT"
+    ]
 
 
 def upload(client: Client, rows: Sequence[Row], kind: int = 0) -> int:
     """Upload as a ground station does; the verdict."""
     client.send(mavlink.MAVLink_mission_count_message(1, 1, len(rows), kind))
     for _ in range(4 * len(rows) + 4):
-        for said in step(client):
-            if said.get_type() == "MISSION_ACK":
-                verdict: int = said.type
+        for message in step(client):
+            if message.get_type() == "MISSION_ACK":
+                verdict: int = message.type
                 return verdict
-            client.send(item(said.seq, rows[said.seq], kind))
+            client.send(item(message.seq, rows[message.seq], kind))
     raise AssertionError("no end of the upload")
 
 
 def download(client: Client, kind: int = 0) -> list[Any]:
     client.send(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
     (count,) = step(client)
-    found = []
+    items = []
     for seq in range(count.count):
         client.send(mavlink.MAVLink_mission_request_int_message(1, 1, seq, kind))
-        found += step(client)
+        items += step(client)
     client.send(mavlink.MAVLink_mission_ack_message(1, 1, 0, kind))
     client.fly(0.02)
-    return found
+    return items
 
 
 def to(client: Client, east: float, north: float, height: float, command: int = 16, hold: float = 0.0, yaw: float = NAN) -> Row:
@@ -71,23 +75,27 @@ def ready_ardupilot(make: Make) -> Client:
 
 
 def reached(client: Client) -> list[int]:
-    seen: list[int] = []
-    for one in client.received:
-        if one.get_type() == "MISSION_ITEM_REACHED" and (not seen or seen[-1] != one.seq):
-            seen.append(one.seq)
-    return seen
+    numbers: list[int] = []
+    for message in client.received:
+        if message.get_type() == "MISSION_ITEM_REACHED" and (not numbers or numbers[-1] != message.seq):
+            numbers.append(message.seq)
+    return numbers
 
 
-def test_px4_stores_what_it_was_given(make: Make) -> None:
+def test_px4_stores_the_uploaded_items(make: Make) -> None:
     """Frames come back in the INT notation, the first item is current, the same plan is the same."""
     client = ready_px4(make)
-    rows = [to(client, 0, 20, 10, yaw=0.0), bare(178, 1, 3.0, -1), (21, 0, 0, 0, 0, 0, *client.vehicle_goal(0, 0), 488.0)]
+    rows = [
+        to(client, 0, 20, 10, yaw=0.0),
+        bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1),
+        (21, 0, 0, 0, 0, 0, *client.vehicle_goal(0, 0), 488.0),
+    ]
     assert upload(client, rows) == 0
-    got = download(client)
-    assert [one.frame for one in got] == [6, 2, 5]
-    assert [one.command for one in got] == [16, 178, 21]
-    assert [one.current for one in got] == [1, 0, 0]
-    assert (got[0].x, got[0].y, got[0].z) == rows[0][6:]
+    items = download(client)
+    assert [item.frame for item in items] == [6, 2, 5]
+    assert [item.command for item in items] == [16, 178, 21]
+    assert [item.current for item in items] == [1, 0, 0]
+    assert (items[0].x, items[0].y, items[0].z) == rows[0][6:]
     client.send(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
     (as_float,) = step(client)
     assert as_float.get_type() == "MISSION_ITEM"
@@ -103,10 +111,10 @@ def test_px4_stores_what_it_was_given(make: Make) -> None:
     ("row", "kind", "verdict"),
     [
         ((31999, 3, 0, 0, 0, 0, 0, 0, 0), 0, 3),
-        ((16, 1, 0, 0, 0, 0, 0, 0, 0), 0, 2),
-        ((5001, 3, 2, 0, 0, 0, 0, 0, 0), 1, 1),
-        ((16, 3, 0, 0, 0, 0, 2000000000, 0, 10), 0, 0),
-        ((16, 3, 0, 0, 0, 0, 470000000, 80000000, NAN), 0, 0),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 1, 0, 0, 0, 0, 0, 0, 0), 0, 2),
+        ((mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 3, 2, 0, 0, 0, 0, 0, 0), 1, 1),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 2000000000, 0, 10), 0, 0),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 470000000, 80000000, NAN), 0, 0),
     ],
 )
 def test_px4_refuses_the_items_that_the_real_one_does(make: Make, row: Row, kind: int, verdict: int) -> None:
@@ -116,43 +124,49 @@ def test_px4_refuses_the_items_that_the_real_one_does(make: Make, row: Row, kind
     assert ("IGN MISSION_ITEM: Invalid item\t" in client.texts()) == (verdict in (2, 3))
 
 
-def test_px4_asks_again_and_gives_up_without_an_answer(make: Make) -> None:
+def test_px4_repeats_requests_and_gives_up_without_an_answer(make: Make) -> None:
     """Every 0.26 s for 5.1 s, then a text, no acknowledgement, and the old plan stays."""
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    said = client.fly(7.0)
-    asked = [one for one in said if one.get_type() == "MISSION_REQUEST_INT"]
-    assert 19 <= len(asked) <= 22
-    assert not [one for one in said if one.get_type() == "MISSION_ACK"]
+    messages = client.fly(7.0)
+    requests = [message for message in messages if message.get_type() == "MISSION_REQUEST_INT"]
+    assert 19 <= len(requests) <= 22
+    assert not [message for message in messages if message.get_type() == "MISSION_ACK"]
     assert "Operation timeout\t" in client.texts()
     assert len(download(client)) == 1
 
 
-def test_px4_type_that_is_none_and_item_that_nobody_asked_for(make: Make) -> None:
+def test_px4_refuses_an_unknown_type_and_an_unrequested_item(make: Make) -> None:
     """NO_SPACE and ERROR; a count during an unfinished download is an ERROR; a request out of range is silence."""
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 99))
-    assert [one.type for one in step(client)] == [4]
+    assert [message.type for message in step(client)] == [4]
     client.send(item(7, to(client, 0, 20, 10)))
-    assert [one.type for one in step(client)] == [1]
+    assert [message.type for message in step(client)] == [1]
     client.send(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
     step(client)
     client.send(mavlink.MAVLink_mission_request_int_message(1, 1, 5, 0))
     assert step(client) == []
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    assert [one.type for one in step(client)] == [1]
+    assert [message.type for message in step(client)] == [1]
 
 
 def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
     """Waypoints and speeds, no takeoff item, started by the mode: climbs, flies, returns; reports as the real one."""
     client = make(streams="onboard")
     client.fly(5.0)
-    rows = [to(client, 0, 30, 10), bare(178, 1, 3.0, -1), to(client, 30, 30, 10), bare(178, 1, 8.0, -1), bare(20)]
+    rows = [
+        to(client, 0, 30, 10),
+        bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1),
+        to(client, 30, 30, 10),
+        bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 8.0, -1),
+        bare(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH),
+    ]
     assert upload(client, rows) == 0
-    assert client.command(400, 1) == [0]
-    assert client.command(176, 1, 4, 4) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4) == [0, 0]
     client.fly(12.0)
     assert client.vehicle.condition().mode == "AUTO_MISSION"
     assert client.last("MISSION_CURRENT").mission_state == 3
@@ -166,8 +180,8 @@ def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
         "Mission finished, loitering\t",
         "Returning to launch\t",
     ]
-    assert [one for one in texts if one in wanted] == wanted
-    currents = [one.seq for one in client.received if one.get_type() == "MISSION_CURRENT"]
+    assert [text for text in texts if text in wanted] == wanted
+    currents = [message.seq for message in client.received if message.get_type() == "MISSION_CURRENT"]
     assert sorted(set(currents)) == [0, 2, 4]
     assert client.last("MISSION_CURRENT").mission_state == 5
     east, north, up = client.vehicle.truth().position_enu_m
@@ -179,20 +193,20 @@ def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
 def test_px4_without_a_mission(make: Make) -> None:
     """The start is denied with a text; the mode is granted on the ground and refused in the air."""
     client = ready_px4(make)
-    assert client.command(300) == [2]
+    assert client.command(mavlink.MAV_CMD_MISSION_START) == [2]
     assert "Mission start denied! No valid mission\t" in client.texts()
-    assert client.command(176, 1, 4, 4) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4) == [0, 0]
     client = make()
     client.airborne()
-    assert client.command(176, 1, 4, 4) == [0, 1]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4) == [0, 1]
     assert "Switching to Mission is currently not available\t" in client.texts()
 
 
 def test_px4_start_arms_and_set_current_jumps(make: Make) -> None:
-    """MISSION_START arms; MISSION_SET_CURRENT in flight goes to that item; out of range it says so."""
+    """MISSION_START arms; MISSION_SET_CURRENT in flight goes to that item; out of range it is refused with a text."""
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 5, 22), to(client, 0, 40, 10), to(client, 40, 0, 10)]) == 0
-    assert client.command(300) == [0]
+    assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
     assert client.vehicle.condition().armed
     client.fly(15.0)
     client.send(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
@@ -210,13 +224,13 @@ def test_px4_pauses_and_goes_on(make: Make) -> None:
     client = make()
     client.airborne()
     assert upload(client, [to(client, 0, 60, 10, hold=1.0)]) == 0
-    assert client.command(176, 1, 4, 4) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4) == [0, 0]
     client.fly(6.0)
-    assert client.command(176, 1, 4, 3) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [0, 0]
     client.fly(6.0)
     held = client.vehicle.truth().position_enu_m[1]
     assert 10 < held < 50
-    assert client.command(176, 1, 4, 4) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4) == [0, 0]
     client.fly(20.0)
     assert client.vehicle.truth().position_enu_m[1] == pytest.approx(60.0, abs=0.5)
 
@@ -226,7 +240,7 @@ def test_passing_waypoints_keeps_the_speed(make: Make) -> None:
     client = make()
     client.airborne()
     assert upload(client, [to(client, 0, 25, 10), to(client, 0, 50, 10), to(client, 0, 90, 10)]) == 0
-    client.command(176, 1, 4, 4)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)
     slowest = 99.0
     while client.vehicle.truth().position_enu_m[1] < 60.0:
         client.fly(0.1)
@@ -239,13 +253,13 @@ def test_jumps_turns_nothing_and_far_away(make: Make) -> None:
     """A jump is taken twice and no more; a ring of jumps ends the mission; 100 km away is flown to, not fallen over."""
     client = make()
     client.airborne()
-    rows = [to(client, 0, 0, 10), to(client, 0, 12, 10), bare(177, 0, 2)]
+    rows = [to(client, 0, 0, 10), to(client, 0, 12, 10), bare(mavlink.MAV_CMD_DO_JUMP, 0, 2)]
     assert upload(client, rows) == 0
-    client.command(176, 1, 4, 4)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)
     client.fly(40.0)
     assert reached(client) == [0, 1, 0, 1, 0, 1]
     assert client.texts()[-1] == "Mission finished, loitering\t"
-    assert upload(client, [bare(177, 1, -1), bare(177, 0, -1)]) == 0
+    assert upload(client, [bare(mavlink.MAV_CMD_DO_JUMP, 1, -1), bare(mavlink.MAV_CMD_DO_JUMP, 0, -1)]) == 0
     client.fly(1.0)
     assert upload(client, [to(client, 100_000, 0, 10)]) == 0
     client.fly(10.0)
@@ -268,8 +282,8 @@ def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> 
         client.fly(1.0)
     client.fly(10.0)
     if autopilot == "px4":
-        assert client.command(400, 1) == [0]
-        client.command(300)
+        assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+        client.command(mavlink.MAV_CMD_MISSION_START)
     client.fly(5.0)
     assert not client.vehicle.condition().crashed
 
@@ -280,7 +294,10 @@ def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> No
     client = ready_ardupilot(make)
     place = client.vehicle_goal(10, 10)
     rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22)]
-    rows += [(178, 2, 1, value, value, value, 0, 0, 0), (115, 2, 3e38, value, value, value, 0, 0, 0)]
+    rows += [
+        (mavlink.MAV_CMD_DO_CHANGE_SPEED, 2, 1, value, value, value, 0, 0, 0),
+        (mavlink.MAV_CMD_CONDITION_YAW, 2, 3e38, value, value, value, 0, 0, 0),
+    ]
     rows += [(16, 3, 0, value, value, value, *place, 10), (18, 3, 1, value, value, value, *place, 10)]
     assert upload(client, rows) == 0
     for number, arguments in ((176, (1, 4)), (400, (1,)), (176, (1, 3)), (300, ())):
@@ -293,21 +310,21 @@ def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> No
 def test_ardupilot_upload_and_download(make: Make) -> None:
     """MISSION_REQUEST without INT, home as item 0, frames 3 and 0, the text; a partial write; the end of the list."""
     client = ready_ardupilot(make)
-    rows = [to(client, 5, 5, 0), to(client, 0, 20, 10, yaw=0.0), bare(178, 1, 3.0)]
+    rows = [to(client, 5, 5, 0), to(client, 0, 20, 10, yaw=0.0), bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0)]
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     assert step(client)[0].get_type() == "MISSION_REQUEST"
     assert upload(client, rows) == 0
     assert "Flight plan received" in client.texts()
-    got = download(client)
-    assert [one.frame for one in got] == [0, 3, 0]
-    assert [one.current for one in got] == [0, 0, 0]
+    items = download(client)
+    assert [item.frame for item in items] == [0, 3, 0]
+    assert [item.current for item in items] == [0, 0, 0]
     home = client.last("HOME_POSITION")
-    assert (got[0].x, got[0].y) == (home.latitude, home.longitude)
+    assert (items[0].x, items[0].y) == (home.latitude, home.longitude)
     client.send(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 1, 1, 0))
-    (asked,) = step(client)
-    client.send(item(asked.seq, to(client, 0, 44, 12, yaw=0.0)))
+    (request,) = step(client)
+    client.send(item(request.seq, to(client, 0, 44, 12, yaw=0.0)))
     assert step(client)[0].type == 0
-    assert [one.z for one in download(client)][1:] == [12.0, 0.0]
+    assert [item.z for item in download(client)][1:] == [12.0, 0.0]
     client.send(mavlink.MAVLink_mission_request_int_message(1, 1, 9, 0))
     assert step(client)[0].type == 1
     client.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
@@ -319,9 +336,9 @@ def test_ardupilot_upload_times_out_and_has_lost_the_old_plan(make: Make) -> Non
     client = ready_ardupilot(make)
     assert upload(client, [to(client, 0, 0, 0), to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    said = [one for one in client.fly(9.0) if one.get_type().startswith("MISSION_")]
-    assert [one.get_type() for one in said] == ["MISSION_REQUEST"] * 8 + ["MISSION_ACK"]
-    assert said[-1].type == 15
+    messages = [message for message in client.fly(9.0) if message.get_type().startswith("MISSION_")]
+    assert [message.get_type() for message in messages] == ["MISSION_REQUEST"] * 8 + ["MISSION_ACK"]
+    assert messages[-1].type == 15
     assert "Mission upload timeout" in client.texts()
     assert download(client) == []
 
@@ -329,14 +346,14 @@ def test_ardupilot_upload_times_out_and_has_lost_the_old_plan(make: Make) -> Non
 @pytest.mark.parametrize(
     ("row", "verdict"),
     [
-        ((400, 3, 0, 0, 0, 0, 0, 0, 0), 3),
-        ((16, 1, 0, 0, 0, 0, 0, 0, 0), 2),
-        ((16, 3, 0, 0, 0, 0, 950000000, 0, 0), 10),
-        ((16, 3, 0, 0, 0, 0, 0, 2000000000, 0), 11),
-        ((16, 3, 0, 0, 0, 0, 0, 0, NAN), 12),
-        ((16, 3, NAN, 0, 0, 0, 0, 0, 0), 6),
-        ((16, 3, 0, 0, 0, NAN, 0, 0, 10), 0),
-        ((177, 2, 9, 1, 0, 0, 0, 0, 0), 1),
+        ((mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 3, 0, 0, 0, 0, 0, 0, 0), 3),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 1, 0, 0, 0, 0, 0, 0, 0), 2),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 950000000, 0, 0), 10),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 0, 2000000000, 0), 11),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, 0, 0, 0, NAN), 12),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, NAN, 0, 0, 0, 0, 0, 0), 6),
+        ((mavlink.MAV_CMD_NAV_WAYPOINT, 3, 0, 0, 0, NAN, 0, 0, 10), 0),
+        ((mavlink.MAV_CMD_DO_JUMP, 2, 9, 1, 0, 0, 0, 0, 0), 1),
     ],
 )
 def test_ardupilot_refuses_field_by_field(make: Make, row: Row, verdict: int) -> None:
@@ -370,32 +387,32 @@ def test_ardupilot_flies_as_observed(make: Make) -> None:
         to(client, 0, 0, 0),
         to(client, 0, 0, 10, 22),
         to(client, 0, 20, 10),
-        bare(178, 1, 3.0),
+        bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0),
         to(client, 20, 20, 10),
-        bare(20),
+        bare(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH),
     ]
     assert upload(client, rows) == 0
-    assert client.command(176, 1, 3) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3) == [0]
     client.fly(0.1)
     assert client.texts()[-1] == "Mission: 1 Takeoff"
-    assert client.command(400, 1) == [4]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [4]
     assert "Arm: AUTO mode not armable" in client.texts()
-    client.command(176, 1, 4)
-    assert client.command(400, 1) == [0]
-    client.command(176, 1, 3)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
     client.fly(2.0)
     assert client.vehicle.condition().landed
-    assert client.command(300) == [0]
+    assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
     begun = len(client.received)
     client.fly(90.0)
     log = [
-        one.text if one.get_type() == "STATUSTEXT" else one.seq
-        for one in client.received[begun:]
-        if one.get_type() in ("STATUSTEXT", "MISSION_ITEM_REACHED")
+        message.text if message.get_type() == "STATUSTEXT" else message.seq
+        for message in client.received[begun:]
+        if message.get_type() in ("STATUSTEXT", "MISSION_ITEM_REACHED")
     ]
-    remarks = [one for one in log if isinstance(one, str) and one.startswith(("EKF3 ", "SIM "))]
+    remarks = [entry for entry in log if isinstance(entry, str) and entry.startswith(("EKF3 ", "SIM "))]
     assert len(remarks) == 3
-    assert [one for one in log if one not in remarks] == [
+    assert [entry for entry in log if entry not in remarks] == [
         1,
         "Mission: 2 WP",
         "Reached command #2",
@@ -415,32 +432,32 @@ def test_ardupilot_flies_as_observed(make: Make) -> None:
 def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
     """Two turns of 8 m, a loiter of 5 s, the current item by command; refused without a mission."""
     client = ready_ardupilot(make)
-    assert client.command(224, 1) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 1) == [2]
     client = make(simspec("ardupilot"), system=255)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(43.0)
     turns = (18, 3, 2, 0, 8, 0, *client.vehicle_goal(0, 20), 10)
     rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), turns, to(client, 0, 40, 10, 19, hold=5.0), to(client, 0, 0, 0, 21)]
     assert upload(client, rows) == 0
-    client.command(176, 1, 4)
-    client.command(400, 1)
-    client.command(176, 1, 3)
-    client.command(300)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
+    client.command(mavlink.MAV_CMD_MISSION_START)
     client.fly(15.0)
-    seen = []
+    distances = []
     while "Mission: 3 LoitTime" not in client.texts():
         client.fly(0.5)
         assert client.vehicle.time.s < 150.0
         east, north, _ = client.vehicle.truth().position_enu_m
-        seen.append(math.hypot(east, north - 20.0))
-    assert len(seen) * 0.5 > 2 * 2 * math.pi * 8 / 10.0
-    assert 6.0 < sorted(seen)[len(seen) // 2] < 10.0
+        distances.append(math.hypot(east, north - 20.0))
+    assert len(distances) * 0.5 > 2 * 2 * math.pi * 8 / 10.0
+    assert 6.0 < sorted(distances)[len(distances) // 2] < 10.0
     client.fly(4.0)
-    assert client.command(224, 2) == [0]
-    assert client.command(224, 77) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 2) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 77) == [2]
     client.fly(2.0)
     assert client.texts()[-1] == "Mission: 2 LoitTurns"
-    assert client.command(224, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 4) == [0]
     client.fly(45.0)
     assert client.vehicle.condition().landed
     assert client.texts()[-1] == "Disarming motors"
@@ -450,14 +467,14 @@ def test_thousands_of_items_and_rings_cost_a_step_little(make: Make) -> None:
     """Three thousand items that nothing flies, with a jump among them: taken, passed over, and the vehicle goes on holding."""
     client = make()
     client.airborne()
-    rows = [bare(178, 1, 3.0, -1)] * 3000 + [bare(177, 0, -1)]
+    rows = [bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1)] * 3000 + [bare(mavlink.MAV_CMD_DO_JUMP, 0, -1)]
     assert upload(client, rows) == 0
     client.send(mavlink.MAVLink_mission_set_current_message(1, 1, 0))
-    client.command(176, 1, 4, 4)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)
     client.fly(5.0)
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(10.0, abs=0.5)
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 65535, 0))
-    assert [one.type for one in step(client)] == [4]
+    assert [message.type for message in step(client)] == [4]
 
 
 def test_region_of_interest_turns_the_nose(make: Make) -> None:
@@ -465,8 +482,14 @@ def test_region_of_interest_turns_the_nose(make: Make) -> None:
     client = make()
     client.airborne()
     look = (195, 3, 0, 0, 0, 0, *client.vehicle_goal(200, 0), 0)
-    assert upload(client, [look, to(client, 0, 30, 10, hold=1.0), bare(197), to(client, 0, 60, 10, hold=1.0)]) == 0
-    client.command(176, 1, 4, 4)
+    assert (
+        upload(
+            client,
+            [look, to(client, 0, 30, 10, hold=1.0), bare(mavlink.MAV_CMD_DO_SET_ROI_NONE), to(client, 0, 60, 10, hold=1.0)],
+        )
+        == 0
+    )
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)
     client.fly(5.0)
     assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(95.0, abs=10.0)
     client.fly(10.0)

@@ -39,10 +39,13 @@ def test_px4_on_the_ground(make: Make) -> None:
     client = make(streams="gcs")
     client.fly(5.0)
     for main, sub, base, status in PX4_ON_THE_GROUND:
-        assert client.command(176, 1, 4, 3) == [ACCEPTED, ACCEPTED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
         client.fly(1.0)
         granted = base is not None
-        assert client.command(176, 1, main, sub) == [ACCEPTED, ACCEPTED if granted else REJECTED], (main, sub)
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, ACCEPTED if granted else REJECTED], (
+            main,
+            sub,
+        )
         client.fly(1.0)
         beat = client.last("HEARTBEAT")
         number = sub << 24 | main << 16 if granted else 3 << 24 | 4 << 16
@@ -52,7 +55,7 @@ def test_px4_on_the_ground(make: Make) -> None:
             status if granted else 3,
         )
     assert "Unsupported auto mode\t" in client.texts()
-    assert client.command(176, 1, 3, 1) == [ACCEPTED, ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3, 1) == [ACCEPTED, ACCEPTED]
     client.fly(1.0)
     assert client.last("HEARTBEAT").custom_mode == 3 << 16, "an orbit without a circle is position mode"
 
@@ -63,11 +66,11 @@ def test_px4_in_the_air(make: Make) -> None:
     client.airborne()
     refused = [(1, 0), (2, 0), (3, 0), (3, 1), (3, 2), (4, 4), (4, 10), (4, 11), (5, 0), (6, 0), (7, 0), (11, 0)]
     for main, sub in refused:
-        assert client.command(176, 1, main, sub) == [ACCEPTED, REJECTED], (main, sub)
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, REJECTED], (main, sub)
         assert client.vehicle.condition().mode == "AUTO_LOITER"
     assert "Switching to Offboard is currently not available" in "".join(client.texts())
     for sub, name, base in ((8, "AUTO_FOLLOW", 145), (5, "AUTO_RTL", 157), (2, "AUTO_TAKEOFF", 157), (6, "AUTO_LAND", 157)):
-        assert client.command(176, 1, 4, sub) == [ACCEPTED, ACCEPTED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, sub) == [ACCEPTED, ACCEPTED]
         assert client.vehicle.condition().mode == name
         client.fly(1.0)
         assert client.last("HEARTBEAT").base_mode == base
@@ -77,8 +80,8 @@ def test_px4_terminates(make: Make) -> None:
     """Command 185: denied with 0; with 1 the rotors stop, it falls, and it stays armed with system_status 8."""
     client = make(streams="gcs")
     client.airborne()
-    assert client.command(185, 0) == [DENIED]
-    assert client.command(185, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0) == [DENIED]
+    assert client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1) == [ACCEPTED]
     client.fly(4.0)
     beat = client.last("HEARTBEAT")
     assert (beat.custom_mode, beat.base_mode, beat.system_status) == (10 << 16, 129, 8)
@@ -105,22 +108,22 @@ def test_copter_on_the_ground(make: Make) -> None:
     steers = (3, 4, 5, 7, 9, 16, 17, 19, 20, 21, 24)
     for number in (1, 0, 2, 6, 11, 18, *steers):
         before = len(client.received)
-        assert client.command(176, 1, number) == [ACCEPTED], number
-        kinds = [one.get_type() for one in client.received[before:]]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [ACCEPTED], number
+        kinds = [message.get_type() for message in client.received[before:]]
         assert kinds.index("COMMAND_ACK") < kinds.index("HEARTBEAT")
         client.fly(1.0)
         beat = client.last("HEARTBEAT")
         assert (beat.custom_mode, beat.base_mode) == (number, 89 if number in steers else 81)
     for number in (14, 15, 22, 23, 25, 27, 28):
-        assert client.command(176, 1, number) == [FAILED], number
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [FAILED], number
     for number in (8, 10, 12, 13, 26, 29, 30, 99):
-        assert client.command(176, 1, number) == [FAILED], number
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [FAILED], number
         assert f"No such mode {number}" in client.texts()
     assert {"Set FOLL_ENABLE = 1", "No axis selected, SID_AXIS = 0", "No return path or landing sequence found"} <= set(
         client.texts()
     )
-    assert client.command(176, 0, 4) == [DENIED]
-    assert client.command(262, 1) == [UNSUPPORTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4) == [DENIED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, 1) == [UNSUPPORTED]
 
 
 def test_copter_old_message_is_obeyed_in_silence(make: Make) -> None:
@@ -128,7 +131,7 @@ def test_copter_old_message_is_obeyed_in_silence(make: Make) -> None:
     client.fly(43.0)
     for number in (4, 99):
         client.send(mavlink.MAVLink_set_mode_message(1, 1, number))
-        assert not [one for one in client.fly(0.2) if one.get_type() == "COMMAND_ACK"]
+        assert not [message for message in client.fly(0.2) if message.get_type() == "COMMAND_ACK"]
     assert client.vehicle.condition().mode == "GUIDED"
     assert "No such mode 99" in client.texts()
 
@@ -137,8 +140,8 @@ def test_copter_modes_that_cannot_be_armed(make: Make) -> None:
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
     for number, name in ((9, "LAND"), (6, "RTL"), (17, "BRAKE")):
-        assert client.command(176, 1, number) == [ACCEPTED]
-        assert client.command(400, 1) == [FAILED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [ACCEPTED]
+        assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [FAILED]
         assert f"Arm: {name} mode not armable" in client.texts()
 
 

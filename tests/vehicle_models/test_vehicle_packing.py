@@ -24,8 +24,8 @@ FLOATS = (0.0, -0.0, math.nan, math.inf, -math.inf, 1e-45, 3.4e38)
 def number(draw: random.Random, kind: str) -> float | int:
     """A value of a field: often a limit or a zero, so that payloads lose their zeros at the end."""
     if kind in ("float", "double"):
-        some = draw.choice((draw.gauss(0.0, 1000.0), *FLOATS))
-        return float(struct.unpack("<f", struct.pack("<f", some))[0])
+        value = draw.choice((draw.gauss(0.0, 1000.0), *FLOATS))
+        return float(struct.unpack("<f", struct.pack("<f", value))[0])
     bits = int("".join(filter(str.isdigit, kind)))
     low, high = (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     return draw.choice((0, low, high, draw.randint(low, high)))
@@ -34,30 +34,30 @@ def number(draw: random.Random, kind: str) -> float | int:
 def fields(draw: random.Random, kind: Any) -> dict[str, Any]:
     """Values by the names of a message's fields."""
     types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
         if types[name] == "char":
             shortest = 0 if length else 1
-            found[name] = bytes(draw.randrange(1, 128) for _ in range(draw.randint(shortest, length or 1)))
+            values[name] = bytes(draw.randrange(1, 128) for _ in range(draw.randint(shortest, length or 1)))
         elif length:
-            found[name] = [number(draw, types[name]) for _ in range(length)]
+            values[name] = [number(draw, types[name]) for _ in range(length)]
         else:
-            found[name] = number(draw, types[name])
-    return found
+            values[name] = number(draw, types[name])
+    return values
 
 
 def messages(draw: random.Random, name: str) -> tuple[Any, tuple[Any, ...]]:
     """One message as an object of pymavlink, its own where it knows it in full, and as a tuple in the order of the wire."""
     kind = KINDS[name]
     values = fields(draw, kind)
-    own = plain.mavlink_map.get(kind.id)
-    module_kind = own if own is not None and own.ordered_fieldnames == kind.ordered_fieldnames else kind
-    return module_kind(*(values[one] for one in kind.fieldnames)), wire_values(name, **values)[1]
+    plain_kind = plain.mavlink_map.get(kind.id)
+    module_kind = plain_kind if plain_kind is not None and plain_kind.ordered_fieldnames == kind.ordered_fieldnames else kind
+    return module_kind(*(values[fieldname] for fieldname in kind.fieldnames)), wire_values(name, **values)[1]
 
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_message_is_packed_as_pymavlink_packs_it(name: str) -> None:
-    """Random values, three times; those that are streamed and said all the time, forty times."""
+    """Random values, three times; those that are sent all the time, forty times."""
     draw = random.Random(name)
     for turn in range(40 if name in HOT else 3):
         message, values = messages(draw, name)

@@ -15,7 +15,7 @@ from bench.simulation._parameter_file import ParameterFile
 
 
 def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
-    """A short flight in which a client says something; what it heard."""
+    """Fly shortly while a client sends something; returns what it received."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         client.bind(("127.0.0.1", 0))
@@ -30,23 +30,23 @@ def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
                 client.send(message)
 
         run_standalone("px4", [link], speed=100.0, duration_s=2.5, parameter_file=file, say=say)
-        heard = []
+        datagrams = []
         while True:
             try:
-                heard.append(client.recv(65535))
+                datagrams.append(client.recv(65535))
             except BlockingIOError:
-                return heard
+                return datagrams
 
 
-def test_what_was_set_is_there_again(tmp_path: Path) -> None:
+def test_set_parameters_survive_a_restart(tmp_path: Path) -> None:
     """A client's PARAM_SET is in the file after the flight, alone; the next flight begins with it."""
     file = tmp_path / "parameters.json"
     mav = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
     fly_and_set(file, bytes(mavlink.MAVLink_param_set_message(1, 1, b"MIS_TAKEOFF_ALT", 7.5, 9).pack(mav)))
     assert ParameterFile(file).load() == {"MIS_TAKEOFF_ALT": 7.5}
-    asked = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MIS_TAKEOFF_ALT", -1).pack(mav))
-    heard = [one for data in fly_and_set(file, asked) for one in mavlink.MAVLink(None).parse_buffer(data) or []]
-    assert [one.param_value for one in heard if one.get_type() == "PARAM_VALUE"] == [7.5]
+    request = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MIS_TAKEOFF_ALT", -1).pack(mav))
+    messages = [message for data in fly_and_set(file, request) for message in mavlink.MAVLink(None).parse_buffer(data) or []]
+    assert [message.param_value for message in messages if message.get_type() == "PARAM_VALUE"] == [7.5]
 
 
 @pytest.mark.parametrize("text", ["no json", "[1, 2]", '{"MIS_TAKEOFF_ALT": "high"}', '{"NO_SUCH": 1}'])

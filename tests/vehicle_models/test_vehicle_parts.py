@@ -104,8 +104,8 @@ def test_pacing_does_not_drift_and_lets_lost_time_go() -> None:
         assert max(waits) < 0.03
 
 
-def test_stand_alone_ends_when_told_and_names_its_links() -> None:
-    """A set event ends it at once; unknown autopilots and parameters are the user's to mend."""
+def test_standalone_flight_stops_and_names_its_links() -> None:
+    """A set event ends it at once; unknown autopilots and parameters are SetupErrors."""
     lines: list[str] = []
     stop = threading.Event()
     stop.set()

@@ -39,11 +39,11 @@ def pan_deg(client: Client) -> float:
 
 
 def test_a_gimbal_turns_the_camera_at_its_rate_once_control_is_taken(make: Make) -> None:
-    """PX4: nobody turns it without control; with it, tilt moves by 90 degrees a second and stays where it was told."""
+    """PX4: only a controller turns it; then tilt moves by 90 degrees a second and stays at the commanded angle."""
     client = make(carrying(gimbal=True))
-    assert client.command(1000, -20, 30, NAN, NAN, 0, 0, 0) == [2]
-    assert client.command(1001, -2, -2, -1, -1, 0, 0, 0) == [0]
-    assert client.command(1000, -20, 30, NAN, NAN, 0, 0, 0) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -20, 30, NAN, NAN, 0, 0, 0) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 0) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -20, 30, NAN, NAN, 0, 0, 0) == [0]
     client.fly(0.2)
     assert tilt_deg(client) == pytest.approx(60.0 - 90.0 * 0.22, abs=2.0)
     client.fly(1.0)
@@ -52,35 +52,37 @@ def test_a_gimbal_turns_the_camera_at_its_rate_once_control_is_taken(make: Make)
 
 
 def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
-    """Information on request names device 1 and the axes; status names who is in control; attitude is streamed on demand."""
+    """Information on request names device 1 and the axes; status names the controller; attitude is streamed on demand."""
     client = make(carrying(gimbal=True))
-    assert client.command(512, 280) == [0]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == [0]
     information = client.last("GIMBAL_MANAGER_INFORMATION")
     assert information.gimbal_device_id == 1
     assert information.cap_flags & 32
     assert information.cap_flags & 131072
-    assert client.command(1001, -2, -2, -1, -1, 0, 0, 1) == [0]
-    assert client.command(512, 281) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS) == [0]
     client.fly(0.1)
     status = client.last("GIMBAL_MANAGER_STATUS")
     assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
-    assert client.command(511, 285, 100_000) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, 100_000
+    ) == [0]
     client.fly(1.0)
-    said = [one for one in client.received if one.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
-    assert 9 <= len(said) <= 11
-    w, _, y, _ = said[-1].q
+    statuses = [message for message in client.received if message.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    assert 9 <= len(statuses) <= 11
+    w, _, y, _ = statuses[-1].q
     assert math.degrees(2.0 * math.atan2(y, w)) == pytest.approx(-60.0, abs=0.1)
 
 
 def test_control_is_given_back_and_taken_by_another(make: Make) -> None:
-    """-3 gives control back only for whoever has it; then the messages of the one who had it are not heeded."""
+    """-3 gives control back only for the present controller, whose messages are ignored from then on."""
     client = make(carrying(gimbal=True))
-    client.command(1001, 9, 9, -1, -1, 0, 0, 0)
-    assert client.command(1001, -3, -3, -1, -1, 0, 0, 0) == [0]
+    client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, 9, 9, -1, -1, 0, 0, 0)
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -3, -3, -1, -1, 0, 0, 0) == [0]
     client.send(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
     client.fly(1.0)
     assert tilt_deg(client) == pytest.approx(60.0)
-    client.command(1001, -2, -2, -1, -1, 0, 0, 0)
+    client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 0)
     client.send(mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(1, 1, 0, 0, 0.0, 0.0, NAN, NAN))
     client.fly(1.0)
     assert tilt_deg(client) == pytest.approx(0.0)
@@ -91,21 +93,21 @@ def test_a_locked_yaw_holds_its_direction_while_the_vehicle_turns_away(make: Mak
     client = make(carrying(gimbal=True), streams="onboard")
     client.airborne(10.0)
     latitude, longitude = client.vehicle_goal(30.0, 0.0)
-    assert client.command_int(195, 0, 0, 0, 0, 0, latitude, longitude, 488.0) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, latitude, longitude, 488.0) == [0]
     client.fly(2.5)
     state = client.vehicle.truth()
     east, north, up = state.position_enu_m
     assert tilt_deg(client) == pytest.approx(math.degrees(math.atan2(up, math.hypot(30.0 - east, north))), abs=0.5)
     assert pan_deg(client) + math.degrees(state.yaw_rad) == pytest.approx(math.degrees(math.atan2(30.0 - east, -north)), abs=0.5)
-    assert client.command(197) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == [0]
     client.fly(2.5)
     assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(60.0), pytest.approx(0.0))
 
 
-def test_ardupilot_needs_nobody_to_take_control(make: Make) -> None:
-    """While nobody controls the gimbal, anybody's command turns it."""
+def test_ardupilot_turns_the_gimbal_without_a_controller(make: Make) -> None:
+    """Without a controller, the command of any client turns the gimbal."""
     client = make(carrying("ardupilot", gimbal=True))
-    assert client.command(1000, -45, 0, NAN, NAN, 0, 0, 0) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -45, 0, NAN, NAN, 0, 0, 0) == [0]
     client.fly(1.0)
     assert tilt_deg(client) == pytest.approx(45.0)
 
@@ -113,18 +115,18 @@ def test_ardupilot_needs_nobody_to_take_control(make: Make) -> None:
 def test_ardupilot_mount_commands_and_messages(make: Make) -> None:
     """DO_MOUNT_CONTROL and the MOUNT_CONTROL of older clients set tilt and pan; neutral levels; a mode that is none fails."""
     client = make(carrying("ardupilot", gimbal=True))
-    assert client.command(204, 2, 1, 1, 1) == [0]
-    assert client.command(205, -30, 0, 40, 0, 0, 0, 2) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONFIGURE, 2, 1, 1, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONTROL, -30, 0, 40, 0, 0, 0, 2) == [0]
     client.fly(1.5)
     assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(30.0), pytest.approx(40.0))
     client.send(mavlink.MAVLink_mount_control_message(1, 1, -9000, 0, 0, 0))
     client.fly(1.5)
     assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(90.0), pytest.approx(0.0))
-    assert client.command(205, 0, 0, 0, 0, 0, 0, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONTROL, 0, 0, 0, 0, 0, 0, 1) == [0]
     client.fly(1.5)
     assert tilt_deg(client) == pytest.approx(0.0)
-    assert client.command(204, 9) == [4]
-    assert make(carrying("ardupilot")).command(205, -30, 0, 0, 0, 0, 0, 2) == [4]
+    assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONFIGURE, 9) == [4]
+    assert make(carrying("ardupilot")).command(mavlink.MAV_CMD_DO_MOUNT_CONTROL, -30, 0, 0, 0, 0, 0, 2) == [4]
 
 
 def test_an_old_region_of_interest_is_what_its_autopilot_makes_of_it(make: Make) -> None:
@@ -132,9 +134,9 @@ def test_an_old_region_of_interest_is_what_its_autopilot_makes_of_it(make: Make)
     for autopilot, turned in (("ardupilot", True), ("px4", False)):
         client = make(carrying(autopilot, gimbal=True), streams="none")
         client.fly(25.0)
-        assert client.command(410) == [0]
+        assert client.command(mavlink.MAV_CMD_GET_HOME_POSITION) == [0]
         latitude, longitude = client.vehicle_goal(30.0, 0.0)
-        assert client.command(201, 0, 0, 0, 0, latitude * 1e-7, longitude * 1e-7, 0) == [0]
+        assert client.command(mavlink.MAV_CMD_DO_SET_ROI, 0, 0, 0, 0, latitude * 1e-7, longitude * 1e-7, 0) == [0]
         client.fly(1.5)
         assert (abs(pan_deg(client) - 90.0) < 15.0) is turned
 
@@ -142,14 +144,14 @@ def test_an_old_region_of_interest_is_what_its_autopilot_makes_of_it(make: Make)
 def test_nonsense_leaves_the_gimbal_where_it_is(make: Make) -> None:
     """NaN, infinities, unknown devices and flags are refused or mean nothing."""
     client = make(carrying(gimbal=True))
-    client.command(1001, -2, -2, -1, -1, 0, 0, 0)
-    assert client.command(1000, NAN, NAN, NAN, NAN, 0, 0, 0) == [0]
-    assert client.command(1000, 0, 0, 0, 0, 1, 0, 0) == [2]
-    assert client.command(1000, 0, 0, 0, 0, NAN, 0, 0) == [2]
-    assert client.command(1000, 0, 0, 0, 0, 0, 0, 77) == [2]
-    assert client.command(1001, NAN, 0, 0, 0, 0, 0, 0) == [2]
-    assert client.command(1000, math.inf, -math.inf, math.inf, NAN, 0, 0, 0) == [0]
-    assert client.command(195, 0, 0, 0, 0, math.inf, NAN, 0) == [2]
+    client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 0)
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, NAN, NAN, NAN, NAN, 0, 0, 0) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, 1, 0, 0) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, NAN, 0, 0) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, 0, 0, 77) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, NAN, 0, 0, 0, 0, 0, 0) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, math.inf, -math.inf, math.inf, NAN, 0, 0, 0) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, math.inf, NAN, 0) == [2]
     quaternion = [NAN, math.inf, 0.0, 1.0]
     client.send(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, quaternion, math.inf, math.inf, NAN))
     client.send(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, [2.0, 9e30, 9e30, 1.0], NAN, NAN, NAN))
@@ -159,18 +161,18 @@ def test_nonsense_leaves_the_gimbal_where_it_is(make: Make) -> None:
 
 
 def test_without_a_gimbal_nothing_of_it_exists(make: Make) -> None:
-    """The commands are answered as the autopilots answer them without a mount; the state says None."""
+    """The commands are answered as the autopilots answer them without a mount; the angles of the state are None."""
     client = make()
-    assert client.command(1000, 0, 0, 0, 0, 0, 0, 0) == []
-    assert client.command(512, 280) == [2]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, 0, 0, 0) == []
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == [2]
     assert client.vehicle.truth().camera_pan_rad is None
 
 
 def camera_command(client: Client, number: int, *params: float) -> list[int]:
     padded = [*params, *[0.0] * (7 - len(params))]
     client.send(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
-    heard = client.fly(0.02)
-    return [one.result for one in heard if one.get_type() == "COMMAND_ACK" and one.get_srcComponent() == 100]
+    messages = client.fly(0.02)
+    return [message.result for message in messages if message.get_type() == "COMMAND_ACK" and message.get_srcComponent() == 100]
 
 
 def expose(client: Client, frames: range) -> None:
@@ -182,25 +184,25 @@ def expose(client: Client, frames: range) -> None:
 
 
 def images(client: Client) -> list[Any]:
-    return [one for one in client.received if one.get_type() == "CAMERA_IMAGE_CAPTURED"]
+    return [message for message in client.received if message.get_type() == "CAMERA_IMAGE_CAPTURED"]
 
 
 def test_the_camera_is_a_component_of_its_own(make: Make) -> None:
     """A heartbeat a second from component 100, and information that gives back the SimSpec's numbers."""
     client = make(carrying(mavlink=True, gimbal=True))
     client.fly(3.0)
-    beats = [one for one in client.received if one.get_type() == "HEARTBEAT" and one.get_srcComponent() == 100]
+    beats = [message for message in client.received if message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 100]
     assert len(beats) in (3, 4)
     assert (beats[0].type, beats[0].autopilot) == (30, 8)
-    assert camera_command(client, 512, 259) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == [0]
     information = client.last("CAMERA_INFORMATION")
     assert (information.resolution_h, information.resolution_v, information.gimbal_device_id) == (1280, 720, 1)
     angle = 2.0 * math.degrees(math.atan(information.sensor_size_h / 2.0 / information.focal_length))
     assert angle == pytest.approx(70.0, abs=1e-4)
     for number in (260, 261, 262):
-        assert camera_command(client, 512, number) == [0]
+        assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, number) == [0]
     assert client.last("STORAGE_INFORMATION").status == 3
-    assert camera_command(client, 512, 24) == [3]
+    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT) == [3]
 
 
 def test_a_picture_is_the_next_frame_of_the_scene(make: Make) -> None:
@@ -208,25 +210,25 @@ def test_a_picture_is_the_next_frame_of_the_scene(make: Make) -> None:
     client = make(carrying(mavlink=True))
     expose(client, range(3))
     assert images(client) == []
-    assert camera_command(client, 2000, 0, 0, 1, 1) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1) == [0]
     expose(client, range(3, 6))
-    assert camera_command(client, 2000, 0, 0, 1, 1) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1) == [0]
     expose(client, range(6, 8))
     (image,) = images(client)
     assert (image.image_index, image.capture_result, image.file_url) == (0, 1, "rebar:frame/3")
-    assert camera_command(client, 512, 263, 0) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, 0) == [0]
     assert len(images(client)) == 2
-    assert camera_command(client, 512, 263, 5) == [2]
+    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, 5) == [2]
 
 
 def test_a_series_keeps_its_interval_until_it_is_stopped(make: Make) -> None:
     """Every other frame for half the frame rate; a second series is turned away meanwhile; indices are without gaps."""
     client = make(carrying(mavlink=True))
-    assert camera_command(client, 2000, 0, 0.4, 0) == [0]
-    assert camera_command(client, 2000, 0, 0.4, 0) == [1]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [1]
     expose(client, range(10))
-    assert [one.image_index for one in images(client)] == list(range(5))
-    assert camera_command(client, 2001) == [0]
+    assert [image.image_index for image in images(client)] == list(range(5))
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_STOP_CAPTURE) == [0]
     expose(client, range(10, 14))
     assert len(images(client)) == 5
     assert client.last("CAMERA_CAPTURE_STATUS").image_count == 5
@@ -236,12 +238,12 @@ def test_the_camera_refuses_what_it_has_not(make: Make) -> None:
     """No video, no zoom, no storage, no other mode: DENIED; unknown commands are UNSUPPORTED; NaN is no interval."""
     client = make(carrying(mavlink=True))
     assert [camera_command(client, number) for number in (2500, 2501, 526, 531)] == [[2]] * 4
-    assert camera_command(client, 530, 0, 1) == [2]
-    assert camera_command(client, 530, 0, 0) == [0]
-    assert camera_command(client, 400, 1) == [3]
-    assert camera_command(client, 2000, 0, NAN, 1) == [2]
-    assert camera_command(client, 2000, 0, 1, math.inf) == [2]
-    assert camera_command(client, 512, NAN) == [3]
+    assert camera_command(client, mavlink.MAV_CMD_SET_CAMERA_MODE, 0, 1) == [2]
+    assert camera_command(client, mavlink.MAV_CMD_SET_CAMERA_MODE, 0, 0) == [0]
+    assert camera_command(client, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [3]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, NAN, 1) == [2]
+    assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 1, math.inf) == [2]
+    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, NAN) == [3]
     assert not client.vehicle.condition().armed
 
 
@@ -252,7 +254,7 @@ def off_target_deg(client: Client, east: float, north: float, up: float) -> floa
     tilt = math.radians(tilt_deg(client))
     looks = (math.sin(yaw) * math.cos(tilt), math.cos(yaw) * math.cos(tilt), -math.sin(tilt))
     way = [goal - here for goal, here in zip((east, north, up), state.position_enu_m, strict=True)]
-    dot = sum(one * other for one, other in zip(looks, way, strict=True)) / math.hypot(*way)
+    dot = sum(look * part for look, part in zip(looks, way, strict=True)) / math.hypot(*way)
     return math.degrees(math.acos(min(dot, 1.0)))
 
 
@@ -262,17 +264,17 @@ def in_mission(make: Make, autopilot: str, rows: Callable[[Client], list[Any]], 
     if autopilot == "px4":
         client.airborne(20.0)
         assert upload(client, rows(client)) == 0
-        assert client.command(300)[-1] == 0
+        assert client.command(mavlink.MAV_CMD_MISSION_START)[-1] == 0
     else:
         client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         client.fly(43.0)
         assert upload(client, [to(client, 0, 0, 0), *rows(client)]) == 0
-        client.command(176, 1, 4)
-        client.command(400, 1)
-        assert client.command(22, 0, 0, 0, 0, 0, 0, 20) == [0]
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+        client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 20) == [0]
         client.fly(15.0)
-        client.command(176, 1, 3)
-        assert client.command(300)[-1] == 0
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 3)
+        assert client.command(mavlink.MAV_CMD_MISSION_START)[-1] == 0
     client.fly(0.5)
     return client
 
@@ -283,7 +285,13 @@ def test_a_mission_keeps_the_camera_on_a_region_of_interest(make: Make, autopilo
 
     def rows(client: Client) -> list[Any]:
         look = (195, 3, 0, 0, 0, 0, *client.vehicle_goal(20.0, 25.0), 0)
-        return [bare(178, 1, 5, -1), look, to(client, 0, 60, 20, hold=1.0), bare(197), to(client, 0, 65, 20, hold=5.0)]
+        return [
+            bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 5, -1),
+            look,
+            to(client, 0, 60, 20, hold=1.0),
+            bare(mavlink.MAV_CMD_DO_SET_ROI_NONE),
+            to(client, 0, 65, 20, hold=5.0),
+        ]
 
     client = in_mission(make, autopilot, rows, gimbal=True)
     client.fly(3.0)
@@ -302,19 +310,19 @@ def test_px4_a_region_of_interest_turns_the_nose_where_there_is_no_gimbal(make: 
     """By command: the nose points at it from wherever the vehicle is, until it is let go."""
     client = make()
     client.airborne(10.0)
-    assert client.command_int(195, 0, 0, 0, 0, 0, *client.vehicle_goal(30.0, 0.0), 488.0) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, *client.vehicle_goal(30.0, 0.0), 488.0) == [0]
     client.fly(4.0)
     assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(90.0, abs=2.0)
-    assert client.command(197) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == [0]
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_mission_turns_the_gimbal(make: Make, autopilot: str) -> None:
-    """DO_MOUNT_CONTROL and DO_GIMBAL_MANAGER_PITCHYAW of a mission set tilt and pan, whoever is in control."""
+    """DO_MOUNT_CONTROL and DO_GIMBAL_MANAGER_PITCHYAW of a mission set tilt and pan, regardless of the controller."""
 
     def rows(client: Client) -> list[Any]:
-        mount = (205, 2, -30.0, 0.0, 40.0, 0.0, 0, 0, 2.0)
-        turn = (1000, 2, -10.0, -20.0, NAN if autopilot == "px4" else 0.0, 0.0, 0, 0, 0.0)
+        mount = (mavlink.MAV_CMD_DO_MOUNT_CONTROL, 2, -30.0, 0.0, 40.0, 0.0, 0, 0, 2.0)
+        turn = (mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 2, -10.0, -20.0, NAN if autopilot == "px4" else 0.0, 0.0, 0, 0, 0.0)
         return [mount, to(client, 0, 10, 20, hold=3.0), turn, to(client, 0, 20, 20, hold=9.0)]
 
     client = in_mission(make, autopilot, rows, gimbal=True)
@@ -329,34 +337,47 @@ def test_a_mission_takes_pictures(make: Make, autopilot: str) -> None:
     """One by DO_DIGICAM_CONTROL, one every 10 m, then a series by time until it is stopped."""
 
     def rows(client: Client) -> list[Any]:
-        shoot = (203, 2, 0, 0, 0, 0, 1, 0, 0.0)
-        north = [to(client, 0, one, 20, hold=hold) for one, hold in ((5, 2.0), (55, 6.0), (56, 4.0), (57, 9.0))]
-        series, stop = (2000, 2, 0, 1.0, 0, 0, 0, 0, 0.0), (2001, 2, 0, 0, 0, 0, 0, 0, 0.0)
-        return [shoot, north[0], bare(206, 10.0), north[1], bare(206, 0.0), series, north[2], stop, north[3]]
+        shoot = (mavlink.MAV_CMD_DO_DIGICAM_CONTROL, 2, 0, 0, 0, 0, 1, 0, 0.0)
+        north = [to(client, 0, north_m, 20, hold=hold) for north_m, hold in ((5, 2.0), (55, 6.0), (56, 4.0), (57, 9.0))]
+        series, stop = (
+            (mavlink.MAV_CMD_IMAGE_START_CAPTURE, 2, 0, 1.0, 0, 0, 0, 0, 0.0),
+            (mavlink.MAV_CMD_IMAGE_STOP_CAPTURE, 2, 0, 0, 0, 0, 0, 0, 0.0),
+        )
+        return [
+            shoot,
+            north[0],
+            bare(mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, 10.0),
+            north[1],
+            bare(mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, 0.0),
+            series,
+            north[2],
+            stop,
+            north[3],
+        ]
 
     client = in_mission(make, autopilot, rows, mavlink=True)
     expose(client, range(4))
     assert len(images(client)) == 1
     expose(client, range(4, 250))
     taken = images(client)
-    north_m = [(one.lat - client.last("HOME_POSITION").latitude) * 1e-7 * 111_200.0 for one in taken]
-    by_distance = [one for one in north_m[1:] if one < 54.0]
+    north_m = [(image.lat - client.last("HOME_POSITION").latitude) * 1e-7 * 111_200.0 for image in taken]
+    by_distance = [north for north in north_m[1:] if north < 54.0]
     assert len(by_distance) in (4, 5)
     assert np.diff(by_distance) == pytest.approx(10.0, abs=2.0)
-    assert 4 <= len([one for one in north_m if one > 54.0]) <= 10
+    assert 4 <= len([north for north in north_m if north > 54.0]) <= 10
     count = len(taken)
     expose(client, range(250, 270))
     assert len(images(client)) == count
 
 
-def test_truth_is_told_where_it_is_allowed_and_nowhere_else(make: Make) -> None:
-    """HIL_STATE_QUATERNION: refused by default; with vehicle.ground_truth it says the true place, not the estimate."""
+def test_truth_is_streamed_only_where_it_is_allowed(make: Make) -> None:
+    """HIL_STATE_QUATERNION: refused by default; with vehicle.ground_truth it gives the true position, not the estimate."""
     plain = make()
-    assert plain.command(511, 115, 100_000) == [4]
-    assert plain.command(512, 115) == [2]
+    assert plain.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000) == [4]
+    assert plain.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION) == [2]
     vehicle = {"ground_truth": True, "gps": {"wander_m": 5.0, "noise_m": 1.0}}
     client = make(simspec(vehicle=vehicle))
-    assert client.command(511, 115, 100_000) == [0]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000) == [0]
     client.fly(1.0)
     truth = client.last("HIL_STATE_QUATERNION")
     assert (truth.lat, truth.lon) == (473977000, 85456000)
@@ -375,8 +396,8 @@ def test_by_itself_the_vehicle_tells_truth_and_its_camera_takes_pictures() -> No
         link = LinkSpec("onboard", "udp_out", port=client.port, streams="none")
         client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec, (link,))))
         client.fly(1.1)
-        assert client.command(512, 115) == [0]
-        assert camera_command(client, 2000, 0, 0, 1, 1) == [0]
+        assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION) == [0]
+        assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1) == [0]
         exposed: list[float] = []
 
         class Counting:

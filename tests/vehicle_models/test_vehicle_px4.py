@@ -1,4 +1,4 @@
-"""The px4 personality: what an agent can see, against what the real SITL was seen to do."""
+"""The px4 autopilot as an agent sees it, against observations of the real SITL."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ def test_arming_waits_for_readiness(make: Make) -> None:
     client = make()
     client.fly(1.0)
     assert client.last("HEARTBEAT").system_status == 0
-    assert client.command(400, 1) == [TEMPORARILY_REJECTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [TEMPORARILY_REJECTED]
     assert any("Resolve system health" in text for text in client.texts())
     client.fly(2.3)
-    assert client.command(400, 2) == []
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 2) == []
     assert "Unsupported ARM_DISARM param: 2.000\t" in client.texts()
-    assert client.command(400, 1) == [ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     client.fly(1.0)
     beat = client.last("HEARTBEAT")
     assert (beat.base_mode, beat.custom_mode, beat.system_status) == (157, 0x03040000, 4)
-    assert client.command(400, 0) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [ACCEPTED]
 
 
 def test_long_texts_come_in_pieces(make: Make) -> None:
     """A text of 52 characters and a tab is two chunks with one id, as PX4 sends it."""
     client = make()
-    client.command(400, 1)
-    pieces = [one for one in client.received if one.get_type() == "STATUSTEXT"]
-    assert [one.chunk_seq for one in pieces] == [0, 1]
-    assert len({one.id for one in pieces}) == 1
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    pieces = [message for message in client.received if message.get_type() == "STATUSTEXT"]
+    assert [piece.chunk_seq for piece in pieces] == [0, 1]
+    assert len({piece.id for piece in pieces}) == 1
     assert pieces[0].id > 0
-    assert "".join(one.text for one in pieces) == "Arming denied: Resolve system health failures first\t"
+    assert "".join(piece.text for piece in pieces) == "Arming denied: Resolve system health failures first\t"
 
 
 def test_idle_on_the_ground_disarms(make: Make) -> None:
     """Armed and left standing for COM_DISARM_PRFLT seconds."""
     client = make(simspec(vehicle={"parameters": {"COM_DISARM_PRFLT": 3.0}}))
     client.fly(4.0)
-    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     client.fly(2.9)
     assert client.vehicle.condition().armed
     client.fly(0.2)
@@ -62,11 +62,11 @@ def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
     client = make()
     client.fly(4.0)
     for main, sub in ((1, 0), (4, 5), (6, 0), (4, 3)):
-        assert client.command(176, 1, main, sub) == [ACCEPTED, ACCEPTED]
-    assert client.command(176, 1, 9, 9) == [ACCEPTED, TEMPORARILY_REJECTED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9, 9) == [ACCEPTED, TEMPORARILY_REJECTED]
     client.airborne()
     for main, label in ((6, "Offboard"), (1, "Manual")):
-        assert client.command(176, 1, main, 0) == [ACCEPTED, TEMPORARILY_REJECTED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, 0) == [ACCEPTED, TEMPORARILY_REJECTED]
         assert f"Switching to {label} is currently not available\t"[:50] in client.texts()
     assert client.vehicle.condition().mode == "AUTO_LOITER"
 
@@ -74,7 +74,7 @@ def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
 def test_disarming_in_the_air_is_refused(make: Make) -> None:
     client = make()
     client.airborne(5.0)
-    assert client.command(400, 0) == [TEMPORARILY_REJECTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == [TEMPORARILY_REJECTED]
     assert client.vehicle.condition().armed
 
 
@@ -83,24 +83,24 @@ def test_unknown_commands_are_unsupported(make: Make) -> None:
     client = make()
     assert client.command(31999) == [UNSUPPORTED]
     assert client.command_int(31999, 0, 0, 0, 0, 0, 0, 0, 0) == [UNSUPPORTED]
-    assert client.command_int(192, 6, -1, 0, 0, NAN, 0, 0, 10) == [UNSUPPORTED]
-    assert client.command(1000) == []
-    assert client.command(195) == [ACCEPTED]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 0, 0, NAN, 0, 0, 10) == [UNSUPPORTED]
+    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW) == []
+    assert client.command(mavlink.MAV_CMD_DO_SET_ROI_LOCATION) == [ACCEPTED]
     client.send(mavlink.MAVLink_command_long_message(42, 1, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
     client.send(mavlink.MAVLink_command_long_message(1, 99, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
-    assert not [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
+    assert not [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
     client.send(mavlink.MAVLink_command_long_message(0, 0, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
-    acks = [one for one in client.fly(0.1) if one.get_type() == "COMMAND_ACK"]
-    assert [(one.result, one.target_system, one.target_component) for one in acks] == [(UNSUPPORTED, 245, 190)]
+    acks = [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
+    assert [(ack.result, ack.target_system, ack.target_component) for ack in acks] == [(UNSUPPORTED, 245, 190)]
 
 
 def test_landed_states_follow_the_flight(make: Make) -> None:
     """1 on the ground, 3 while taking off, 2 when done, 4 on the way down, 1 again."""
     client = make(streams="onboard")
     client.airborne(5.0)
-    client.command(21)
+    client.command(mavlink.MAV_CMD_NAV_LAND)
     client.fly(15.0)
-    states = [one.landed_state for one in client.received if one.get_type() == "EXTENDED_SYS_STATE"]
+    states = [message.landed_state for message in client.received if message.get_type() == "EXTENDED_SYS_STATE"]
     assert [state for before, state in zip([0, *states], states, strict=False) if state != before] == [1, 3, 2, 4, 1]
 
 
@@ -128,10 +128,10 @@ def test_senseless_setpoints_are_complained_of_and_count_as_none(make: Make, mas
     client.fly(4.0)
     client.setpoint(1, 2, -3, mask, frame)
     client.fly(0.1)
-    assert any(text in one for one in "".join(client.texts()).split("\t"))
+    assert any(text in sent for sent in "".join(client.texts()).split("\t"))
     assert client.vehicle.counters()["setpoints_ignored"] == 1
-    assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
-    assert client.command(400, 1) == [TEMPORARILY_REJECTED]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [ACCEPTED, ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [TEMPORARILY_REJECTED]
 
 
 def test_offboard_from_the_ground_and_back(make: Make) -> None:
@@ -140,7 +140,7 @@ def test_offboard_from_the_ground_and_back(make: Make) -> None:
     client.fly(4.0)
     client.offboard(0, 0, -4)
     client.setpoint(0, 0, -4)
-    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     client.fly(8.0, lambda: client.setpoint(0, 0, -4))
     assert client.vehicle.truth().position_enu_m == pytest.approx((0, 0, 4), abs=0.1)
     client.fly(9.0, lambda: client.setpoint(0, 0, 0, 0x7 | 0x1C0 | 0xC00, vd=1.0))
@@ -165,7 +165,7 @@ def test_body_frame_setpoints_turn_with_the_heading(make: Make) -> None:
     client.setpoint(0, 0, 0, mask, frame=8, vn=2.0)
     client.fly(0.1)
     client.setpoint(0, 0, 0, mask, frame=8, vn=2.0)
-    client.command(176, 1, 6)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
     client.fly(4.0, lambda: client.setpoint(0, 0, 0, mask, frame=8, vn=2.0))
     assert client.vehicle.truth().velocity_enu_mps == pytest.approx((2.0, 0.0, 0.0), abs=0.1)
 
@@ -186,7 +186,7 @@ def test_global_setpoints(make: Make) -> None:
     give()
     client.fly(0.1)
     give()
-    client.command(176, 1, 6)
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
     client.fly(10.0, give)
     assert client.vehicle.truth().position_enu_m == pytest.approx((12.0, -9.0, 12.0), abs=0.2)
 
@@ -195,11 +195,11 @@ def test_parameters_are_listed_with_the_hash_first(make: Make) -> None:
     """_HASH_CHECK, then every index in order; integers as bits; count as stated."""
     client = make()
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
-    values = [one for one in client.fly(1.0) if one.get_type() == "PARAM_VALUE"]
+    values = [message for message in client.fly(1.0) if message.get_type() == "PARAM_VALUE"]
     assert values[0].param_id == "_HASH_CHECK"
     assert values[0].param_type == 5
-    assert [one.param_index for one in values[1:]] == list(range(values[0].param_count))
-    by_name = {one.param_id: one for one in values}
+    assert [value.param_index for value in values[1:]] == list(range(values[0].param_count))
+    by_name = {value.param_id: value for value in values}
     assert by_name["MPC_XY_CRUISE"].param_value == 5.0
     assert struct.unpack("<i", struct.pack("<f", by_name["SYS_AUTOSTART"].param_value)) == (10040,)
 
@@ -211,9 +211,9 @@ def test_setting_parameters(make: Make) -> None:
     def set_parameter(name: str, value: float, kind: int = 9) -> list[tuple[str, float]]:
         client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
         return [
-            (one.get_type(), one.param_value if one.get_type() == "PARAM_VALUE" else one.error)
-            for one in client.fly(0.1)
-            if one.get_type().startswith("PARAM_")
+            (message.get_type(), message.param_value if message.get_type() == "PARAM_VALUE" else message.error)
+            for message in client.fly(0.1)
+            if message.get_type().startswith("PARAM_")
         ]
 
     assert set_parameter("MIS_TAKEOFF_ALT", 7.0) == [("PARAM_VALUE", 7.0)] * 2
@@ -222,16 +222,16 @@ def test_setting_parameters(make: Make) -> None:
     assert set_parameter("MIS_TAKEOFF_ALT", 7.0, 6) == [("PARAM_ERROR", 7)]
     assert set_parameter("MPC_XY_VEL_MAX", math.nan) == [("PARAM_VALUE", 12.0)]
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 30000))
-    assert [one.error for one in client.fly(0.1) if one.get_type() == "PARAM_ERROR"] == [1]
+    assert [message.error for message in client.fly(0.1) if message.get_type() == "PARAM_ERROR"] == [1]
     client.fly(4.0)
-    client.command(400, 1)
-    client.command(22, *[NAN] * 7)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 7)
     client.fly(11.0)
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(7.0, abs=0.1)
 
 
 def test_parameters_of_the_simspec_must_exist(make: Make) -> None:
-    """A misspelt parameter is the user's to mend, and named."""
+    """A misspelt parameter is a SetupError that names it."""
     with pytest.raises(SetupError, match="MPC_XY_CRUIS"):
         make(simspec(vehicle={"parameters": {"MPC_XY_CRUIS": 3.0}}))
 
@@ -240,38 +240,38 @@ def test_default_rates_of_the_onboard_link(make: Make) -> None:
     """PX4's rates on 14540, those above the controller's 50 Hz capped to it; the GCS link has other ones."""
     client = make(streams="onboard")
     client.fly(5.0)
-    heard = Counter(one.get_type() for one in client.fly(10.0))
+    counts = Counter(message.get_type() for message in client.fly(10.0))
     wanted = {"HEARTBEAT": 10, "ATTITUDE": 500, "LOCAL_POSITION_NED": 300, "GLOBAL_POSITION_INT": 500, "GPS_RAW_INT": 80}
     wanted |= {"SYS_STATUS": 50, "VFR_HUD": 100, "TIMESYNC": 100, "BATTERY_STATUS": 5, "HOME_POSITION": 5, "ODOMETRY": 300}
-    assert {name: heard[name] for name in wanted} == pytest.approx(wanted, abs=1)
+    assert {name: counts[name] for name in wanted} == pytest.approx(wanted, abs=1)
 
 
-def test_intervals_can_be_set_asked_and_reset(make: Make) -> None:
+def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
     """Per message: exact rates, -1 stops, 0 restores the default; an unknown one fails and is still reported on."""
     client = make(streams="onboard")
     client.fly(5.0)
-    assert client.command(511, 30, 100_000) == [ACCEPTED]
-    assert client.command(511, 33, -1) == [ACCEPTED]
-    heard = Counter(one.get_type() for one in client.fly(5.0))
-    assert heard["ATTITUDE"] == pytest.approx(50, abs=1)
-    assert heard["GLOBAL_POSITION_INT"] == 0
-    client.command(510, 30)
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 100_000) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, -1) == [ACCEPTED]
+    counts = Counter(message.get_type() for message in client.fly(5.0))
+    assert counts["ATTITUDE"] == pytest.approx(50, abs=1)
+    assert counts["GLOBAL_POSITION_INT"] == 0
+    client.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE)
     assert client.last("MESSAGE_INTERVAL").interval_us == 100_000
-    assert client.command(511, 30, 0) == [ACCEPTED]
-    assert Counter(one.get_type() for one in client.fly(1.0))["ATTITUDE"] == pytest.approx(50, abs=1)
-    assert client.command(511, 27, 1000) == [FAILED]
-    assert client.command(510, 9999) == [ACCEPTED]
-    assert client.command(511, NAN, NAN) == [FAILED]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == [ACCEPTED]
+    assert Counter(message.get_type() for message in client.fly(1.0))["ATTITUDE"] == pytest.approx(50, abs=1)
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_RAW_IMU, 1000) == [FAILED]
+    assert client.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 9999) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, NAN, NAN) == [FAILED]
 
 
 def test_messages_on_request(make: Make) -> None:
     """AUTOPILOT_VERSION with PX4's capabilities, home once known; CAMERA_INFORMATION is denied."""
     client = make()
-    assert client.command(512, 148) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == [ACCEPTED]
     assert client.last("AUTOPILOT_VERSION").capabilities == 59647
-    assert client.command(512, 259) == [DENIED]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == [DENIED]
     client.fly(4.0)
-    assert client.command(512, 242) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == [ACCEPTED]
     assert client.last("HOME_POSITION").altitude == 488_000
 
 
@@ -280,15 +280,15 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
     spec = simspec(environment={"start_utc": "2026-06-21T11:30:00Z"})
     client = make(spec, streams="onboard")
     client.fly(3.0)
-    told = client.last("SYSTEM_TIME")
+    system_time = client.last("SYSTEM_TIME")
     begun_us = round(spec.environment.start_utc.timestamp() * 1e6)
-    assert told.time_unix_usec == begun_us + told.time_boot_ms * 1000
+    assert system_time.time_unix_usec == begun_us + system_time.time_boot_ms * 1000
     client.send(mavlink.MAVLink_timesync_message(0, 77))
-    answers = [one for one in client.fly(0.02) if one.get_type() == "TIMESYNC" and one.ts1 == 77]
-    assert [one.tc1 for one in answers] == [client.vehicle.time.ns - 20_000_000]
+    answers = [message for message in client.fly(0.02) if message.get_type() == "TIMESYNC" and message.ts1 == 77]
+    assert [message.tc1 for message in answers] == [client.vehicle.time.ns - 20_000_000]
 
 
-def test_a_lost_station_holds_and_returns_when_asked_to(make: Make) -> None:
+def test_a_lost_station_holds_and_returns_by_its_parameter(make: Make) -> None:
     """NAV_DLL_ACT 2: 11.9 s after the last heartbeat Hold, 5 s later RTL; by default nothing happens."""
     client = make(simspec(vehicle={"parameters": {"NAV_DLL_ACT": 2}}))
 

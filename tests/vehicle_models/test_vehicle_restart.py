@@ -24,7 +24,7 @@ READY = 0x10000000
 
 
 def names(messages: list[Any]) -> list[str]:
-    return [one.get_type() for one in messages]
+    return [message.get_type() for message in messages]
 
 
 def put(client: Client, autopilot: str, name: str, value: int) -> None:
@@ -34,10 +34,10 @@ def put(client: Client, autopilot: str, name: str, value: int) -> None:
     assert "PARAM_VALUE" in names(client.fly(0.1))
 
 
-def asked(client: Client, number: int, system: int = 1) -> Any:
+def requested_message(client: Client, number: int, system: int = 1) -> Any:
     """The message of that number, requested."""
-    client.send(mavlink.MAVLink_command_long_message(system, 1, 512, 0, number, 0, 0, 0, 0, 0, 0))
-    return next(one for one in client.fly(0.1) if one.get_msgId() == number)
+    client.send(mavlink.MAVLink_command_long_message(system, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, number, 0, 0, 0, 0, 0, 0))
+    return next(message for message in client.fly(0.1) if message.get_msgId() == number)
 
 
 def upload(client: Client, count: int) -> None:
@@ -45,20 +45,20 @@ def upload(client: Client, count: int) -> None:
     place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.received) else None) or (473977500, 85456500)
     client.send(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
     for _ in range(count):
-        wanted = next(one for one in client.fly(0.1) if one.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"))
+        wanted = next(message for message in client.fly(0.1) if message.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"))
         item = mavlink.MAVLink_mission_item_int_message
         client.send(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
-    assert next(one for one in client.fly(0.1) if one.get_type() == "MISSION_ACK").type == 0
+    assert next(message for message in client.fly(0.1) if message.get_type() == "MISSION_ACK").type == 0
 
 
 def items_of(client: Client, system: int) -> int:
     client.send(mavlink.MAVLink_mission_request_list_message(system, 1, 0))
-    count: int = next(one for one in client.fly(0.1) if one.get_type() == "MISSION_COUNT").count
+    count: int = next(message for message in client.fly(0.1) if message.get_type() == "MISSION_COUNT").count
     return count
 
 
 @AUTOPILOTS
-def test_it_begins_anew(make: Make, autopilot: str) -> None:
+def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     """Acknowledged; then time since boot from zero, no home, not ready, the first mode; ready again when it was before.
     Parameters and the mission stay, a new system id takes effect, counts go on, and the wall clock does too."""
     ready_s = 5.0 if autopilot == "px4" else 43.0
@@ -66,42 +66,42 @@ def test_it_begins_anew(make: Make, autopilot: str) -> None:
     client.fly(ready_s)
     upload(client, 3)
     put(client, autopilot, ID[autopilot], 7)
-    assert client.command(176, 1, 4, 5)  # RTL, GUIDED
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5)  # RTL, GUIDED
     mode = client.vehicle.condition().mode
-    utc_us = asked(client, 2).time_unix_usec
+    utc_us = requested_message(client, 2).time_unix_usec
     sent, received = client.vehicle.sent()["onboard"], client.vehicle.receive()["onboard"]
     assert client.last("HEARTBEAT").get_srcSystem() == 1
     assert client.command(REBOOT, 1) == [ACCEPTED]
     restarted_s = client.vehicle.time.s
 
-    heard = client.fly(2.0)
-    assert {one.get_srcSystem() for one in heard} == {7}
+    messages = client.fly(2.0)
+    assert {message.get_srcSystem() for message in messages} == {7}
     assert client.vehicle.condition().mode != mode
     assert client.vehicle.sent()["onboard"] > sent
     assert client.vehicle.receive()["onboard"] > received
-    clock = asked(client, 2, system=7)
+    clock = requested_message(client, 2, system=7)
     assert clock.time_boot_ms == pytest.approx((client.vehicle.time.s - restarted_s) * 1e3, abs=150)
     assert clock.time_unix_usec == pytest.approx(utc_us + 2.1e6, abs=3e5)
-    assert not asked(client, 1, system=7).onboard_control_sensors_health & READY
+    assert not requested_message(client, 1, system=7).onboard_control_sensors_health & READY
     assert items_of(client, 7) == 3
 
-    heard = client.fly(ready_s)
-    assert asked(client, 1, system=7).onboard_control_sensors_health & READY
-    assert "HOME_POSITION" in names(heard)
-    client.send(mavlink.MAVLink_command_long_message(7, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    messages = client.fly(ready_s)
+    assert requested_message(client, 1, system=7).onboard_control_sensors_health & READY
+    assert "HOME_POSITION" in names(messages)
+    client.send(mavlink.MAVLink_command_long_message(7, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0))
     client.fly(0.1)
     assert client.vehicle.condition().armed
 
 
 @AUTOPILOTS
-def test_it_is_refused_when_armed(make: Make, autopilot: str) -> None:
+def test_a_restart_is_refused_while_armed(make: Make, autopilot: str) -> None:
     client = make(simspec(autopilot))
     client.fly(5.0 if autopilot == "px4" else 43.0)
-    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     assert client.command(REBOOT, 1) == [DENIED if autopilot == "px4" else FAILED]
     client.fly(0.1)
     assert client.vehicle.condition().armed
-    assert asked(client, 2).time_boot_ms > 5000
+    assert requested_message(client, 2).time_boot_ms > 5000
 
 
 @AUTOPILOTS
@@ -111,19 +111,19 @@ def test_other_values_restart_nothing(make: Make, autopilot: str) -> None:
     client.fly(5.0)
     results = [client.command(REBOOT, value) for value in (0, 2)]
     assert results == ([[ACCEPTED], [DENIED]] if autopilot == "px4" else [[UNSUPPORTED], [UNSUPPORTED]])
-    assert asked(client, 2).time_boot_ms > 5000
+    assert requested_message(client, 2).time_boot_ms > 5000
 
 
-def test_streams_that_were_asked_for_end_with_it(make: Make) -> None:
-    """Rates of REQUEST_DATA_STREAM are not saved; rates that somebody wrote into the parameters are."""
+def test_requested_streams_end_with_a_restart(make: Make) -> None:
+    """Rates of REQUEST_DATA_STREAM are not saved; rates that were set as parameters are."""
     client = make(simspec("ardupilot"), system=255)
     put(client, "ardupilot", "SR0_RC_CHAN", 2)
     client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
     assert {"ATTITUDE", "RC_CHANNELS"} <= set(names(client.fly(2.0)))
     assert client.command(REBOOT, 1) == [ACCEPTED]
-    heard = set(names(client.fly(3.0)))
-    assert "RC_CHANNELS" in heard
-    assert "ATTITUDE" not in heard
+    messages = set(names(client.fly(3.0)))
+    assert "RC_CHANNELS" in messages
+    assert "ATTITUDE" not in messages
     assert isinstance(client.vehicle, HasParameters)
     assert client.vehicle.changed_parameters() == {"SR0_RC_CHAN": 2.0}
 
@@ -173,8 +173,8 @@ def test_the_key_and_the_counts_stay() -> None:
         steps(vehicle, 60)
         counters = vehicle.counters()
         assert (counters["mavlink_unsigned"], counters["mavlink_old_timestamp"]) == (2, 1)
-        heard = mavlink.MAVLink(None).parse_buffer(all_of(client)) or []
-        boots = [one.time_boot_ms for one in heard if one.get_type() == "ATTITUDE"]
+        messages = mavlink.MAVLink(None).parse_buffer(all_of(client)) or []
+        boots = [message.time_boot_ms for message in messages if message.get_type() == "ATTITUDE"]
         assert boots[-1] == pytest.approx(1200, abs=60)
 
 
@@ -187,10 +187,12 @@ def test_the_fixed_wing_begins_anew() -> None:
         client.send(bytes(REBOOT_FRAME.pack(mav)))
         steps(vehicle, 50)
         client.recv(1 << 16)
-        client.send(bytes(mavlink.MAVLink_command_long_message(1, 1, 512, 0, 2, 0, 0, 0, 0, 0, 0).pack(mav)))
+        client.send(
+            bytes(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 2, 0, 0, 0, 0, 0, 0).pack(mav))
+        )
         steps(vehicle, 1)
-        heard = mav.parse_buffer(client.recv(1 << 16)) or []
-        (clock,) = [one for one in heard if one.get_type() == "SYSTEM_TIME"]
+        messages = mav.parse_buffer(client.recv(1 << 16)) or []
+        (clock,) = [message for message in messages if message.get_type() == "SYSTEM_TIME"]
         assert clock.time_boot_ms == pytest.approx(1000, abs=40)
 
 

@@ -46,7 +46,7 @@ def stream(client: Client, seconds: float, say: Callable[[], None]) -> list[Any]
         say()
         client.fly(0.1)
         say()
-        assert client.command(176, 1, 6) == [ACCEPTED, ACCEPTED]
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [ACCEPTED, ACCEPTED]
     return client.fly(seconds, say)
 
 
@@ -62,10 +62,10 @@ def copter(make: Make) -> Client:
     """An ArduCopter in GUIDED at 10 m."""
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
-    client.command(410)
-    assert client.command(176, 1, 4) == [ACCEPTED]
-    assert client.command(400, 1) == [ACCEPTED]
-    assert client.command(22, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
+    client.command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
     client.fly(12.0)
     return client
 
@@ -142,7 +142,7 @@ def test_px4_force_bit(px4: Client) -> None:
 
 
 def test_px4_attitude_flies(px4: Client) -> None:
-    """Level at 0.8 climbs, -20 degrees of pitch is held and flies forward; the target is told; taking the place back works."""
+    """Level at 0.8 climbs, -20 degrees of pitch is held and flies forward; the target is streamed; returning to a position works."""
     stream(px4, 2.0, lambda: attitude(px4, 7, 0, 0, 0, 0.8))
     assert px4.vehicle.truth().position_enu_m[2] > 13.0
     stream(px4, 3.0, lambda: attitude(px4, 7, 0, -20, 0, 0.62))
@@ -151,13 +151,13 @@ def test_px4_attitude_flies(px4: Client) -> None:
     echo = px4.last("ATTITUDE_TARGET")
     assert math.asin(2 * (echo.q[0] * echo.q[2] - echo.q[3] * echo.q[1])) == pytest.approx(-20 * DEG, abs=0.01)
     assert echo.thrust == pytest.approx(0.62, abs=0.01)
-    assert px4.command(176, 1, 4, 3) == [ACCEPTED, ACCEPTED]
+    assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
     px4.fly(6.0)
     assert math.dist(px4.vehicle.truth().velocity_enu_mps, (0, 0, 0)) < 0.1
 
 
 def test_px4_body_rates(px4: Client) -> None:
-    """Rates in place of the attitude: half a radian a second of yaw for two seconds, and roll while it is asked."""
+    """Rates in place of the attitude: half a radian a second of yaw for two seconds, and roll while it is commanded."""
     stream(px4, 2.0, lambda: attitude(px4, 128, 0, 0, 0, 0.6, 0.0, 0.0, 0.5))
     assert px4.vehicle.truth().yaw_rad == pytest.approx(1.0, abs=0.15)
     px4.fly(0.3, lambda: attitude(px4, 128, 0, 0, 0, 0.6, 0.6, 0.0, 0.0))
@@ -169,7 +169,7 @@ def test_px4_takes_off_and_lands_by_thrust(make: Make) -> None:
     client = make()
     client.fly(5.0)
     stream(client, 0.2, lambda: attitude(client, 7, 0, 0, 0, 0.0))
-    assert client.command(400, 1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     client.fly(1.0, lambda: attitude(client, 7, 0, 0, 0, 0.3))
     assert client.vehicle.condition().landed
     client.fly(1.5, lambda: attitude(client, 7, 0, 0, 0, 0.7))
@@ -194,7 +194,7 @@ def test_px4_attitude_stream_counts_and_its_end_is_noticed(px4: Client) -> None:
 @pytest.mark.parametrize("frame", [1, 7, 8, 9])
 def test_copter_local_frames(copter: Client, frame: int) -> None:
     """1 from home; 7 from here; 8 and 9 from here, turned by the heading."""
-    assert copter.command(115, 90, 60, 1, 0) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 90, 60, 1, 0) == [ACCEPTED]
     copter.fly(4.0)
     assert copter.vehicle.truth().yaw_rad == pytest.approx(math.pi / 2, abs=0.05)
     east, north, up = copter.vehicle.truth().position_enu_m
@@ -226,13 +226,13 @@ def test_copter_global_frames(copter: Client, frame: int, altitude: float) -> No
 )
 def test_copter_stops_at_nonsense(copter: Client, wrong: dict[str, Any]) -> None:
     """Everything masked, a group half masked, unknown frames, NaN: no text, no motion."""
-    said = len(copter.texts())
+    text_count = len(copter.texts())
     local(copter, VELOCITY, vx=3.0)
     copter.fly(2.0)
     local(copter, **wrong)
     copter.fly(4.0)
     assert math.dist(copter.vehicle.truth().velocity_enu_mps, (0, 0, 0)) < 0.1
-    assert len(copter.texts()) == said
+    assert len(copter.texts()) == text_count
 
 
 def test_copter_accelerates_and_lapses(copter: Client) -> None:
@@ -257,7 +257,7 @@ def test_copter_attitude_thrust_is_climb(copter: Client) -> None:
 
 
 def test_copter_ignores_setpoints_outside_guided(copter: Client) -> None:
-    assert copter.command(176, 1, 17) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
     local(copter, VELOCITY, vx=3.0)
     copter.fly(2.0)
     assert math.dist(copter.vehicle.truth().velocity_enu_mps, (0, 0, 0)) < 0.1
@@ -265,11 +265,13 @@ def test_copter_ignores_setpoints_outside_guided(copter: Client) -> None:
 
 def test_copter_echoes_targets_in_guided_alone(copter: Client) -> None:
     """POSITION_TARGET_GLOBAL_INT: frame 0, mask 65016 on the way to a position; nothing with velocities or in other modes."""
-    assert copter.command(511, 87, 100_000) == [ACCEPTED]
+    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 100_000) == [
+        ACCEPTED
+    ]
     local(copter, POSITION, x=5.0, z=-10.0)
-    heard = [one for one in copter.fly(2.0) if one.get_type() == "POSITION_TARGET_GLOBAL_INT"]
-    assert (heard[-1].coordinate_frame, heard[-1].type_mask, heard[-1].alt) == (0, 65016, pytest.approx(498.0, abs=0.1))
+    echoes = [message for message in copter.fly(2.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert (echoes[-1].coordinate_frame, echoes[-1].type_mask, echoes[-1].alt) == (0, 65016, pytest.approx(498.0, abs=0.1))
     copter.fly(0.1, lambda: local(copter, VELOCITY, vx=1.0))
-    assert not [one for one in copter.fly(1.0) if one.get_type() == "POSITION_TARGET_GLOBAL_INT"]
-    assert copter.command(176, 1, 17) == [ACCEPTED]
-    assert not [one for one in copter.fly(1.0) if one.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
+    assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from vehicle_client import NAN, Client, simspec
 
+from vehicle_models.controller.links._dialect import dialect as mavlink
 from vehicle_models.controller.links._frames import KINDS, Packer
 
 Make = Callable[..., Client]
@@ -24,7 +25,7 @@ def integers(kind: str) -> tuple[int, ...]:
 
 
 def extreme_frames(draw: random.Random, rounds: int) -> Iterator[bytes]:
-    """Every message of the dialect with limits in all fields, addressed to the vehicle, to everybody, or to nobody."""
+    """Every message of the dialect with limits in all fields, addressed to the vehicle, to every system, or to none."""
     packer = Packer(245, 190)
     for turn in range(rounds):
         for name, kind in KINDS.items():
@@ -33,13 +34,13 @@ def extreme_frames(draw: random.Random, rounds: int) -> Iterator[bytes]:
             types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
             values: list[Any] = []
             for field, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
-                one = types[field]
+                kind_name = types[field]
                 if field in ("target_system", "target_component") and draw.random() < 0.9:
                     values.append(draw.choice((0, 1)))
-                elif one == "char":
+                elif kind_name == "char":
                     values.append(bytes(draw.choice((0, 65, 255)) for _ in range(max(length, 1))))
                 else:
-                    choices = FLOATS if one in ("float", "double") else integers(one)
+                    choices = FLOATS if kind_name in ("float", "double") else integers(kind_name)
                     values += [draw.choice(choices) for _ in range(max(length, 1))]
             yield packer.pack(kind.id, turn & 0xFF, values)
 
@@ -63,9 +64,9 @@ def hover(make: Make, autopilot: str) -> Client:
         client.airborne(20.0)
         return client
     client.fly(45.0)
-    assert client.command(176, 1, 4) == [0]
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, NAN, 0, 0, 20) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, 0, 0, 20) == [0]
     client.fly(20.0)
     return client
 

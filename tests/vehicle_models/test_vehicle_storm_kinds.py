@@ -28,7 +28,7 @@ def still_circles(client: Client) -> None:
 
 
 def test_every_message_of_the_dialect_is_fired() -> None:
-    """But for two: one that locks everybody else out, and one that may end the flight because it was told to."""
+    """All but two: one that locks other clients out, and one that may terminate the flight by command."""
     fired = {message_id(frame) for frame in extreme_frames(random.Random(1), 1)}
     assert {KINDS[name].id for name in KINDS} - fired == {KINDS["SETUP_SIGNING"].id, KINDS["SET_MODE"].id}
 
@@ -62,21 +62,21 @@ def test_modes_that_are_none_leave_it_flying(make: Make, autopilot: str) -> None
             client.send(mavlink.MAVLink_set_mode_message(1, base, custom))
             client.fly(0.02)
     for value in (math.nan, math.inf, -math.inf, 3.4e38, -1.0):
-        client.command(176, 1, value, value)
-        client.command(176, value, 99, 99)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, value, value)
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, value, 99, 99)
     client.fly(1.0)
     condition = client.vehicle.condition()
     assert (condition.mode, condition.armed, condition.landed) == (before, True, False)
 
 
 def test_a_signing_key_of_extremes_shuts_out_and_no_more(make: Make) -> None:
-    """SETUP_SIGNING with limits in its fields: the vehicle hears nobody without the key, says that it did not, and holds on."""
+    """SETUP_SIGNING with limits in its fields: the vehicle rejects clients without the key, counts that, and flies on."""
     client = make(simspec())
     client.airborne(10.0)
     client.send(mavlink.MAVLink_setup_signing_message(1, 1, [255] * 32, 2**64 - 1))
     client.fly(0.1)
     before = client.vehicle.counters()
-    assert client.command(176, 1, 4, 5) == []
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5) == []
     after = client.vehicle.counters()
     assert sum(after.values()) > sum(before.values())
     client.fly(5.0)

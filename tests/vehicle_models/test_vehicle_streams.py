@@ -66,7 +66,7 @@ GCS = BOTH | {
 
 
 def counted(client: Client, seconds: float) -> dict[str, float]:
-    return {name: count / seconds for name, count in Counter(one.get_type() for one in client.fly(seconds)).items()}
+    return {name: count / seconds for name, count in Counter(message.get_type() for message in client.fly(seconds)).items()}
 
 
 @pytest.mark.parametrize(("streams", "rates"), [("onboard", ONBOARD), ("gcs", GCS)])
@@ -74,11 +74,11 @@ def test_px4_streams_what_the_real_one_does(make: Make, streams: str, rates: dic
     """On the ground, disarmed: every message at its rate, and no others (texts and events aside)."""
     client = make(streams=streams)
     client.fly(5.0)
-    heard = counted(client, 60.0)
+    measured = counted(client, 60.0)
     for aside in ("STATUSTEXT", "EVENT"):
-        heard.pop(aside, None)
-    assert set(heard) == set(rates)
-    assert heard == pytest.approx(rates, rel=0.04)
+        measured.pop(aside, None)
+    assert set(measured) == set(rates)
+    assert measured == pytest.approx(rates, rel=0.04)
 
 
 def test_copter_by_group(make: Make) -> None:
@@ -87,9 +87,9 @@ def test_copter_by_group(make: Make) -> None:
     for group in (1, 10):
         client.send(mavlink.MAVLink_request_data_stream_message(1, 1, group, 4, 1))
     client.fly(1.0)
-    heard = counted(client, 4.0)
+    measured = counted(client, 4.0)
     of_groups = ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "ATTITUDE", "SIMSTATE", "AHRS2")
-    assert {name: rate for name, rate in heard.items() if name in of_groups} == dict.fromkeys(of_groups, 4.0)
+    assert {name: rate for name, rate in measured.items() if name in of_groups} == dict.fromkeys(of_groups, 4.0)
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"SR0_EXTRA1", -1))
     client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
     client.fly(0.1)
@@ -102,9 +102,9 @@ def test_copter_rates_by_parameter(make: Make) -> None:
     client = make(simspec("ardupilot", vehicle={"parameters": {"SR0_POSITION": 5}}), system=255)
     client.fly(25.0)
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 5.0
-    assert client.command(511, 33, 100_000) == [0]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 100_000) == [0]
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 10.0
-    assert client.command(511, 33, 0) == [0]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 0) == [0]
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == pytest.approx(5.0, abs=0.3)
     client.send(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 0, 9))
     client.fly(0.1)
@@ -115,10 +115,10 @@ def test_copter_promises_messages_of_devices_that_are_not_there(make: Make) -> N
     """Accepted, and nothing comes; what has no place at all is FAILED."""
     client = make(simspec("ardupilot"), system=255)
     for number in (259, 124, 132, 226):
-        assert client.command(512, number) == [0]
-    assert client.command(512, 60000) == [4]
-    assert not {"CAMERA_INFORMATION", "GPS2_RAW", "DISTANCE_SENSOR", "RPM"} & {one.get_type() for one in client.fly(1.0)}
-    assert client.command(511, 30, 1000) == [2]
+        assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == [0]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_EXT) == [4]
+    assert not {"CAMERA_INFORMATION", "GPS2_RAW", "DISTANCE_SENSOR", "RPM"} & {message.get_type() for message in client.fly(1.0)}
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1000) == [2]
 
 
 def test_long_texts_come_in_pieces(make: Make) -> None:
@@ -126,7 +126,7 @@ def test_long_texts_come_in_pieces(make: Make) -> None:
     client = make()
     client.fly(1.0)
     client.vehicle._controller._context.texts.send(6, "x" * 50)  # type: ignore[attr-defined]
-    pieces = [one for one in client.fly(0.1) if one.get_type() == "STATUSTEXT"]
-    assert [(one.text, one.chunk_seq) for one in pieces] == [("x" * 50, 0), ("\t", 1)]
-    assert len({one.id for one in pieces}) == 1
+    pieces = [message for message in client.fly(0.1) if message.get_type() == "STATUSTEXT"]
+    assert [(piece.text, piece.chunk_seq) for piece in pieces] == [("x" * 50, 0), ("\t", 1)]
+    assert len({piece.id for piece in pieces}) == 1
     assert pieces[0].id > 0

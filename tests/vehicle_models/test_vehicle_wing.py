@@ -43,8 +43,8 @@ def make_wing() -> Iterator[MakeWing]:
 def take_off(client: Client, height_m: float = 50.0) -> None:
     """Arm, off the catapult, up to a height, and around there."""
     client.fly(5.0)
-    assert client.command(400, 1) == [0]
-    assert client.command(22, 0, 0, 0, NAN, NAN, NAN, 488.0 + height_m) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 488.0 + height_m) == [0]
     for _ in range(60):
         client.fly(1.0)
         if client.vehicle.condition().mode == "AUTO_LOITER":
@@ -55,7 +55,7 @@ def take_off(client: Client, height_m: float = 50.0) -> None:
 def circle(client: Client, east_m: float, north_m: float, radius_m: float, height_m: float = 60.0) -> None:
     """DO_REPOSITION with a radius."""
     place = client.vehicle_goal(east_m, north_m)
-    assert client.command_int(192, 0, -1, 1, radius_m, NAN, *place, 488.0 + height_m) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, radius_m, NAN, *place, 488.0 + height_m) == [0]
 
 
 def away_m(client: Client, east_m: float, north_m: float) -> float:
@@ -64,9 +64,9 @@ def away_m(client: Client, east_m: float, north_m: float) -> float:
 
 
 def watch(client: Client, seconds: float, look: Callable[[], float]) -> list[float]:
-    seen: list[float] = []
-    client.fly(seconds, lambda: seen.append(look()))
-    return seen
+    values: list[float] = []
+    client.fly(seconds, lambda: values.append(look()))
+    return values
 
 
 def airspeed_mps(client: Client) -> float:
@@ -74,12 +74,12 @@ def airspeed_mps(client: Client) -> float:
 
 
 def hear_hud(client: Client) -> None:
-    assert client.command(511, 74, 100_000) == [0]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_VFR_HUD, 100_000) == [0]
     client.fly(0.2)
 
 
 def test_it_is_a_plugin_and_says_that_it_is_a_fixed_wing(make_wing: MakeWing) -> None:
-    """The entry point opens it; the heartbeat has MAV_TYPE_FIXED_WING and the parameter says the same."""
+    """The entry point opens it; the heartbeat has MAV_TYPE_FIXED_WING and the parameter has the same value."""
     with load_plugin("rebar.vehicles", "wing")(VehiclePlan(wing_spec(), ())) as vehicle:
         assert vehicle.condition().landed
     client = make_wing()
@@ -88,7 +88,7 @@ def test_it_is_a_plugin_and_says_that_it_is_a_fixed_wing(make_wing: MakeWing) ->
 
 
 def test_an_autopilot_that_it_does_not_carry_is_a_fault_of_the_setup() -> None:
-    """There is no ArduPlane: asking for ardupilot says so instead of flying a plane as a copter."""
+    """There is no ArduPlane: ardupilot is a SetupError instead of a plane that flies as a copter."""
     with pytest.raises(SetupError, match="ardupilot"), open_wing(VehiclePlan(wing_spec("ardupilot"), ())):
         pass
 
@@ -128,9 +128,9 @@ def test_circles_within_a_tenth_of_its_radius_in_wind(make_wing: MakeWing, radiu
         return away_m(client, 150.0, 100.0)
 
     radii = watch(client, 45.0, look)
-    assert max(abs(one - abs(radius_m)) for one in radii) < 0.1 * abs(radius_m)
-    assert max(abs(one - 60.0) for one in heights) < 2.0
-    assert max(abs(one - TRIM_MPS) for one in speeds) < 2.0
+    assert max(abs(radius - abs(radius_m)) for radius in radii) < 0.1 * abs(radius_m)
+    assert max(abs(height - 60.0) for height in heights) < 2.0
+    assert max(abs(speed - TRIM_MPS) for speed in speeds) < 2.0
 
 
 def test_a_change_of_speed_is_flown(make_wing: MakeWing) -> None:
@@ -138,9 +138,9 @@ def test_a_change_of_speed_is_flown(make_wing: MakeWing) -> None:
     client = make_wing()
     take_off(client)
     hear_hud(client)
-    assert client.command(178, 0, 18.0, -1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 18.0, -1) == [0]
     client.fly(15.0)
-    assert max(abs(one - 18.0) for one in watch(client, 15.0, lambda: airspeed_mps(client))) < 1.0
+    assert max(abs(airspeed - 18.0) for airspeed in watch(client, 15.0, lambda: airspeed_mps(client))) < 1.0
 
 
 def test_flies_a_triangle(make_wing: MakeWing) -> None:
@@ -165,7 +165,7 @@ def test_velocity_setpoints_are_a_course_and_a_climb(make_wing: MakeWing) -> Non
         client.setpoint(0, 0, 0, mask=mask, vn=10.6, ve=10.6, vd=-1.0)
 
     client.fly(0.3, give)
-    assert client.command(176, 1, 6) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [0, 0]
     client.fly(15.0, give)
     begun = client.vehicle.truth()
     client.fly(5.0, give)
@@ -182,9 +182,9 @@ def test_an_orbit_is_a_circle_around_its_centre(make_wing: MakeWing) -> None:
     client = make_wing()
     take_off(client)
     place = client.vehicle_goal(100.0, 50.0)
-    assert client.command_int(34, 5, -70.0, 15.0, 0, NAN, *place, NAN) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_ORBIT, 5, -70.0, 15.0, 0, NAN, *place, NAN) == [0]
     client.fly(45.0)
-    assert max(abs(one - 70.0) for one in watch(client, 25.0, lambda: away_m(client, 100.0, 50.0))) < 7.0
+    assert max(abs(distance - 70.0) for distance in watch(client, 25.0, lambda: away_m(client, 100.0, 50.0))) < 7.0
 
 
 def test_attitude_setpoints_are_flown(make_wing: MakeWing) -> None:
@@ -199,7 +199,7 @@ def test_attitude_setpoints_are_flown(make_wing: MakeWing) -> None:
         client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, 0.4))
 
     client.fly(0.3, give)
-    assert client.command(176, 1, 6) == [0, 0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [0, 0]
     client.fly(3.0, give)
     truth = client.vehicle.truth()
     assert math.degrees(truth.roll_rad) == pytest.approx(20.0, abs=2.0)
@@ -212,7 +212,7 @@ def test_returns_and_lands_near_home_against_the_wind(make_wing: MakeWing) -> No
     take_off(client)
     circle(client, 250.0, 150.0, 80.0)
     client.fly(30.0)
-    assert client.command(20) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     sinking = 0.0
     for _ in range(300):
         before = client.vehicle.truth()
@@ -235,9 +235,9 @@ def test_returns_and_circles_where_no_landing_is_wanted(make_wing: MakeWing) -> 
     """By default (RTL_LAND_DELAY -1) it circles over home at RTL_DESCEND_ALT and RTL_LOITER_RAD."""
     client = make_wing(wing_spec(parameters={"RTL_LOITER_RAD": 60.0, "RTL_DESCEND_ALT": 45.0}))
     take_off(client)
-    assert client.command(20) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     client.fly(90.0)
-    assert max(abs(one - 60.0) for one in watch(client, 20.0, lambda: away_m(client, 0.0, 0.0))) < 6.0
+    assert max(abs(distance - 60.0) for distance in watch(client, 20.0, lambda: away_m(client, 0.0, 0.0))) < 6.0
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(45.0, abs=1.0)
     assert client.vehicle.condition().mode == "AUTO_RTL"
 
@@ -246,14 +246,14 @@ def upload(client: Client, rows: list[tuple[Any, ...]]) -> None:
     """Upload a mission of (command, frame, four params, x, y, z)."""
     client.send(mavlink.MAVLink_mission_count_message(1, 1, len(rows), 0))
     for _ in range(4 * len(rows) + 4):
-        for said in client.fly(0.02):
-            if said.get_type() == "MISSION_ACK":
-                assert said.type == 0
+        for reply in client.fly(0.02):
+            if reply.get_type() == "MISSION_ACK":
+                assert reply.type == 0
                 return
-            if said.get_type() == "MISSION_REQUEST_INT":
-                command, frame, *params, x, y, z = rows[said.seq]
+            if reply.get_type() == "MISSION_REQUEST_INT":
+                command, frame, *params, x, y, z = rows[reply.seq]
                 message = mavlink.MAVLink_mission_item_int_message
-                client.send(message(1, 1, said.seq, frame, command, int(said.seq == 0), 1, *params, x, y, z, 0))
+                client.send(message(1, 1, reply.seq, frame, command, int(reply.seq == 0), 1, *params, x, y, z, 0))
     raise AssertionError("no end of the upload")
 
 
@@ -267,8 +267,8 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     rows += [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(*place), 50.0) for place in places]
     rows += [(19, 3, 40, 0, 0, NAN, *turn, 50.0), (21, 3, 0, 0, 0, NAN, *home, 0.0)]
     upload(client, rows)
-    assert client.command(400, 1) == [0]
-    assert client.command(176, 1, 4, 4)[-1] == 0
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)[-1] == 0
     nearest = [math.inf] * 3
     turned = 0
     for _ in range(350):
@@ -285,7 +285,7 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     assert max(nearest) < 26.0
     assert turned > 15  # seconds on the circle
     assert away_m(client, 0.0, 0.0) < 50.0
-    reached = {one.seq for one in client.received if one.get_type() == "MISSION_ITEM_REACHED"}
+    reached = {message.seq for message in client.received if message.get_type() == "MISSION_ITEM_REACHED"}
     assert {0, 1, 2, 3, 4} <= reached
 
 
@@ -296,12 +296,12 @@ def test_a_leg_is_flown_along_its_line_in_a_side_wind(make_wing: MakeWing, from_
     take_off(client)
     rows = [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(150.0, north), 50.0) for north in (0.0, 400.0, 800.0)]
     upload(client, rows)
-    assert client.command(176, 1, 4, 4)[-1] == 0
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)[-1] == 0
     beside, north = [], -math.inf
     while client.vehicle.time.s < 200.0 and north < 370.0:
         client.fly(0.5)
         east, north, _ = client.vehicle.truth().position_enu_m
-        reached = {one.seq for one in client.received if one.get_type() == "MISSION_ITEM_REACHED"}
+        reached = {message.seq for message in client.received if message.get_type() == "MISSION_ITEM_REACHED"}
         if 0 in reached and north > 150.0:
             beside.append(abs(east - 150.0))
     assert north >= 370.0
@@ -317,6 +317,6 @@ def test_two_flights_are_the_same_to_the_last_bit(make_wing: MakeWing) -> None:
         take_off(client)
         circle(client, 100.0, 100.0, 70.0)
         client.fly(10.0)
-        return client.vehicle.truth(), [one.get_msgbuf() for one in client.received]
+        return client.vehicle.truth(), [message.get_msgbuf() for message in client.received]
 
     assert flown() == flown()

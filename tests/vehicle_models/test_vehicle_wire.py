@@ -20,7 +20,7 @@ Make = Callable[..., Client]
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, autopilot: str) -> None:
-    """All that is ever streamed, heard in flight or asked for: decoded by pymavlink and packed again, the same bytes."""
+    """Every message that is streamed, sent in flight or requested: decoded by pymavlink and packed again, the same bytes."""
     from vehicle_models.controller import AUTOPILOTS
 
     client = make(simspec(autopilot, environment={"wind": {"speed_mps": 3.0, "turbulence_mps": 3.0}}))
@@ -31,20 +31,20 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
     names = AUTOPILOTS[autopilot].telemetry.messages
     raw = len(client.raw)
     for name in sorted(names):
-        client.command(512, KINDS[name].id)
+        client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, KINDS[name].id)
         if autopilot == "px4":
             client.setpoint(3, 2, -4)
     frames = FrameReader().feed(client.raw[raw:])
-    heard = set()
+    streamed = set()
     for frame in frames:
         message = Decoder().decode(frame)
         assert message is not None
         again = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         again.seq = frame[4]
         assert bytes(message.pack(again)) == frame, message.get_type()
-        heard.add(message.get_type())
+        streamed.add(message.get_type())
     silent_on_the_ground = {"FENCE_STATUS", "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT"}
-    assert names - heard <= (
+    assert names - streamed <= (
         silent_on_the_ground if autopilot == "ardupilot" else {"ORBIT_EXECUTION_STATUS", "CURRENT_EVENT_SEQUENCE"}
     )
 
@@ -107,15 +107,15 @@ def test_frames_are_found_in_garbage() -> None:
     stream = b"\xfd\xfe\x00" + first + b"noise\xfd" + second + broken + second + first
     for size in (1, 7, len(stream)):
         reader = FrameReader()
-        found = [frame for at in range(0, len(stream), size) for frame in reader.feed(stream[at : at + size])]
-        found += reader.feed(b"", last=True)
-        assert found == [first, second, second, first]
+        frames = [frame for at in range(0, len(stream), size) for frame in reader.feed(stream[at : at + size])]
+        frames += reader.feed(b"", last=True)
+        assert frames == [first, second, second, first]
         assert reader.garbage_bytes == 3 + 6 + len(broken)
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["v2", "v1"])
 def test_every_message_decodes_to_what_pymavlink_makes_of_it(old: bool) -> None:
-    """Random payloads of every kind that a service hears or says, in full and cut off: the same class with the same fields."""
+    """Random payloads of every kind that a service takes or sends, in full and cut off: the same class with the same fields."""
     draws, reference, decoder, packer = random.Random(7), mavlink.MAVLink(None), Decoder(), Packer(9, 8)
     for name, kind in KINDS.items():
         for keep in (1.0, 0.5, 0.0):
@@ -180,7 +180,7 @@ def test_extreme_values_leave_it_flying(make: Make) -> None:
         client.fly(0.2)
     client.fly(5.0)
     position = client.vehicle.truth().position_enu_m
-    assert all(math.isfinite(one) for one in position)
+    assert all(math.isfinite(value) for value in position)
     assert not client.vehicle.condition().crashed
 
 
@@ -198,17 +198,17 @@ def codes(kind: type) -> str:
 
 def _format_parts(text: str) -> list[tuple[int, str]]:
     parts, count = [], ""
-    for one in text.lstrip("<"):
-        if one.isdigit():
-            count += one
+    for character in text.lstrip("<"):
+        if character.isdigit():
+            count += character
         else:
-            parts.append((int(count or 1), one))
+            parts.append((int(count or 1), character))
             count = ""
     return parts
 
 
 def test_signed_frames_are_understood() -> None:
-    """A MAVLink 2 frame with a signature is one frame, and decodes; nothing here checks who signed it."""
+    """A MAVLink 2 frame with a signature is one frame, and decodes; the signature is not checked here."""
     mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
     mav.signing.secret_key = bytes(32)
     mav.signing.sign_outgoing = True

@@ -1,4 +1,4 @@
-"""A MAVLink client in lockstep with one vehicle: says something, lets time pass, has heard everything."""
+"""A MAVLink client in lockstep with one vehicle: it sends, lets time pass, and keeps every received message."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def simspec(autopilot: str = "px4", **changes: Any) -> SimSpec:
 
 
 class Client:
-    """The other end of a `udp_out` link. `fly` steps the vehicle and collects all that is heard."""
+    """The other end of a `udp_out` link. `fly` steps the vehicle and collects every received message."""
 
     def __init__(self, system: int = 245, component: int = 190) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -52,11 +52,11 @@ class Client:
         """Send a COMMAND_LONG, let one step pass, and return the results acknowledged."""
         padded = [*params, *[0.0] * (7 - len(params))]
         self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
-        return [one.result for one in self.fly(0.02) if one.get_type() == "COMMAND_ACK" and one.command == number]
+        return [message.result for message in self.fly(0.02) if message.get_type() == "COMMAND_ACK" and message.command == number]
 
     def command_int(self, number: int, frame: int, *params: float) -> list[int]:
         self.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
-        return [one.result for one in self.fly(0.02) if one.get_type() == "COMMAND_ACK" and one.command == number]
+        return [message.result for message in self.fly(0.02) if message.get_type() == "COMMAND_ACK" and message.command == number]
 
     def setpoint(self, north: float, east: float, down: float, mask: int = 2552, frame: int = 1, **more: float) -> None:
         v = (more.get("vn", 0.0), more.get("ve", 0.0), more.get("vd", 0.0))
@@ -65,7 +65,7 @@ class Client:
         self.send(message(0, 1, 1, frame, mask, north, east, down, *v, 0, 0, 0, *yaw))
 
     def fly(self, seconds: float, each: Callable[[], None] | None = None) -> list[Any]:
-        """Let time pass, calling `each` ten times a second; the messages heard meanwhile."""
+        """Let time pass, calling `each` ten times a second; returns the messages received meanwhile."""
         begun = len(self.received)
         for step in range(round(seconds * 50)):
             if each and step % 5 == 0:
@@ -92,17 +92,17 @@ class Client:
         return TangentPlane(home.latitude * 1e-7, home.longitude * 1e-7).geodetic_e7(east_m, north_m)
 
     def last(self, name: str) -> Any:
-        return next(one for one in reversed(self.received) if one.get_type() == name)
+        return next(message for message in reversed(self.received) if message.get_type() == name)
 
     def texts(self) -> list[str]:
-        return [one.text for one in self.received if one.get_type() == "STATUSTEXT"]
+        return [message.text for message in self.received if message.get_type() == "STATUSTEXT"]
 
     def airborne(self, height_m: float = 10.0) -> None:
         """Arm a PX4, take off, wait until it holds."""
         self.fly(5.0)
-        assert self.command(400, 1) == [0]
+        assert self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
         altitude = 488.0 + height_m
-        assert self.command(22, 0, 0, 0, NAN, NAN, NAN, altitude) == [0]
+        assert self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, altitude) == [0]
         self.fly(5.0 + height_m)
         assert self.vehicle.condition().mode == "AUTO_LOITER"
 
@@ -111,7 +111,7 @@ class Client:
         self.setpoint(north, east, down)
         self.fly(0.1)
         self.setpoint(north, east, down)
-        assert self.command(176, 1, 6) == [0, 0]
+        assert self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6) == [0, 0]
         assert self.vehicle.condition().mode == "OFFBOARD"
 
 
