@@ -113,9 +113,9 @@ class Controller:
         self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
         self._plans = StoredPlans()
         self._camera: CameraComponent | None = None
-        services = self._build_services(manoeuvres, equipment or Equipment())
-        self._ticks = [service.tick for service in services if isinstance(service, Ticks)]
-        self._handlers = _handlers_by_id(services)
+        self._build_flight_services(manoeuvres)
+        self._build_safety_services()
+        self._join(self._build_services(equipment or Equipment()))
         if persistent:
             for kind, items in persistent.plans.items():
                 self._plans.by_type[kind].put(items)
@@ -124,69 +124,61 @@ class Controller:
         self._unhandled = 0
         self._previous_counts = persistent.counts if persistent else {}
 
-    def _build_services(self, manoeuvres: Manoeuvres | None, equipment: Equipment) -> list[object]:
-        """Every service, in the order in which they tick."""
+    def _build_flight_services(self, manoeuvres: Manoeuvres | None) -> None:
+        """What flies the vehicle, from the fence's boundary to arming; everything else builds on these."""
         context, autopilot, plans = self._context, self._autopilot, self._plans
-        flight, parameters = context.flight, context.parameters
-        fence_policy = autopilot.safety.fence
-
+        flight, frame, parameters = context.flight, context.frame, context.parameters
         # Plans call their listeners in order: the boundary follows a new fence before the mission is judged by it.
-        boundary = FenceBoundary(fence_policy, flight, context.frame, parameters, plans.fence)
-        rally = Rally(fence_policy, context.frame, parameters, plans.rally)
+        self._boundary = boundary = FenceBoundary(autopilot.safety.fence, flight, frame, parameters, plans.fence)
+        rally = Rally(autopilot.safety.fence, frame, parameters, plans.rally)
         limits = autopilot.parameters.limits(parameters)
         self._guidance = guidance = Guidance(flight, limits, rally.return_point, manoeuvres)
         parameters.on_change(self._update_limits)
         self._setpoints = setpoints = Setpoints(context, autopilot.setpoints, guidance, boundary)
-        modes = Modes(context, autopilot.modes, guidance, setpoints.fresh)
-        home = HomeKeeper(context, autopilot.commands, autopilot.modes.knows_position)
-        self._arming = arming = Arming(context, autopilot.modes, modes, guidance, home, setpoints.fresh)
-        self._liftoff = LiftoffAndLanding(context, autopilot.modes, guidance, arming)
-        battery = BatteryMonitor(context, autopilot.safety)
-        failsafe = Failsafe(context, autopilot.safety, modes, setpoints, battery, autopilot.modes.termination, self._disarm)
-        self._fence = fence = Fence(context, boundary, modes, failsafe)
-        gimbal = self._build_camera(equipment)
-        missions = MissionFlight(
-            context,
-            autopilot.missions,
-            autopilot.modes.mission,
-            modes,
-            guidance,
-            boundary,
-            plans,
-            arming.arm,
-            gimbal,
-            self._camera,
-        )
-        commands = Commands(context, autopilot.commands)
-        self._restart = Restart(context, autopilot.commands)
-        served = {**(autopilot.identity.metadata.contents() if autopilot.identity.metadata else {})}
-        files = ServedFiles({**served, **autopilot.identity.files(parameters)}, autopilot.identity.files_writable)
+        self._modes = modes = Modes(context, autopilot.modes, guidance, setpoints.fresh)
+        self._home = HomeKeeper(context, autopilot.commands, autopilot.modes.knows_position)
+        self._arming = Arming(context, autopilot.modes, modes, guidance, self._home, setpoints.fresh)
+        self._liftoff = LiftoffAndLanding(context, autopilot.modes, guidance, self._arming)
 
+    def _build_safety_services(self) -> None:
+        context, autopilot, modes = self._context, self._autopilot, self._modes
+        self._battery = battery = BatteryMonitor(context, autopilot.safety)
+        self._failsafe = failsafe = Failsafe(
+            context, autopilot.safety, modes, self._setpoints, battery, autopilot.modes.termination, self._disarm
+        )
+        self._fence = Fence(context, self._boundary, modes, failsafe)
+
+    def _build_services(self, equipment: Equipment) -> list[object]:
+        """Every service, in the order in which they tick."""
+        context, autopilot, modes, guidance = self._context, self._autopilot, self._modes, self._guidance
+        self._commands = Commands(context, autopilot.commands)
+        self._restart = Restart(context, autopilot.commands)
+        gimbal = self._build_camera(equipment)
         # A failsafe has the last word on the mode, so it ticks behind all that change it.
         services: list[object] = [
-            commands,
+            self._commands,
             Parameters(context, autopilot.parameters),
             ClockService(context, autopilot.commands.answers_ping),
             SigningKeys(self._signing),
             self._restart,
             Identity(context, autopilot.identity, autopilot.modes),
             EventService(context, autopilot.identity.event_names),
-            FileTransfer(context, files, autopilot.identity.file_sessions),
-            MissionProtocol(context, autopilot.missions, plans),
-            home,
-            setpoints,
-            arming,
+            self._build_file_transfer(),
+            MissionProtocol(context, autopilot.missions, self._plans),
+            self._home,
+            self._setpoints,
+            self._arming,
             ManualControl(context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station),
             FollowTargetService(context, guidance),
-            Navigator(context, autopilot.commands, autopilot.modes, modes, guidance, boundary, autopilot.missions.guided_items),
+            self._build_navigator(),
             modes,
-            missions,
-            fence,
+            self._build_mission_flight(gimbal),
+            self._fence,
             Health(context, autopilot.modes),
             MotorTest(context, autopilot.commands.motor_test_order),
             GroundTexts(context, autopilot.identity),
-            battery,
-            failsafe,
+            self._battery,
+            self._failsafe,
         ]
         if gimbal:
             services.append(gimbal)
@@ -194,36 +186,75 @@ class Controller:
         if equipment.truth:
             services.append(TruthStream(equipment.truth))
         if equipment.break_part:
-            services.append(FailureInjection(parameters, autopilot.safety.failure_parameter, equipment.break_part))
-        services += self._build_telemetry(battery, failsafe)
-        self._streams = self._collect_streams(services)
-        services.append(self._streams)
-        for service in services:
-            if isinstance(service, HandlesCommands):
-                commands.add(service.commands())
-        if autopilot.modes.heartbeat_on_change:
-            modes.on_change.append(self._streams.send_heartbeat)
-        return services
+            failure_parameter = autopilot.safety.failure_parameter
+            services.append(FailureInjection(context.parameters, failure_parameter, equipment.break_part))
+        return services + self._build_telemetry()
+
+    def _build_file_transfer(self) -> FileTransfer:
+        identity = self._autopilot.identity
+        metadata = identity.metadata.contents() if identity.metadata else {}
+        files = ServedFiles({**metadata, **identity.files(self._context.parameters)}, identity.files_writable)
+        return FileTransfer(self._context, files, identity.file_sessions)
+
+    def _build_navigator(self) -> Navigator:
+        autopilot = self._autopilot
+        return Navigator(
+            self._context,
+            autopilot.commands,
+            autopilot.modes,
+            self._modes,
+            self._guidance,
+            self._boundary,
+            autopilot.missions.guided_items,
+        )
+
+    def _build_mission_flight(self, gimbal: Gimbal | None) -> MissionFlight:
+        return MissionFlight(
+            self._context,
+            self._autopilot.missions,
+            self._autopilot.modes.mission,
+            self._modes,
+            self._guidance,
+            self._boundary,
+            self._plans,
+            self._arming.arm,
+            gimbal,
+            self._camera,
+        )
 
     def _build_camera(self, equipment: Equipment) -> Gimbal | None:
+        """Add the camera where it is on the links; return its gimbal where it has one."""
         camera = equipment.camera
         if camera and camera.mavlink:
             self._camera = CameraComponent(self._context, camera, self._system)
-        has_gimbal = camera and camera.gimbal
-        return Gimbal(self._context, self._autopilot.commands, math.radians(camera.tilt_deg)) if camera and has_gimbal else None
+        if camera and camera.gimbal:
+            return Gimbal(self._context, self._autopilot.commands, math.radians(camera.tilt_deg))
+        return None
 
-    def _build_telemetry(self, battery: BatteryMonitor, failsafe: Failsafe) -> list[object]:
-        context, autopilot = self._context, self._autopilot
+    def _build_telemetry(self) -> list[object]:
+        context, autopilot, battery = self._context, self._autopilot, self._battery
         attitude = AttitudeCache(context.flight)
         return [
             SystemTelemetry(context, autopilot.telemetry, autopilot.identity, autopilot.modes, battery, self._setpoints.fresh),
             MotionTelemetry(context, attitude),
             TargetTelemetry(context, autopilot.setpoints),
             SensorTelemetry(context, autopilot.telemetry, attitude),
-            PowerTelemetry(context, autopilot.telemetry, battery, failsafe.charge_state),
+            PowerTelemetry(context, autopilot.telemetry, battery, self._failsafe.charge_state),
             RemoteIdentification(context),
             Terrain(context),
         ]
+
+    def _join(self, services: Sequence[object]) -> None:
+        """Collect what the services tick, take, carry out, stream and answer."""
+        self._streams = self._collect_streams(services)
+        services = [*services, self._streams]
+        for service in services:
+            if isinstance(service, HandlesCommands):
+                self._commands.add(service.commands())
+        self._ticks = [service.tick for service in services if isinstance(service, Ticks)]
+        self._handlers = _handlers_by_id(services)
+        if self._autopilot.modes.heartbeat_on_change:
+            self._modes.on_change.append(self._streams.send_heartbeat)
 
     def _collect_streams(self, services: Sequence[object]) -> Streams:
         streams: dict[str, Stream] = {}
