@@ -130,8 +130,8 @@ def test_the_counts_are_right() -> None:
     """Three principles, five key attributes, twelve VABs, fifteen observables."""
     decomposition = load_decomposition("find-the-missing")
     principles, attributes, vabs, observables = (len(decomposition.at_level(level)) for level in Level)
-    numbers = f"{principles} principles, {attributes} key attributes, {vabs} VABs and\n{observables} observables"
-    assert numbers in PAGE
+    numbers = f"{principles} principles, {attributes} key attributes, {vabs} VABs and {observables} observables"
+    assert numbers in " ".join(PAGE.split())
     assert {parent for parent in decomposition.key_attributes if "V-05" in decomposition.nodes[parent].children} == {
         "KA-2",
         "KA-5",
