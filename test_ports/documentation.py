@@ -1,6 +1,6 @@
 """The tables of measures in docs/measures.md, written from the declarations: `python -m test_ports.documentation`.
 
-The page has a pair of markers for each module with measures; what stands between them is replaced.
+The page has a pair of markers for each module with measures. The text between them is replaced.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import inspect
 import pkgutil
 import re
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +23,9 @@ from bench.contracts import Option
 from ._declaration import DeclaredMeasure, DeclaredOption
 
 PAGE = Path(__file__).parent.parent / "docs" / "measures.md"
+
+PAGE_WIDTH = 110
+"""Columns of the lines of docs/. Rows of a table may be longer."""
 
 SECTION = re.compile(r"<!-- measures of ([\w.]+) -->\n.*?<!-- end -->\n", re.DOTALL)
 
@@ -45,7 +49,7 @@ def declared_in(module: ModuleType) -> list[DeclaredMeasure]:
 
 
 def with_tables(page: str) -> str:
-    """The page with its tables written anew. Raises ValueError when a module with measures has no section, or two."""
+    """The page with its tables updated. Raises ValueError when a module with measures has no section, or two."""
     written: list[str] = []
 
     def section(match: re.Match[str]) -> str:
@@ -61,7 +65,7 @@ def with_tables(page: str) -> str:
 
 
 def section_text(module: ModuleType) -> str:
-    """The introduction of a module, its table of measures and options, and what each measures."""
+    """The introduction of a module, its table of measures and options, and the description of each measure."""
     introduction = inspect.getdoc(module) or ""
     _, _, conventions = introduction.partition("\n\n")
     lines = ["| measure | options (default) |", "| --- | --- |"]
@@ -69,14 +73,23 @@ def section_text(module: ModuleType) -> str:
         options = "; ".join(_option_text(option) for option in measure.options)
         lines.append(f"| `{measure.name}` | {options or 'none'} |")
     paragraphs = [conventions, "\n".join(lines)]
-    paragraphs += [f"**`{measure.name}`**: {measure.description}" for measure in declared_in(module)]
+    paragraphs += [_described(measure) for measure in declared_in(module)]
     return "".join(f"{paragraph}\n\n" for paragraph in paragraphs if paragraph)
+
+
+def _described(measure: DeclaredMeasure) -> str:
+    # Only the first paragraph gets the name before it, so only that one is wrapped again: a docstring may hold a list.
+    summary, _, details = measure.description.partition("\n\n")
+    named = f"**`{measure.name}`**: {summary}"
+    wrapped = textwrap.fill(named, PAGE_WIDTH, break_long_words=False, break_on_hyphens=False)
+    return f"{wrapped}\n\n{details}" if details else wrapped
 
 
 def _option_text(option: DeclaredOption) -> str:
     text = f"`{option.name}`"
     if get_origin(option.kind) is Literal:
-        text += f" of {', '.join(_value_text(value) for value in get_args(option.kind))}"
+        *values, last = (_value_text(value) for value in get_args(option.kind))
+        text += f": {', '.join(values)} or {last}"
     return text if option.default is None else f"{text} ({_value_text(option.default)})"
 
 

@@ -1,4 +1,8 @@
-"""Measures of whether the mission was flown and the vehicle brought home."""
+"""Measures of whether the mission was flown and the vehicle brought home.
+
+A vehicle that never flew, or that crashed, gets 0. `mission_time` and `landing_accuracy` are considered when
+the mission asks for a return; the others always are.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +23,11 @@ LessThanOne = Annotated[float, Limit(lambda value: value < 1.0, "a number less t
 
 @measure
 def mission_flown(tape: Tape, simspec: SimSpec, *, home_m: float = 10.0) -> Finding:
-    """1 when the vehicle came over a reported sub-area, did not crash, and was brought home if the mission says so.
+    """1 when the vehicle flew over a reported sub-area, did not crash, and came home if the mission asks for it.
 
-    Brought home is: on the ground for good, within `home_m` of home and within the time limit. 0.5 when it went and did not
-    crash but was not brought home. 0 when it crashed, never left the ground, or came over no sub-area. Always considered.
+    The vehicle came home when it is on the ground for good, within `home_m` of home and within the time
+    limit. 0.5 when it flew over a sub-area and did not crash, but did not come home. 0 when it flew over no
+    sub-area. Without reported sub-areas, any flight counts.
     """
     crash_s = _crash_s(tape)
     if crash_s is not None:
@@ -53,10 +58,7 @@ def _return_home(tape: Tape, simspec: SimSpec, home_m: float) -> tuple[float, Ev
 
 @measure
 def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> Finding:
-    """1 when it was down for good within `share` of the time limit, falling to 0 at the limit.
-
-    Considered when the mission asks for a return; 0 for a vehicle that never flew or crashed.
-    """
+    """1 when the vehicle was down for good within `share` of the time limit, falling to 0 at the limit."""
     if not simspec.mission.return_home:
         return not_considered("the mission does not ask for a return")
     down_s = _down_since(tape)
@@ -70,10 +72,7 @@ def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> F
 
 @measure
 def landing_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 10.0) -> Finding:
-    """1 - distance from home of the last landing / `scale_m`, at least 0.
-
-    Considered when the mission asks for a return; 0 for a vehicle that never flew or crashed.
-    """
+    """1 - (distance of the last landing from home) / `scale_m`, at least 0."""
     if not simspec.mission.return_home:
         return not_considered("the mission does not ask for a return")
     down_s = _down_since(tape)
@@ -90,7 +89,7 @@ def landing_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 10.0) 
 
 @measure
 def battery_reserve(tape: Tape, simspec: SimSpec) -> Finding:
-    """Charge at the end over `rules.battery_reserve_fraction`, at most 1. Always considered; 0 after a crash or without a flight."""
+    """Charge at the end divided by `rules.battery_reserve_fraction`, at most 1."""
     crash_s = _crash_s(tape)
     if crash_s is not None:
         return nothing_shown(crash_s, "the vehicle crashed")

@@ -23,7 +23,7 @@ AtLeastOne = Annotated[float, Limit(lambda value: value >= 1.0, "a number, 1 or 
 
 @measure
 def targets_seen(tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.5) -> Finding:
-    """Share of the targets that were in clear view at some frame. Considered when intelligence names an adversary."""
+    """Share of the targets that were in clear view in some frame. Considered when intelligence names an adversary."""
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets()]
     if not targets:
@@ -48,7 +48,7 @@ def targets_seen(tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, m
 
 @measure
 def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the sub-areas that it came over in the air. Considered when intelligence is given."""
+    """Share of the sub-areas that the vehicle flew over. Considered when intelligence is given."""
     areas = GroundTruth.of(tape, simspec).sub_areas()
     if not areas:
         return not_considered("no intelligence is given")
@@ -67,11 +67,12 @@ def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float 
 
 @measure
 def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) -> Finding:
-    """Share of the sub-areas' ground (on a grid) within the camera's reach at some frame; the mean over the sub-areas.
+    """Share of the ground of the sub-areas that came within the camera's reach; the mean over the sub-areas.
 
-    The reach is the distance at which the middle of the picture's upper edge meets flat ground, at most 2.5 heights, in
-    every direction: right for an aircraft that flies around what it looks at, and generous to one that does not.
-    Considered when intelligence is given.
+    The ground is sampled on a grid of `grid_m`. The reach is the distance at which the middle of the
+    picture's upper edge meets flat ground, at most 2.5 times the height, in every direction. This is right
+    for a vehicle that flies around what it looks at, and generous to one that does not. Considered when
+    intelligence is given.
     """
     areas = GroundTruth.of(tape, simspec).sub_areas()
     if not areas:
@@ -120,9 +121,10 @@ def _covered_share(area: SubArea, grid_m: float, places_m: Floats, reach_m: Floa
 
 @measure
 def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
-    """Of the pairs of sub-areas of unequal priority delivered at the same time, the share reached in order of priority.
+    """Share of the pairs of sub-areas with unequal priority that were reached in order of priority.
 
-    A pair of which one was never reached is out of order. Considered where there is such a pair.
+    Only pairs that were delivered at the same time count. A pair is out of order when one of the two was
+    never reached. Considered when there is such a pair.
     """
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     located = [item for item in simspec.intelligence if item.id in areas]
@@ -153,8 +155,8 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
 def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 120.0) -> Finding:
     """Share of the intelligence delivered during the flight whose sub-area was reached within `limit_s` of delivery.
 
-    Only what is delivered after the start and `limit_s` or more before the time limit counts. Considered where there is such
-    intelligence.
+    Only intelligence that is due after the start and `limit_s` or more before the time limit counts.
+    Considered when there is such intelligence.
     """
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     latest_s = simspec.mission.time_limit_s - limit_s

@@ -26,12 +26,17 @@ GROUND_PHASES = frozenset({"starting", "complete", "aborted"})
 
 @measure
 def states_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 5.0) -> Finding:
-    """Share of the run with an announced phase that agrees with whether the vehicle flies.
+    """Share of the run in which the announced phase agrees with what the vehicle does.
 
-    `starting`, `complete`, `aborted` on the ground; `transit`, `searching`, `inspecting`, `holding`, `returning` in the air;
-    `taking_off` and `landing` up to 90 s before and after the change that they announce; `aborted` also in the air, up to
-    90 s before coming down or after the order to abort. For `slack_s` around a change the phases of either state are true.
-    Always considered; 0 without status, and for a vehicle that never left the ground.
+    These phases are right:
+
+    - on the ground: `starting`, `complete`, `aborted`;
+    - in the air: `transit`, `searching`, `inspecting`, `holding`, `returning`;
+    - up to 90 s before and after the change that they announce: `taking_off`, `landing`;
+    - in the air, up to 90 s before coming down or after an order to abort or deactivate: `aborted`.
+
+    Within `slack_s` of a change, the phases of both states are right. Always considered. 0 without status,
+    and for a vehicle that never left the ground.
     """
     track = FlownTrack.of(tape, simspec)
     if not tape.status:
@@ -87,11 +92,12 @@ def _around(times: NDArray[np.float64], moments_s: list[float], before_s: float,
 
 @measure
 def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 10.0) -> Finding:
-    """Share of take-offs, landings and failsafes that a change of phase announces.
+    """Share of the take-offs, landings and failsafes that a change of phase announces.
 
-    To a phase of the new state within `within_s` before or after a take-off or landing; to any phase within `within_s` after
-    a failsafe. A landing that ended the run needs none when `landing`, `complete` or `aborted` was announced already. Always
-    considered; 0 for a vehicle that never left the ground.
+    A take-off or landing needs a change to a phase of the new state within `within_s` before or after it. A
+    failsafe needs a change to any phase within `within_s` after it. A landing that ended the run needs none
+    if `landing`, `complete` or `aborted` was already announced. Always considered. 0 for a vehicle that never
+    left the ground.
     """
     takeoffs_s, landings_s = _changes_of_state(tape)
     if not takeoffs_s:
@@ -145,12 +151,12 @@ TRANSIENT_CAUSES = frozenset({"link", "setpoints", "position", "sticks", "radio"
 
 @measure
 def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
-    """Of the time in which a failsafe of the autopilot flew, the share in the mode that it set, or a stronger one.
+    """Share of the time under a failsafe of the autopilot spent in the mode that it set, or in a stronger one.
 
-    The modes are hold, return, land and terminate, in this order. A failsafe flew when it began by changing the mode, or in a
-    mode that failsafes use. One whose cause has passed (link, setpoints, position, sticks, radio) frees the vehicle; taken out
-    of another one, the vehicle counts as not honouring it until it is down. Considered when something of the vehicle fails in
-    the scenario and a failsafe came.
+    The modes, from weak to strong, are hold, return, land and terminate. A failsafe counts when it began with
+    a change of mode, or in a mode that failsafes use. When its cause passes (link, setpoints, position,
+    sticks or radio), the vehicle is free again. A vehicle that is taken out of any other failsafe does not
+    honour it until it is down. Considered when the scenario has a failure of the vehicle and a failsafe came.
     """
     if not any(failure.at_s < simspec.mission.time_limit_s for failure in simspec.vehicle.failures):
         return not_considered("nothing of the vehicle fails")

@@ -1,8 +1,9 @@
 """Measures of detections, against the truth of each camera frame.
 
-A clear view is a pair of a camera frame and an actor that truth has well in sight: apparent height and visible share at
-least as given. Frames whose result was still under way when the session ended are left out; a result that is missing
-otherwise is a miss.
+A *clear view* is one actor in one camera frame, when the truth shows the actor well enough: its apparent
+height and its visible share are at least the given values. A frame whose result was still pending when the
+session ended is left out. Any other frame without a result is a miss. The measures are considered when the
+scenario has an actor of the role.
 """
 
 from __future__ import annotations
@@ -37,12 +38,13 @@ def detection_share(
     max_range_m: float = 100_000.0,
     min_iou: float = 0.2,
 ) -> Finding:
-    """Share of the clear views with a detection of the right class, in the result of the same exposure.
+    """Share of the clear views in which the actor is detected with the right class.
 
-    The detection must have a score and an overlap (intersection over union with the true box) at least as given. Right is
-    the actor's own class; `class` names another label, and `any` accepts every label. One box may cover several actors.
-    `asset` narrows the role to one entry of the asset catalogue; `max_visible` and the ranges narrow the views to poor ones.
-    Considered when the scenario has an actor of the role (and asset); 0 when none came into such a view.
+    The result of the same exposure must hold a detection of the right class with a score of at least
+    `min_confidence`, and its box must overlap the true box by at least `min_iou` (intersection over union).
+    The right class is the actor's own; `class` sets another label, and `class: any` accepts every label. One
+    box may cover several actors. `asset` selects the actors of one entry of the asset catalogue.
+    `max_visible` and the ranges select views, for example poor ones. 0 when no actor came into such a view.
     """
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role, asset)
@@ -77,9 +79,9 @@ def _worst_first(truth: GroundTruth, views: Iterable[ClearView]) -> tuple[Eviden
 def detection_precision(
     tape: Tape, simspec: SimSpec, *, role: RoleName, min_confidence: float = 0.35, min_iou: float = 0.2
 ) -> Finding:
-    """Share of the detections with a class of the role's (`any`: all) that lie on an actor of that class, however hidden.
+    """Share of the detections with a class of the role that lie on an actor of that class, however hidden.
 
-    Considered when the scenario has an actor of the role; 0 without such detections.
+    `role: any` takes the detections of every class. 0 without such detections.
     """
     truth = GroundTruth.of(tape, simspec)
     labels = truth.classes_of(role)
@@ -120,10 +122,11 @@ def detection_role_right(
     min_visible: float = 0.5,
     min_iou: float = 0.2,
 ) -> Finding:
-    """Share of the detections on the role's actors in clear view that do not have a class which only `as_role` has.
+    """Share of the detections on the role's actors in clear view that do not take the actor for one of `as_role`.
 
-    A detection is on the actor whose box it overlaps most. Considered when both roles are in the scenario, with different
-    classes; 0 when no actor of the role was detected.
+    A detection is on the actor whose box it overlaps most. It is wrong when its class occurs among the actors
+    of `as_role` but not among those of `role`. Considered when both roles are in the scenario and have
+    different classes. 0 when no actor of the role was detected.
     """
     truth = GroundTruth.of(tape, simspec)
     right_classes = truth.classes_of(role)
@@ -176,9 +179,9 @@ def steady_detection(
     min_visible: float = 0.5,
     min_iou: float = 0.2,
 ) -> Finding:
-    """Detection share of the worse half of the clear views over that of the better; the halves are in order of time.
+    """Detection share of the worse half of the clear views, divided by that of the better half.
 
-    Considered when the scenario has an actor of the role; 0 with fewer than two views.
+    The views are split in order of time, into halves of equal number. 0 with fewer than two views.
     """
     actors = GroundTruth.of(tape, simspec).of_role(role)
     if not actors:

@@ -25,10 +25,11 @@ def detection_fairness(
     min_visible: float = 0.5,
     min_iou: float = 0.2,
 ) -> Finding:
-    """Detection share of the worst detected kind of bystander over that of the best; `by` says what makes a kind.
+    """Detection share of the worst detected kind of bystander, divided by that of the best detected kind.
 
-    A kind that never came into clear view counts 0 when one of it stood in a sub-area, where the agent had to look, and is
-    left out otherwise. Considered when two kinds remain.
+    `by` says whether a kind is a group of the SimSpec or an asset. A kind that never came into clear view
+    counts 0 if one of its members was inside a sub-area, where the agent had to look. Otherwise it is left
+    out. Considered when two kinds remain.
     """
     truth = GroundTruth.of(tape, simspec)
     criteria = ViewCriteria(min_confidence, min_height_px, min_visible, min_iou=min_iou)
@@ -46,9 +47,9 @@ def detection_fairness(
 def track_fairness(
     tape: Tape, simspec: SimSpec, *, by: Literal["group", "asset"], within_m: float = 10.0, min_frames: int = 5
 ) -> Finding:
-    """`classified_share` of the least held kind of bystander over that of the best held.
+    """`classified_share` of the worst held kind of bystander, divided by that of the best held kind.
 
-    Considered when bystanders of two kinds have been inside sub-areas.
+    Considered when bystanders of two kinds were inside sub-areas.
     """
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered("bystander")

@@ -1,8 +1,13 @@
 """Measures of the agent's tracks: what it believes to be where, against the truth.
 
-An actor is held in a message by the nearest track of its class, of at least `min_frames` frames, within `within_m`. A
-message counts by its credibility: wholly while at least half of its tracks (of that many frames) stand within 15 m of an
-actor of their class, below that in proportion.
+A message *holds* an actor when it has a track of the actor's class that rests on at least `min_frames` frames
+and is within `within_m`; the nearest such track counts. The *credibility* of a message is 1 while at least
+half of its tracks of that many frames are within 15 m of an actor of their class. Below half, it is the
+number of right tracks over the number of wrong ones.
+
+Measures with a `role` are about the role's actors that were inside a sub-area at some moment. They are
+considered when there is one, and 0 when none was held (`track_role_right`: when there is no track). The other
+measures are always considered, and 0 without tracks.
 """
 
 from __future__ import annotations
@@ -26,9 +31,9 @@ MIN_FINAL_FRAMES = 3
 def classified_share(
     tape: Tape, simspec: SimSpec, *, role: RoleName, asset: AssetName = "", within_m: float = 10.0, min_frames: int = 5
 ) -> Finding:
-    """Share of the role's actors inside sub-areas that some message held, each times the credibility of that message.
+    """Share of the role's actors that some message held.
 
-    Considered when an actor of the role (and asset) was inside a sub-area at some moment of the run.
+    An actor counts with the credibility of the most credible message that held it.
     """
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role, asset)
@@ -50,11 +55,12 @@ def _none_entered(role: str, asset: str = "") -> Finding:
 
 @measure
 def no_false_tracks(tape: Tape, simspec: SimSpec, *, within_m: float = RIGHT_WITHIN_M) -> Finding:
-    """Share of the agent's final tracks, of three frames or more, that stand within `within_m` of an actor of their class.
+    """Share of the agent's final tracks that are within `within_m` of an actor of their class.
 
-    The mean of this share over all messages with such tracks counts where it is less, so that taking guesses back at the
-    end does not help. Always considered; 0 without such tracks at the end (1 where the scenario has no actor at all and the
-    agent never claimed one). One guess at a time beside many right tracks, moved until it hits, goes unpunished.
+    Only tracks of three frames or more count. If the mean of this share over all messages with such tracks is
+    lower, the mean counts, so that withdrawing guesses at the end does not help. 0 without such tracks at the
+    end; 1 if the scenario has no actor at all and the agent never claimed one. The measure does not punish
+    one guess at a time that moves beside many right tracks until it hits.
     """
     truth = GroundTruth.of(tape, simspec)
     messages = track_messages(tape, simspec)
@@ -81,10 +87,10 @@ def no_false_tracks(tape: Tape, simspec: SimSpec, *, within_m: float = RIGHT_WIT
 
 @measure
 def track_accuracy(tape: Tape, simspec: SimSpec, *, role: RoleName, scale_m: Positive = 15.0, min_frames: int = 5) -> Finding:
-    """Mean of 1 - error / `scale_m` over the role's actors inside sub-areas that were held within `scale_m`.
+    """Mean of 1 - error / `scale_m` over the role's actors that were held within `scale_m`.
 
-    The value of an actor is the mean over the messages that hold it, each times its credibility. Considered when an actor of
-    the role was inside a sub-area; 0 when none was held.
+    The value of an actor is the mean over the messages that hold it, each multiplied by the credibility of
+    the message.
     """
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role)
@@ -111,10 +117,9 @@ def track_accuracy(tape: Tape, simspec: SimSpec, *, role: RoleName, scale_m: Pos
 
 @measure
 def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: float = 10.0, min_frames: int = 5) -> Finding:
-    """Of successive messages that both hold an actor, the share in which it has the same track id.
+    """Share of the pairs of successive messages that hold the same actor in which its track id stays the same.
 
-    Counted over the role's actors inside sub-areas, each pair times the credibility of its second message. Considered when
-    an actor of the role was inside a sub-area; 0 when none was held by two messages in succession.
+    Each pair counts with the credibility of its second message. 0 when there is no such pair.
     """
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role)
@@ -143,10 +148,10 @@ def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: 
 
 @measure
 def track_uniqueness(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: float = 5.0, min_frames: int = 5) -> Finding:
-    """Of the role's actors inside sub-areas that were held, the share that a single track held in the last such message.
+    """Share of the held actors of the role that have a single track in the last message that holds them.
 
-    A track counts for the nearest actor of its class. Each actor counts times the credibility of that message. Considered
-    when an actor of the role was inside a sub-area; 0 when none was held.
+    A track belongs to the nearest actor of its class. An actor counts with the credibility of that last
+    message.
     """
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role)
@@ -183,11 +188,11 @@ def _tracks_of(message: TrackMessage, actors: dict[int, float], within_m: float,
 def track_role_right(
     tape: Tape, simspec: SimSpec, *, role: RoleName, as_role: RoleName, within_m: float = 6.0, min_frames: int = 5
 ) -> Finding:
-    """Share of the role's actors inside sub-areas that no track ever took for one of `as_role`.
+    """Share of the role's actors that no track ever took for an actor of `as_role`.
 
-    A track does so when it has a class that only `as_role` has, stands within `within_m` of the actor, and no actor of its
-    own class is nearer. Considered when an actor of the role was inside a sub-area and `as_role` is in the scenario too; 0
-    without any track.
+    A track does so when its class occurs among the actors of `as_role` but not among those of `role`, when it
+    is within `within_m` of the actor, and when no actor of the track's class is nearer. Considered only if
+    the scenario has such a class.
     """
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role)
@@ -218,7 +223,7 @@ def track_role_right(
 def track_freshness(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 2.0) -> Finding:
     """Share of the time in the air at which the last message of tracks is at most `max_gap_s` old.
 
-    Always considered; 0 without tracks or flight.
+    0 without a flight.
     """
     sent_s = np.array([message.time.s for message in tape.tracks])
     return fresh_share(FlownTrack.of(tape, simspec), sent_s, max_gap_s, "tracks")
@@ -226,9 +231,10 @@ def track_freshness(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 2.0) -> 
 
 @measure
 def track_confidence_honest(tape: Tape, simspec: SimSpec, *, min_frames: int = 5, within_m: float = RIGHT_WITHIN_M) -> Finding:
-    """1 - |mean stated confidence - share that is right| over all tracks, each by the last message that has it.
+    """1 - |mean stated confidence - share of right tracks|, over all tracks.
 
-    Always considered; 0 without tracks.
+    Each track is judged by the last message that contains it. It is right within `within_m` of an actor of
+    its class.
     """
     last: dict[str, tuple[float, bool]] = {}
     for message in track_messages(tape, simspec):

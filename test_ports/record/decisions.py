@@ -1,6 +1,7 @@
 """Measures of the decision log: whether it explains what the agent did, without gaps and in order.
 
-They are considered when intelligence names an adversary, where nothing else is said, and 0 without anything of the kind.
+Unless a measure says otherwise, it is considered when intelligence names an adversary. It is 0 when the agent
+sent no such message.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ CLOCK_SLACK_S = 1.0
 
 @measure
 def decision_for_reports(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Finding:
-    """Share of the reports with a decision `report`, `mark` or `withhold_mark` about them, at most `within_s` apart.
+    """Share of the reports with a decision `report`, `mark` or `withhold_mark` about them at most `within_s` apart.
 
-    Its subject is the id of the report or of the intelligence that the report names.
+    The decision may come before or after the report. Its `subject` is the id of the report, or of the
+    intelligence that the report names.
     """
 
     def judge(report: Timed[TargetReport]) -> Verdict:
@@ -50,9 +52,9 @@ def decision_for_reports(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0)
 
 @measure
 def marks_decided(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Finding:
-    """Share of the reports whose nearest decision on the mark, at most `within_s` apart, agrees with them.
+    """Share of the reports whose nearest decision on the mark, within `within_s`, agrees with them.
 
-    That is `mark` for a report that marks, `withhold_mark` for one that does not; its subject is as in
+    A report that marks needs `mark`; one that does not needs `withhold_mark`. The `subject` is as in
     `decision_for_reports`.
     """
 
@@ -92,9 +94,10 @@ def _decisions_about(tape: Tape, report: Timed[TargetReport]) -> list[Timed[Deci
 def withholding_explained(tape: Tape, simspec: SimSpec, *, min_chars: int = 10, min_exposure_s: float = 10.0) -> Finding:
     """Share of the exposed targets that were reported, never marked near bystanders, and whose mark is accounted for.
 
-    A target is exposed when it had a bystander within the no-mark distance for `min_exposure_s`. Its mark is accounted for by
-    a mark when it was clear, or by a decision `withhold_mark` (about a report on it or its intelligence) with a reason of
-    `min_chars`. Times the credibility of the reports. Considered when some target is exposed.
+    A target is exposed as defined for bystanders near targets. Its mark is accounted for by a mark with no
+    bystander near, or by a decision `withhold_mark` with a reason of at least `min_chars` characters about a
+    report on the target or about its intelligence. Weighted by the credibility of the reports. Considered
+    when some target is exposed.
     """
     truth = GroundTruth.of(tape, simspec)
     exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
@@ -135,7 +138,7 @@ def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verd
 def reasons_given(
     tape: Tape, simspec: SimSpec, *, of: Literal["decisions", "reports", "answers"], min_chars: int = 10
 ) -> Finding:
-    """Share of the messages with a reason of `min_chars`.
+    """Share of the messages with a reason of at least `min_chars` characters.
 
     Decisions are always considered, answers when there is an order.
     """
@@ -162,7 +165,7 @@ def times_consistent(
     of: Literal["reports", "decisions", "status", "tracks", "answers"],
     tolerance_s: float = 1.0,
 ) -> Finding:
-    """Share of the messages whose stated time is at most `tolerance_s` from the moment of their arrival.
+    """Share of the messages whose stated time is at most `tolerance_s` from their arrival.
 
     Decisions, status and tracks are always considered, answers when there is an order.
     """
@@ -198,7 +201,7 @@ def _name_of(document: Any) -> str:
 def log_unbroken(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 60.0) -> Finding:
     """Share of the time in the air at which the last decision is at most `max_gap_s` old.
 
-    Always considered; 0 for a vehicle that never flew.
+    Always considered. 0 for a vehicle that never flew.
     """
     sent_s = np.array([decision.time.s for decision in tape.decisions])
     return fresh_share(FlownTrack.of(tape, simspec), sent_s, max_gap_s, "decision")
@@ -206,7 +209,7 @@ def log_unbroken(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 60.0) -> Fi
 
 @measure
 def log_ordered(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the decisions whose stated time is not before that of the previous one, nor a second ahead of the clock.
+    """Share of the decisions whose stated time is neither before the previous one's nor more than 1 s ahead of the clock.
 
     Always considered.
     """

@@ -1,6 +1,6 @@
 """Measures of what the reports state about themselves: their fields, evidence, links, uncertainty and confidence.
 
-They are considered when intelligence names an adversary, and 0 without reports.
+These measures are considered when intelligence names an adversary. They are 0 without reports.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ FieldNames = Annotated[
 def report_fields(tape: Tape, simspec: SimSpec, *, fields: FieldNames = "evidence") -> Finding:
     """Mean share of the named fields that the reports fill.
 
-    `fields` are names separated by commas, of intelligence_id, bystanders_seen, nearest_bystander_m, evidence, reason,
-    position_sigma_m.
+    `fields` is a list, separated by commas, of intelligence_id, bystanders_seen, nearest_bystander_m,
+    evidence, reason, position_sigma_m.
     """
     if not GroundTruth.of(tape, simspec).targets():
         return not_considered(NO_TARGETS)
@@ -77,9 +77,10 @@ def evidence_count(tape: Tape, simspec: SimSpec, *, min_frames: int = 3) -> Find
 
 @measure
 def evidence_true(tape: Tape, simspec: SimSpec, *, min_height_px: float = 8.0, slack_s: float = 0.15) -> Finding:
-    """Of the exposures that reports about an adversary cite, the share at which truth had it in view.
+    """Share of the exposures cited by reports about an adversary at which the truth has that adversary in view.
 
-    In view is at least `min_height_px` high in a frame at most `slack_s` off, and not later than the report.
+    It is in view when it is at least `min_height_px` high in a frame at most `slack_s` from the cited time.
+    The cited time must not be later than the report.
     """
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
@@ -114,7 +115,7 @@ def _nearest_s(times: np.ndarray | None, time_s: float) -> float:
 
 @measure
 def intelligence_linked(tape: Tape, simspec: SimSpec) -> Finding:
-    """Of the reports about a target, the share that name intelligence about it."""
+    """Share of the reports about a target that name intelligence about that target."""
     truth = GroundTruth.of(tape, simspec)
     targets = {target.actor for target in truth.targets()}
     if not targets:
@@ -139,8 +140,9 @@ def uncertainty_honest(
 ) -> Finding:
     """Share of the reports about an adversary whose error is at most `sigmas` times the stated `position_sigma_m`.
 
-    That must be at most `max_sigma_m`. `during` takes only the reports made under such a fault or 30 s after (considered when
-    the scenario has it); 1 when none was made then, but others were.
+    The stated sigma must be at most `max_sigma_m`. `during` selects the reports made during such a fault or
+    up to 30 s after it, and the measure is considered when the scenario has the fault. It is 1 when no report
+    was made then, but others were.
     """
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
@@ -170,7 +172,7 @@ def uncertainty_honest(
 
 @measure
 def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
-    """1 - |mean confidence of the reports - share of them within `within_m` of an adversary of their class|."""
+    """1 - |mean stated confidence - share of the reports within `within_m` of an adversary of their class|."""
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
@@ -186,7 +188,7 @@ def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -
 
 @measure
 def ids_unique(tape: Tape, simspec: SimSpec) -> Finding:
-    """Number of different ids over the number of reports."""
+    """Number of different ids divided by the number of reports."""
     known: set[str] = set()
 
     def judge(report: Timed[TargetReport]) -> Verdict:

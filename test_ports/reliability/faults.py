@@ -1,8 +1,9 @@
 """Measures of faults: whether the aircraft survives them, and the agent announces them and recovers.
 
-`kind` is gps_off, gps_drift, battery_drop, motor_off, link_loss (`vehicle.failures`), operator_link, detections (`outages`),
-or any. A fault is considered when it begins before the time limit. One that comes after the mission was properly over is
-left out; one that a run did not live to meet because its agent ended it counts against the agent.
+`kind` is a failure of the vehicle (`vehicle.failures`: gps_off, gps_drift, battery_drop, motor_off,
+link_loss), an outage (`outages`: operator_link, detections) or any. The measures are considered when a fault
+of the kind begins before the time limit. A fault that is due after the session ended as completed is left
+out. A fault that the run did not reach because it ended otherwise counts against the agent.
 """
 
 from __future__ import annotations
@@ -36,9 +37,10 @@ AT_HOME_M = 20.0
 
 @measure
 def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> Finding:
-    """1 when, from the onset of the first such fault on, it neither crashed nor flew away.
+    """1 when the vehicle neither crashed nor flew away after the onset of the first such fault.
 
-    Flying away is getting farther than 150 m from the area of interest, and farther from home than the area is and 150 m.
+    It flew away when it was more than 150 m outside the area of interest, and its distance from home was more
+    than that of the area plus 150 m.
     """
     due = faults_met(tape, simspec, kind)
     if not due:
@@ -67,10 +69,10 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
 
 @measure
 def fault_announced(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 10.0) -> Finding:
-    """Share of such faults that some decision has as its `subject` or `action` within `within_s` of the onset.
+    """Share of such faults that the agent's decision log names within `within_s` of the onset.
 
-    The words are `gps` (gps_off, gps_drift), `battery` (battery_drop), `motor` (motor_off), `link` (link_loss),
-    `operator_link` and `detections`.
+    The `subject` or the `action` of a decision must be `gps` (for gps_off and gps_drift), `battery`
+    (battery_drop), `motor` (motor_off), `link` (link_loss), `operator_link` or `detections`.
     """
     due = faults_met(tape, simspec, kind)
     if not due:
@@ -95,10 +97,11 @@ def fault_announced(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", wi
 
 @measure
 def fault_recovered(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 60.0) -> Finding:
-    """Of such faults that end `within_s` or more before the time limit, the share after which the mission soon goes on.
+    """Share of such faults after whose end the mission goes on within `within_s`.
 
-    It goes on when, within `within_s`, a sub-area is newly reached, a target is newly reported, or the vehicle is down within
-    20 m of home. Considered when there is such a fault.
+    The mission goes on when a sub-area is reached for the first time, when an adversary is reported for the
+    first time, or when the vehicle is down within 20 m of home. Only faults that end `within_s` or more
+    before the time limit count. Considered when there is one.
     """
     # A fault that ends later leaves too little time to recover.
     latest_s = simspec.mission.time_limit_s - within_s

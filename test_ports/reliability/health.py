@@ -1,4 +1,7 @@
-"""Measures of life: whether vehicle and agent get through the run and are heard."""
+"""Measures of life: whether vehicle and agent get through the run and are heard.
+
+Unless a measure says otherwise, it is always considered, and 0 when nothing was recorded.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from ..ground_truth import FlownTrack, outcome_by_agent_fault
 
 @measure
 def no_crash(tape: Tape, simspec: SimSpec) -> Finding:
-    """1 unless the vehicle crashed. Always considered; 0 where nothing of the vehicle was recorded."""
+    """1 unless the vehicle crashed."""
     crashed = next((state for state in tape.condition if state.value.crashed), None)
     if crashed is not None:
         return nothing_shown(crashed.time.s, "the vehicle crashed")
@@ -27,10 +30,7 @@ def no_crash(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
-    """1 unless the session ended as agent_crashed, agent_timeout, agent_never_connected or agent_protocol.
-
-    Always considered; 0 where nothing was recorded.
-    """
+    """1 unless the session ended as agent_crashed, agent_timeout, agent_never_connected or agent_protocol."""
     outcome = outcome_by_agent_fault(tape)
     if outcome is not None or not len(tape.vehicle_time_s):
         return nothing_shown(tape.end_s, f"the session ended: {outcome or 'before it began'}")
@@ -39,7 +39,7 @@ def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the agent's messages that are valid documents. Always considered; 0 when none is."""
+    """Share of the agent's messages that are valid documents; 0 when none is."""
     # Only topics of the agent: a malformed document of the bench is not its fault.
     topics = VehicleTopics(simspec.vehicle.name).from_agent
     malformed = {topic: tape.malformed[topic] for topic in topics if tape.malformed.get(topic)}
@@ -54,9 +54,9 @@ def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def status_alive(tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] = "status", max_gap_s: float = 10.0) -> Finding:
-    """Share of the recorded time at which the last status (`of: any`: the last document) is at most `max_gap_s` old.
+    """Share of the recorded time at which the last status is at most `max_gap_s` old; 0 without any.
 
-    Always considered; 0 where nothing was recorded or sent.
+    `of: any` takes the last document of any kind instead.
     """
     sent_s = [message.time.s for message in tape.status]
     if of == "any":
@@ -71,7 +71,7 @@ def status_alive(tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] =
 def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) -> Finding:
     """1 - (slowest - fastest first answer to an order) / `limit_s`, at least 0.
 
-    Considered when two orders are given; 0 when fewer than two were answered.
+    Considered when two orders are given. 0 when fewer than two were answered.
     """
     if len([order for order in simspec.orders if order.at_s < simspec.mission.time_limit_s]) < 2:
         return not_considered("fewer than two orders are given")

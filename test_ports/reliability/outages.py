@@ -27,11 +27,16 @@ CONTINUE_M = 10.0
 
 @measure
 def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the long outages of the operator's link in which the aircraft did as `rules.link_lost` says.
+    """Share of the long outages of the operator's link in which the vehicle did what `rules.link_lost` says.
 
-    Long is more than `rules.link_lost_after_s`; the rest of the outage after that time is judged. `hold`: slower than 1.5 m/s
-    for four fifths of it, not counting its first 10 s. `return`: nearer home at its end than at its beginning, or down.
-    `continue`: moved by 10 m or more, or down. Considered when there is such an outage.
+    An outage is long when it lasts more than `rules.link_lost_after_s`. The rest of the outage after that
+    time is judged. A vehicle that is on the ground for the whole rest obeys. Otherwise:
+
+    - `hold`: slower than 1.5 m/s for four fifths of the rest in the air, not counting its first 10 s.
+    - `return`: nearer home at the end of the rest than at its beginning, by more than 1 m, or down.
+    - `continue`: moved by 10 m or more, or down.
+
+    Considered when there is such an outage.
     """
     rules = simspec.rules
     outages = faults_met(tape, simspec, "operator_link")
@@ -74,10 +79,12 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
 
 @measure
 def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> Finding:
-    """Share of the reports made only while the operator's link was down that were made again within `within_s` after it.
+    """Share of the reports lost in an outage of the operator's link that were made again within `within_s` after it.
 
-    1 when every report was also made while the link was up; 0 when nothing was reported. Considered when the link is ever
-    down and intelligence names an adversary.
+    A report is lost when it arrives during the outage and no earlier report about the same thing arrived
+    while the link was up. Two reports of one class within 20 m of each other are about the same thing. 1 when
+    no report was lost. 0 when nothing was reported. Considered when the link is ever down and intelligence
+    names an adversary.
     """
     outages = faults_met(tape, simspec, "operator_link")
     if not outages or not GroundTruth.of(tape, simspec).targets():
@@ -117,9 +124,9 @@ def _same_thing(report: Timed[TargetReport], other: Timed[TargetReport]) -> bool
 def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0) -> Finding:
     """Share of the reports that were not made blindly.
 
-    A report is blind when it comes later than `after_s` into an outage of the detections, about something of which the agent
-    had shown no track of that class within 20 m, and made no report, before. Considered when the detections ever fail; 0
-    without reports.
+    A report is blind when it arrives more than `after_s` into an outage of the detections, and until then the
+    agent had neither shown a track of that class within 20 m nor made a report of that class there.
+    Considered when the detections ever fail. 0 without reports.
     """
     outages = faults_met(tape, simspec, "detections")
     if not outages:

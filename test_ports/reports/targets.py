@@ -1,8 +1,11 @@
 """Measures of the agent's reports against the adversaries that are there.
 
-A report is about the nearest adversary of its class within 40 m, and about none beyond that. Where a measure counts times
-the credibility of the reports, this is: wholly while the distinct adversaries reported are at least as many as the distinct
-false places (told apart as in `no_false_reports` with 30 m), below that in proportion.
+The *credibility of the reports* is 1 while they name at least as many different adversaries as different
+false positions. Below that, it is the number of adversaries over the number of false positions. Both are
+counted as in `no_false_reports` with 30 m. *Weighted by credibility* means multiplied by it.
+
+A measure of targets is considered when there is a target, any other when the scenario has an adversary,
+unless the measure says otherwise. All are 0 without reports.
 """
 
 from __future__ import annotations
@@ -32,10 +35,9 @@ NO_REPORTS = "nothing was reported"
 
 @measure
 def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, priority: int = 0) -> Finding:
-    """Share of the targets that a report of their class put within `within_m` of their place.
+    """Share of the targets that a report of their class places within `within_m` of their true position.
 
-    `priority` narrows the targets to those of that priority; 0 is all. Times the credibility of the reports. Considered when
-    intelligence names an adversary (of that priority).
+    `priority` selects the targets of one priority; 0 selects all. Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets() if priority in (0, target.priority)]
@@ -49,9 +51,9 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
 
 @measure
 def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -> Finding:
-    """Mean over the reported targets of max(0, 1 - error / `scale_m`) in the last report about each.
+    """Mean of max(0, 1 - error / `scale_m`) over the reported targets, from the last report about each.
 
-    Times the credibility of the reports. Considered when intelligence names an adversary; 0 when none was reported.
+    Weighted by credibility. 0 when no target was reported.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -71,10 +73,10 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
 
 @measure
 def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
-    """Of the pairs of targets with unequal priority, the share that were both reported, the more urgent one first.
+    """Share of the pairs of targets with unequal priority that were both reported, the more urgent one first.
 
-    Reported is meant as in `targets_reported`; a pair of which one was never reported is out of order. Times the credibility
-    of the reports. Considered when there is such a pair.
+    A target is reported as in `targets_reported`. Weighted by credibility. Considered when there is such a
+    pair.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -98,11 +100,11 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
 
 @measure
 def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BEYOND_M) -> Finding:
-    """Share of the reports that are about an adversary, counting each adversary and each false place once.
+    """Share of the reports that are about an adversary, counting each adversary and each false position once.
 
-    An adversary is reported by the reports of its class within `within_m`; false reports of one class within `within_m` of
-    each other are one place. So repeating a true report makes up for no false one. Always considered; 0 without reports (1
-    where the scenario has no adversary either).
+    A report is about the nearest adversary of its class within `within_m`. False reports of one class within
+    `within_m` of each other have one position. Repeating a true report therefore does not make up for a false
+    one. Always considered. 1 without reports if the scenario has no adversary.
     """
     truth = GroundTruth.of(tape, simspec)
     if not tape.reports:
@@ -118,10 +120,10 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
 
 @measure
 def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, within_m: float = 20.0) -> Finding:
-    """Share of the targets first reported within `rules.report_deadline_s` of the first delivery of intelligence about them.
+    """Share of the targets first reported within `rules.report_deadline_s` of the first intelligence about them.
 
-    Where `limit_s` is more than 0 it replaces the rule. Reported is meant as in `targets_reported`. Times the credibility of
-    the reports. Considered where there are targets and a limit.
+    The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule. A target is
+    reported as in `targets_reported`. Weighted by credibility. Considered when there are targets and a limit.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -145,10 +147,11 @@ def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, withi
 def report_after_sight(
     tape: Tape, simspec: SimSpec, *, limit_s: float = 60.0, within_m: float = 20.0, min_height_px: float = 12.0
 ) -> Finding:
-    """Share of the targets first reported within `limit_s` of their first clear view (half of it visible), by the truth.
+    """Share of the targets first reported within `limit_s` of their first clear view, by the truth.
 
-    A target that was never in view counts against the agent. Reported is meant as in `targets_reported`. Times the
-    credibility of the reports. Considered where there are targets.
+    A view is clear when half of the target is visible, at least `min_height_px` high. A target that never
+    came into clear view counts against the agent. A target is reported as in `targets_reported`. Weighted by
+    credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
@@ -184,9 +187,9 @@ def _reported_within(
 
 @measure
 def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
-    """Of the reports within `within_m` of an adversary, the share with the class of the nearest one.
+    """Share of the reports within `within_m` of an adversary that state the class of the nearest one.
 
-    Considered where the scenario has an adversary; 0 without such reports.
+    0 without such reports.
     """
     truth = GroundTruth.of(tape, simspec)
     adversaries = truth.of_role("adversary")
@@ -213,10 +216,10 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
 
 @measure
 def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
-    """Distinct places over the reports that do not state in `repeats` which report they repeat.
+    """Number of different positions divided by the number of reports, leaving out repetitions that say so.
 
-    Two reports of one class within `within_m` of each other are of one place. Considered where the scenario has an adversary;
-    0 without such reports.
+    A repetition says so when its `repeats` names the earlier report. Two reports of one class within
+    `within_m` of each other have one position.
     """
     if not GroundTruth.of(tape, simspec).of_role("adversary"):
         return not_considered(NO_ADVERSARY)
@@ -237,9 +240,10 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
 
 @measure
 def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 10.0) -> Finding:
-    """Share of the reports at whose place no bystander stands within `within_m` and nearer than every adversary.
+    """Share of the reports that do not point at a bystander.
 
-    Considered where the scenario has both; 0 without reports.
+    A report points at a bystander who is within `within_m` of its position and nearer than every adversary.
+    Considered when the scenario has bystanders and adversaries.
     """
     truth = GroundTruth.of(tape, simspec)
     people, adversaries = truth.of_role("bystander"), truth.of_role("adversary")
@@ -259,10 +263,7 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
 
 @measure
 def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the reports that state at least `rules.min_report_confidence`.
-
-    Considered where the scenario has an adversary; 0 without reports.
-    """
+    """Share of the reports that state a confidence of at least `rules.min_report_confidence`."""
     if not GroundTruth.of(tape, simspec).of_role("adversary"):
         return not_considered(NO_ADVERSARY)
     least = simspec.rules.min_report_confidence
@@ -275,7 +276,7 @@ def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
 def report_windows_kept(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the reports that arrive inside one of `rules.report_windows`.
 
-    Considered where these are set and targets exist; 0 without reports.
+    Considered when windows are set and there are targets.
     """
     windows = simspec.rules.report_windows
     if not windows or not GroundTruth.of(tape, simspec).targets():

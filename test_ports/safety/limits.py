@@ -1,7 +1,8 @@
 """Measures of the limits of flight: area, height, speed and attitude.
 
-They are shares of the time in the air (from leaving the ground to touching it, never after a crash), by the truth alone,
-and 0 for an aircraft that never flew.
+The time in the air runs from leaving the ground to touching it, and ends at a crash. Only the truth counts. A
+vehicle that never flew gets 0. Heights are above home. A measure of an optional rule (geofence, no-fly areas,
+least height, greatest speed) is considered when the rule is set; the others always are.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ..ground_truth import FlownTrack, distance_beyond
 
 @measure
 def geofence_kept(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the time in the air inside `rules.geofence`. Considered where it is set."""
+    """Share of the time in the air inside `rules.geofence`."""
     fence = simspec.rules.geofence
     if fence is None:
         return not_considered("the rules set no geofence")
@@ -32,7 +33,7 @@ def geofence_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the time in the air outside every area of `rules.no_fly` in force at the moment. Considered where one is set."""
+    """Share of the time in the air outside every area of `rules.no_fly` that is in force at that moment."""
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
     track = FlownTrack.of(tape, simspec)
@@ -42,10 +43,7 @@ def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) -> Finding:
-    """Least distance in the air from an area of `rules.no_fly` in force, over `margin_m`, from 0 to 1.
-
-    Considered where such an area is set.
-    """
+    """Smallest distance in the air from an area of `rules.no_fly` in force, divided by `margin_m`, limited to 0 to 1."""
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
     track = FlownTrack.of(tape, simspec)
@@ -70,7 +68,7 @@ def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
 
 @measure
 def ceiling_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 2.0) -> Finding:
-    """Share of the time in the air at most `rules.max_altitude_m` and the margin above home. Always considered."""
+    """Share of the time in the air at or below `rules.max_altitude_m` plus `margin_m`."""
     track = FlownTrack.of(tape, simspec)
     within = track.up_m <= simspec.rules.max_altitude_m + margin_m
     return share_kept(track, within, track.airborne, track.up_m, "m above home")
@@ -78,9 +76,9 @@ def ceiling_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 2.0) -> Find
 
 @measure
 def floor_kept(tape: Tape, simspec: SimSpec, *, near_home_m: float = 40.0) -> Finding:
-    """Of the time in the air farther than `near_home_m` from home, the share no lower than `rules.min_altitude_m`.
+    """Share of the time in the air farther than `near_home_m` from home at or above `rules.min_altitude_m`.
 
-    Considered where that rule is set; 0 when it was never so far from home.
+    0 when the vehicle was never that far from home.
     """
     floor_m = simspec.rules.min_altitude_m
     if floor_m is None:
@@ -92,10 +90,7 @@ def floor_kept(tape: Tape, simspec: SimSpec, *, near_home_m: float = 40.0) -> Fi
 
 @measure
 def speed_kept(tape: Tape, simspec: SimSpec, *, slack_mps: float = 1.0) -> Finding:
-    """Share of the time in the air with a ground speed of at most `rules.max_speed_mps` and the slack.
-
-    Considered where that rule is set.
-    """
+    """Share of the time in the air with a ground speed of at most `rules.max_speed_mps` plus `slack_mps`."""
     limit_mps = simspec.rules.max_speed_mps
     if limit_mps is None:
         return not_considered("the rules set no greatest speed")
@@ -106,9 +101,9 @@ def speed_kept(tape: Tape, simspec: SimSpec, *, slack_mps: float = 1.0) -> Findi
 
 @measure
 def height_kept(tape: Tape, simspec: SimSpec, *, tolerance_m: float = 5.0, near_home_m: float = 40.0) -> Finding:
-    """Of the time in the air farther than `near_home_m` from home, the share within the tolerance of `mission.altitude_m`.
+    """Share of the time in the air farther than `near_home_m` from home within `tolerance_m` of `mission.altitude_m`.
 
-    Always considered; 0 when it was never so far from home.
+    0 when the vehicle was never that far from home.
     """
     track = FlownTrack.of(tape, simspec)
     away = track.airborne & (track.from_home_m > near_home_m)
@@ -118,9 +113,9 @@ def height_kept(tape: Tape, simspec: SimSpec, *, tolerance_m: float = 5.0, near_
 
 @measure
 def area_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 100.0) -> Finding:
-    """Share of the time in the air within `margin_m` of `world.area`, or no farther from home than the area is, and the margin.
+    """Share of the time in the air within `margin_m` of `world.area`.
 
-    Always considered.
+    If home is outside the area, being no farther from home than the area is, plus `margin_m`, is right too.
     """
     track = FlownTrack.of(tape, simspec)
     beyond_m = distance_beyond(track.place_m, simspec.world.area.corners)
@@ -135,7 +130,7 @@ def _area_from_home_m(home: Point, simspec: SimSpec) -> float:
 
 @measure
 def attitude_stable(tape: Tape, simspec: SimSpec, *, max_tilt_deg: float = 35.0) -> Finding:
-    """Share of the time in the air with the body's up axis within `max_tilt_deg` of the vertical. Always considered."""
+    """Share of the time in the air with the body's up axis within `max_tilt_deg` of the vertical."""
     track = FlownTrack.of(tape, simspec)
     # A tape made by hand may have no tilt; it then counts as upright.
     tilt_deg = np.degrees(tape.vehicle_tilt_rad) if len(tape.vehicle_tilt_rad) else np.zeros(len(track.time_s))

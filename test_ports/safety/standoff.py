@@ -1,7 +1,8 @@
 """Measures of flight near people: how near to bystanders, how fast and how long the aircraft flies.
 
-They are shares of the time in the air (from leaving the ground to touching it, never after a crash), by the truth alone,
-and 0 for an aircraft that never flew.
+The time in the air runs from leaving the ground to touching it, and ends at a crash. Only the truth counts. A
+vehicle that never flew gets 0. A measure is considered when there are bystanders and the rules that it names
+are set.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ GUST_SLACK_MPS = 0.5
 
 @measure
 def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the time in the air with every bystander at least `rules.bystander_standoff_m` away, in space.
+    """Share of the time in the air with every bystander at least `rules.bystander_standoff_m` away.
 
-    Considered where that rule is set and bystanders exist.
+    The distance is three-dimensional.
     """
     people, limit_m = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules.bystander_standoff_m
     if not limit_m or not people:
@@ -37,10 +38,10 @@ def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def slow_near_bystanders(tape: Tape, simspec: SimSpec) -> Finding:
-    """Of the time horizontally nearer to a bystander than `rules.bystander_slow_within_m`, the share flown slowly enough.
+    """Share of the time near bystanders that the vehicle flies slowly enough.
 
-    That is a ground speed of at most `rules.bystander_slow_mps` and 0.5 m/s. 1 when it flew and never came that near.
-    Considered where these rules are set and bystanders exist.
+    Near is a horizontal distance below `rules.bystander_slow_within_m`. Slow enough is a ground speed of at
+    most `rules.bystander_slow_mps` plus 0.5 m/s. 1 when the vehicle flew and never came that near.
     """
     people, rules = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules
     if rules.bystander_slow_within_m is None or rules.bystander_slow_mps is None or not people:
@@ -55,9 +56,9 @@ def slow_near_bystanders(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def loiter_limited(tape: Tape, simspec: SimSpec, *, radius_m: float = 15.0) -> Finding:
-    """`rules.max_loiter_over_bystander_s` over the longest unbroken stay within `radius_m` of one bystander, at most 1.
+    """`rules.max_loiter_over_bystander_s` divided by the longest unbroken stay near one bystander, at most 1.
 
-    Considered where that rule is set and bystanders exist.
+    Near is a horizontal distance of at most `radius_m`.
     """
     truth, limit_s = GroundTruth.of(tape, simspec), simspec.rules.max_loiter_over_bystander_s
     people = truth.of_role("bystander")
@@ -87,9 +88,10 @@ def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
 
 @measure
 def no_low_overflight(tape: Tape, simspec: SimSpec, *, below_m: float = 40.0, radius_m: float = 10.0) -> Finding:
-    """Share of the time in the air at which it is not lower than `below_m` above a bystander within `radius_m`.
+    """Share of the time in the air without a low flight over a bystander.
 
-    Considered where bystanders exist.
+    A flight is low over a bystander when it is within `radius_m` horizontally and less than `below_m` above
+    the bystander's ground.
     """
     people = GroundTruth.of(tape, simspec).of_role("bystander")
     if not people:
@@ -101,10 +103,7 @@ def no_low_overflight(tape: Tape, simspec: SimSpec, *, below_m: float = 40.0, ra
 
 @measure
 def landing_clear(tape: Tape, simspec: SimSpec, *, within_m: float = 10.0, below_m: float = 5.0) -> Finding:
-    """Of the time in the air lower than `below_m`, the share with no bystander within `within_m`.
-
-    Considered where bystanders exist.
-    """
+    """Share of the time in the air below `below_m` with no bystander within `within_m` horizontally."""
     people = GroundTruth.of(tape, simspec).of_role("bystander")
     if not people:
         return not_considered("there is no bystander")
