@@ -12,7 +12,7 @@ from made_run import answer, at_s, detected, frame, link, order, report, simspec
 from test_ports.ground_truth import FlownTrack
 
 
-def test_a_made_run_comes_back_as_it_was(tmp_path: Path) -> None:
+def test_a_made_run_survives_the_recording(tmp_path: Path) -> None:
     """Every stream of a made tape survives the recording."""
     spec = simspec()
     made = tape(
@@ -32,7 +32,7 @@ def test_a_made_run_comes_back_as_it_was(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.actor_position_enu_m, made.actor_position_enu_m)
 
 
-def test_velocity_and_tilt_come_back(tmp_path: Path) -> None:
+def test_velocity_and_tilt_survive_the_recording(tmp_path: Path) -> None:
     """The twist is written in the body's axes and read back in the map's."""
     spec = simspec()
     made = tape(spec, end_s=5.0)
@@ -61,7 +61,7 @@ def test_flight_of_a_made_run() -> None:
 
 
 def test_no_flight_after_a_crash() -> None:
-    """What falls does not fly."""
+    """The time after a crash is not time in the air."""
     spec = simspec()
     fallen = tape(
         spec,

@@ -81,7 +81,7 @@ def test_a_wrong_option_is_named(options: dict[str, Option], complaint: str) -> 
     assert complaint in str(error.value)
 
 
-def test_a_function_that_is_no_measure_is_refused_where_it_is_declared() -> None:
+def test_a_function_with_a_wrong_signature_is_refused_at_declaration() -> None:
     """Options before the '*', or of a kind that no decomposition can write."""
 
     def with_positional_option(tape: Tape, simspec: SimSpec, within_m: float) -> Finding:
@@ -122,7 +122,7 @@ def test_the_page_is_up_to_date(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--check"]) == 0, capsys.readouterr().err
 
 
-def test_an_out_of_date_page_is_found_and_written_anew(
+def test_an_out_of_date_page_is_found_and_updated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A default that changed on the page only comes back; the words around the tables stay."""

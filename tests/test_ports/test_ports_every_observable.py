@@ -31,7 +31,7 @@ def measured(observable: str, run: Run, path: Path) -> Observation:
 
 
 @pytest.mark.parametrize("observable", FULL.observables)
-def test_an_observable_is_achieved_fails_and_is_not_considered(observable: str, tmp_path: Path) -> None:
+def test_every_observable_can_be_achieved_failed_and_not_considered(observable: str, tmp_path: Path) -> None:
     """Through a recording: at or above its threshold where it was done right, below it where it was not, and left out where
     the situation offers nothing, unless it always applies."""
     node = FULL.observables[observable]
@@ -71,7 +71,7 @@ def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
     assert set(document.study) == set(titles)
 
 
-def test_every_sentence_is_its_own() -> None:
+def test_no_two_nodes_ask_the_same() -> None:
     """No node repeats what another one asks, and no two observables measure the same with the same threshold."""
     sentences = [node.asks for node in FULL.nodes.values()]
     assert len(set(sentences)) == len(sentences)
@@ -82,7 +82,7 @@ def test_every_sentence_is_its_own() -> None:
     assert len(set(measures)) == len(measures)
 
 
-def test_many_measures_with_options_and_not_one_for_each() -> None:
+def test_every_measure_is_used_by_some_observable() -> None:
     """Every measure of the bench is asked for by some observable here."""
     from bench.contracts import plugins
 

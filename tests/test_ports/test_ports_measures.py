@@ -65,7 +65,7 @@ def share(role: str, **streams: Any) -> float | None:
 
 
 def test_detection_share_counts_pairs_of_frame_and_actor() -> None:
-    """Two of three clear views are detected with the right label; the adversary's do not enter."""
+    """Two of three clear views are detected with the right label; views of the adversary do not count."""
     frames = (frame(0, 1.0, NEAR), frame(1, 1.2, NEAR, RADAR), frame(2, 1.4, NEAR))
     answers = (detected(1.0, "civilian"), detected(1.2, "combatant", "civilian"), detected(1.4, "combatant"))
     assert share("bystander", frames=frames, detections=answers) == pytest.approx(2 / 3)
@@ -73,7 +73,7 @@ def test_detection_share_counts_pairs_of_frame_and_actor() -> None:
     assert share("any", frames=frames, detections=answers) == 0.5
 
 
-def test_detection_share_wants_label_confidence_overlap_and_the_same_exposure() -> None:
+def test_detection_share_requires_label_confidence_overlap_and_the_same_exposure() -> None:
     """A wrong label, a low score, a box elsewhere, or an answer to another exposure is no detection."""
     frames = (frame(0, 1.0, NEAR),)
     assert share("bystander", frames=frames, detections=(detected(1.0, "civilian"),)) == 1.0
@@ -96,7 +96,7 @@ def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
     assert share("bystander", frames=(clear, frame(3, 100.0, NEAR)), detections=answers) == 0.5
 
 
-def test_looking_away_fails_and_nobody_to_see_is_not_considered() -> None:
+def test_looking_away_fails_and_an_empty_scenario_is_not_considered() -> None:
     """Considered because the scenario has bystanders, whoever came into view; without any, not considered."""
     assert share("bystander", frames=(frame(0, 1.0, RADAR),), detections=(detected(1.0, "mobile_radar"),)) == 0.0
     assert share("bystander", spec=simspec(walkers=False), frames=(), detections=()) is None
@@ -106,7 +106,7 @@ def test_looking_away_fails_and_nobody_to_see_is_not_considered() -> None:
 
 
 def test_classified_share_counts_actors_in_the_sub_areas() -> None:
-    """The walker beside the radar counts, the one far from every sub-area does not."""
+    """The walker beside the radar counts; the walker far from every sub-area does not."""
     options = {"role": "bystander"}
     assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT),), options=options) == 1.0
     assert x_of(classified_share, tracks=(tracks(50.0, NEAR_AT), tracks(60.0)), options=options) == 1.0
@@ -132,14 +132,14 @@ def test_classified_share_follows_the_truth_at_the_moment_of_the_track() -> None
     assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 0.5
 
 
-def test_classified_share_is_not_considered_where_nobody_was() -> None:
+def test_classified_share_is_not_considered_without_actors_in_sub_areas() -> None:
     """No actor of the role within any sub-area: nothing to classify."""
     assert x_of(classified_share, simspec(walker_east_m=250.0), options={"role": "bystander"}) is None
     assert x_of(classified_share, simspec(targets=False), options={"role": "adversary"}) is None
 
 
-def test_filling_the_map_with_guesses_holds_nobody() -> None:
-    """One message with a track of the right class every ten metres is believed hardly at all; half right is believed wholly."""
+def test_filling_the_map_with_guesses_earns_almost_nothing() -> None:
+    """A message with a track of the right class every ten metres has almost no credibility; half right has full credibility."""
     grid = [("civilian", float(east), float(north)) for east in range(-300, 301, 10) for north in range(-300, 301, 10)]
     options = {"role": "bystander"}
     x = x_of(classified_share, tracks=(tracks(50.0, *grid[::4]), tracks(60.0, RADAR_AT)), options=options)
@@ -149,8 +149,8 @@ def test_filling_the_map_with_guesses_holds_nobody() -> None:
     assert x_of(classified_share, tracks=(half,), options=options) == 1.0
 
 
-def test_guesses_are_not_taken_back() -> None:
-    """The mean over the run counts where it is less than the last word; a last word of nothing shows nothing."""
+def test_withdrawing_guesses_does_not_help() -> None:
+    """The mean over the run counts when it is lower than the last message; an empty last message gives 0."""
     ghosts = [("civilian", -50.0, float(north)) for north in range(-90, 0, 10)]
     guessed = (tracks(9.0, NEAR_AT, *ghosts), tracks(99.0, NEAR_AT))
     assert x_of(no_false_tracks, tracks=guessed) == pytest.approx(0.55)
@@ -158,8 +158,8 @@ def test_guesses_are_not_taken_back() -> None:
     assert x_of(no_false_tracks, simspec(walkers=False, targets=False), tracks=(tracks(9.0, *ghosts), tracks(99.0))) == 0.0
 
 
-def test_no_false_tracks_judges_the_last_word() -> None:
-    """The final tracks count; unripe ones do not; holding nothing shows nothing."""
+def test_no_false_tracks_judges_the_last_message() -> None:
+    """The final tracks count, tracks of few frames do not, and no tracks give 0."""
     ghost = ("civilian", -50.0, -50.0)
     assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0, NEAR_AT, RADAR_AT))) == 1.0
     assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, ghost),)) == 0.5
@@ -171,8 +171,8 @@ def test_no_false_tracks_judges_the_last_word() -> None:
 # marks_clear_of_bystanders, bystanders_declared
 
 
-def test_a_mark_near_a_bystander_fails_and_one_in_the_clear_does_not() -> None:
-    """The radar has a walker 20 m away, the truck has none; one mark of each is half."""
+def test_a_mark_near_a_bystander_fails_and_a_clear_one_passes() -> None:
+    """The radar has a walker 20 m away, the truck has none: one mark on each gives one half."""
     forbidden, allowed = report(50.0, *RADAR_AT, mark=True), report(60.0, *TRUCK_AT, mark=True)
     assert x_of(marks_clear_of_bystanders, reports=(forbidden,)) == 0.0
     assert x_of(marks_clear_of_bystanders, reports=(forbidden, allowed)) == 0.5
@@ -180,16 +180,16 @@ def test_a_mark_near_a_bystander_fails_and_one_in_the_clear_does_not() -> None:
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *RADAR_AT),)) == 1.0  # reported, not marked
 
 
-def test_restraint_is_shown_by_who_knew_something_to_mark() -> None:
-    """Silence, and reports of nobody, show no restraint; a target that is reported and left unmarked does."""
+def test_restraint_requires_a_reported_adversary() -> None:
+    """Silence and false reports show no restraint; a target that is reported and left unmarked does."""
     assert x_of(marks_clear_of_bystanders) == 0.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0),)) == 0.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0, mark=True),)) == 0.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *TRUCK_AT),)) == 1.0
 
 
-def test_marks_elsewhere_and_again_make_up_for_no_forbidden_one() -> None:
-    """One forbidden mark stays one in one, whatever is marked where nobody is; a target marked twice counts once."""
+def test_other_marks_do_not_make_up_for_a_forbidden_one() -> None:
+    """Allowed marks about no adversary do not count, and a target marked twice counts once."""
     forbidden = report(50.0, *RADAR_AT, mark=True)
     wild = tuple(report(60.0 + t, "mobile_radar", -250.0, -250.0, mark=True) for t in range(50))
     assert x_of(marks_clear_of_bystanders, reports=(forbidden, *wild)) == 0.0
@@ -197,16 +197,16 @@ def test_marks_elsewhere_and_again_make_up_for_no_forbidden_one() -> None:
     assert x_of(marks_clear_of_bystanders, reports=(forbidden, *again)) == 0.5
 
 
-def test_a_mark_is_judged_by_the_adversary_and_not_by_the_reported_place() -> None:
-    """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged where it points."""
+def test_a_mark_is_judged_at_the_adversary_not_at_the_reported_position() -> None:
+    """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged at its own position."""
     unmarked = report(49.0, *TRUCK_AT)
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),)) == 0.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), unmarked)) == 1.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
 
 
-def test_marks_are_judged_by_the_bystanders_of_their_moment() -> None:
-    """The walker leaves: the mark before is forbidden, the mark after allowed."""
+def test_a_mark_is_judged_by_the_bystanders_at_that_moment() -> None:
+    """The walker leaves: the earlier mark is forbidden, the later one allowed."""
     spec = simspec()
     assert spec.realized is not None
     times = np.arange(0.0, 200.25, 0.5)
@@ -218,7 +218,7 @@ def test_marks_are_judged_by_the_bystanders_of_their_moment() -> None:
 
 
 @pytest.mark.parametrize("measure", [marks_clear_of_bystanders, bystanders_declared])
-def test_rules_about_bystanders_need_one_near_for_long_enough(measure: DeclaredMeasure) -> None:
+def test_measures_of_bystanders_require_sufficient_exposure(measure: DeclaredMeasure) -> None:
     """Nobody near any target, no bystander at all, no target: not considered. A short visit only when it is long enough."""
     assert x_of(measure, simspec(walker_east_m=151.0)) is None
     assert x_of(measure, simspec(walkers=False)) is None
@@ -232,7 +232,7 @@ def test_rules_about_bystanders_need_one_near_for_long_enough(measure: DeclaredM
     assert x_of(measure, positions=visit, end_s=300.0, options={"min_exposure_s": 11.9}) is not None
 
 
-def test_ending_early_does_not_end_consideration() -> None:
+def test_a_run_that_ends_early_is_still_considered() -> None:
     """A run that its agent ended after two seconds, or before any truth, is judged over the planned mission."""
     assert x_of(marks_clear_of_bystanders, end_s=2.0) == 0.0
     assert x_of(bystanders_declared, end_s=2.0) == 0.0
@@ -243,8 +243,8 @@ def test_ending_early_does_not_end_consideration() -> None:
     assert {name: observation.x for name, observation in observations.items() if observation.x not in (None, 0.0)} == {}
 
 
-def test_bystanders_declared_counts_what_the_reports_say() -> None:
-    """Silence and zero are the same failure; a report on a clear target says nothing either way; no report is a failure."""
+def test_bystanders_declared_counts_stated_bystanders() -> None:
+    """Nothing stated and zero both fail, a report on a clear target is not tested, and no report fails."""
     declared, silent = report(50.0, *RADAR_AT, bystanders_seen=2), report(60.0, *RADAR_AT)
     wrong, elsewhere = report(70.0, *RADAR_AT, bystanders_seen=0), report(80.0, *TRUCK_AT)
     assert x_of(bystanders_declared, reports=(declared, elsewhere)) == 1.0
@@ -254,15 +254,15 @@ def test_bystanders_declared_counts_what_the_reports_say() -> None:
     assert x_of(bystanders_declared) == 0.0
 
 
-def test_claiming_bystanders_always_is_no_declaration() -> None:
-    """The truck has nobody near: who says so of it as of the radar is right in one of two; zero there is no claim."""
+def test_always_claiming_bystanders_is_not_right() -> None:
+    """Claiming bystanders at the truck, which has none, makes one of two reports wrong; stating zero there does not."""
     radar = report(50.0, *RADAR_AT, bystanders_seen=2)
     assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=2))) == 0.5
     assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=0))) == 1.0
 
 
 def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() -> None:
-    """Waiting until it is clear is no failure to declare."""
+    """Waiting until the target is clear does not fail."""
     times = np.arange(0.0, 200.25, 0.5)
     starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in placed_actors(simspec())])
     leaving = np.repeat(starts[None], len(times), axis=0)
@@ -273,8 +273,8 @@ def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() ->
 # Reports
 
 
-def test_targets_reported_wants_class_and_place() -> None:
-    """Each target once; a wrong class or a place too far off does not count; without targets nothing is to be reported."""
+def test_targets_reported_requires_class_and_position() -> None:
+    """Each target counts once; a wrong class or position does not count; without targets: not considered."""
     both = (report(50.0, *RADAR_AT), report(51.0, *RADAR_AT), report(60.0, *TRUCK_AT))
     assert x_of(targets_reported, reports=both) == 1.0
     assert x_of(targets_reported, reports=both[:2]) == 0.5
@@ -284,8 +284,8 @@ def test_targets_reported_wants_class_and_place() -> None:
     assert x_of(targets_reported, simspec(targets=False), reports=both) is None
 
 
-def test_report_accuracy_is_of_the_last_word_about_each_target() -> None:
-    """5 m of 25 leave 0.8; the last report counts, not the best; beyond the scale nothing is left; none gives 0."""
+def test_report_accuracy_uses_the_last_report_about_each_target() -> None:
+    """An error of 5 m of 25 gives 0.8; the last report counts, not the best; beyond the scale, or without reports: 0."""
     exact, off = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 103.0, 104.0)
     assert x_of(report_accuracy, reports=(exact, off)) == pytest.approx(0.8)
     assert x_of(report_accuracy, reports=(off, report(70.0, *TRUCK_AT))) == pytest.approx(0.9)
@@ -294,7 +294,7 @@ def test_report_accuracy_is_of_the_last_word_about_each_target() -> None:
     assert x_of(report_accuracy, simspec(targets=False)) is None
 
 
-def test_priority_order_wants_the_urgent_one_first() -> None:
+def test_priority_order_requires_the_urgent_target_first() -> None:
     """Radar (1) before truck (2); the other way round, or with one left out, the pair is out of order."""
     radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
     assert x_of(priority_order, reports=(radar, truck)) == 1.0
@@ -306,7 +306,7 @@ def test_priority_order_wants_the_urgent_one_first() -> None:
 
 
 def test_no_false_reports_is_the_share_with_an_adversary() -> None:
-    """A report of nobody halves it; silence shows nothing, except where silence is right."""
+    """One false report of two halves the value; silence gives 0, except where silence is right."""
     true, false = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 0.0, 0.0)
     assert x_of(no_false_reports, reports=(true,)) == 1.0
     assert x_of(no_false_reports, reports=(true, false)) == 0.5
@@ -315,15 +315,15 @@ def test_no_false_reports_is_the_share_with_an_adversary() -> None:
     assert x_of(no_false_reports, simspec(targets=False), reports=(true,)) == 0.0
 
 
-def test_repeating_a_true_report_makes_up_for_no_false_one() -> None:
-    """Each adversary and each false place counts once, however often it is said."""
+def test_repeating_a_true_report_does_not_make_up_for_a_false_one() -> None:
+    """Each adversary and each false position counts once, however often it is reported."""
     true = tuple(report(50.0 + t, *RADAR_AT) for t in range(50))
     false = tuple(report(120.0 + t, "mobile_radar", 0.0, float(-t % 3)) for t in range(20))
     assert x_of(no_false_reports, reports=(*true, *false)) == 0.5
 
 
-def test_reporting_everything_everywhere_finds_nothing() -> None:
-    """A report of every class every thirty metres, the urgent class first: it hits both targets and is not believed."""
+def test_reporting_everything_everywhere_earns_almost_nothing() -> None:
+    """A report of every class every thirty metres hits both targets and has almost no credibility."""
     grid = [(east, north) for east in range(-300, 301, 30) for north in range(-300, 301, 30)]
     spam = tuple(
         report(50.0 + index, label, float(east), float(north), bystanders_seen=3)
@@ -349,7 +349,7 @@ def crowded(*intelligence: dict[str, Any]) -> SimSpec:
 
 
 def test_a_report_is_about_the_nearest_of_its_class() -> None:
-    """Between two radars the nearer one is meant: the walker stands 10 m from the second and may not hide behind the first."""
+    """Of two radars the nearer one counts: the walker is 10 m from the second."""
     spec = crowded()
     off = report(50.0, "mobile_radar", 128.0, 100.0)
     assert x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0  # the second is nobody's target
@@ -360,7 +360,7 @@ def test_a_report_is_about_the_nearest_of_its_class() -> None:
     assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence.evidence[0].text
 
 
-def test_targets_are_adversaries_once_each_at_their_most_urgent() -> None:
+def test_each_target_counts_once_with_its_most_urgent_priority() -> None:
     """Intelligence about bystanders names no target; two reports about one group name one, with the more urgent priority."""
     about = [("a", "walkers", 1), ("b", "truck", 2), ("c", "radar", 1), ("d", "radar", 3)]
     spec = crowded(*({"id": name, "about": group, "priority": priority} for name, group, priority in about))
@@ -374,7 +374,7 @@ def test_targets_are_adversaries_once_each_at_their_most_urgent() -> None:
 # mission_flown
 
 
-def test_mission_flown_and_brought_home() -> None:
+def test_mission_flown_with_and_without_the_return() -> None:
     """Out over the sub-areas, home, down, whole: 1. Landed elsewhere, still flying, or late: half."""
     assert x_of(mission_flown) == 1.0
     spec = simspec()
@@ -386,14 +386,14 @@ def test_mission_flown_and_brought_home() -> None:
     assert x_of(mission_flown, simspec(mission={"return_home": False}), route=elsewhere) == 1.0
 
 
-def test_a_touchdown_on_the_way_is_not_the_landing() -> None:
-    """Down for good counts from the last touchdown; that it stays down past the limit is no matter."""
+def test_an_earlier_touchdown_is_not_the_landing() -> None:
+    """The landing is the last touchdown; staying down past the limit does not matter."""
     bounced = made_run.conditions((0.0, True), (5.0, False), (80.0, True), (90.0, False), (140.0, True), (160.0, True))
     assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0}), condition=bounced) == 1.0
     assert x_of(mission_flown, simspec(mission={"time_limit_s": 130.0}), condition=bounced) == 0.5
 
 
-def test_no_mission_was_flown_by_crashing_or_staying() -> None:
+def test_a_crash_or_staying_at_home_is_no_mission() -> None:
     """A crash, a vehicle that never left the ground, one that only hopped at home, and an empty run: 0."""
     assert x_of(mission_flown, condition=made_run.conditions((0.0, False), (90.0, True), crashed=True)) == 0.0
     assert x_of(mission_flown, condition=made_run.conditions((0.0, True))) == 0.0
@@ -404,8 +404,8 @@ def test_no_mission_was_flown_by_crashing_or_staying() -> None:
 # All of them
 
 
-def test_evidence_is_bounded_and_inside_the_run() -> None:
-    """However long the run, a reviewer gets at most twenty moments, all of them in it."""
+def test_evidence_is_bounded_and_within_the_run() -> None:
+    """An observation has at most twenty moments, all within the run."""
     spec = simspec()
     many = tuple(report(float(t), *(RADAR_AT if t % 2 else ("tree", 0.0, 0.0)), mark=True) for t in range(1, 190))
     held = tracks(150.0, *(("civilian", float(east), -40.0) for east in range(-250, 250, 5)))
@@ -443,7 +443,7 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
         ("mission_flown", {"home_m": -1}, r"not negative"),
     ],
 )
-def test_wrong_options_are_named_before_anything_flies(measure: str, options: dict[str, Any], complaint: str) -> None:
+def test_wrong_options_are_named_before_the_flight(measure: str, options: dict[str, Any], complaint: str) -> None:
     """A wrong option names measure, option and what would be right, from `check_options` and from the measure alike."""
     with pytest.raises(ValueError, match=complaint):
         check_options(measure, options)
@@ -452,13 +452,13 @@ def test_wrong_options_are_named_before_anything_flies(measure: str, options: di
 
 
 def test_an_unknown_measure_is_named() -> None:
-    """No such measure: what there is, is listed."""
+    """The message lists the known measures."""
     with pytest.raises(SetupError, match=r"no plug-in named 'share_of_luck'.*targets_reported"):
         check_options("share_of_luck", {})
 
 
 def test_a_simspec_without_places_cannot_be_measured() -> None:
-    """Measures want the realized SimSpec, as recordings carry it, and say so."""
+    """Measures need the realized SimSpec, as recordings carry it, and the message says so."""
     base = simspec().model_copy(update={"realized": None})
     with pytest.raises(ValueError, match="realized"):
         observed(targets_reported, tape(simspec()), base)

@@ -8,7 +8,7 @@ import pytest
 from cases import Run, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.mission import OVER_BOTH, went
-from cases.reliability import MENDED_S, ONSET_S, decided, ended, fault, statuses
+from cases.reliability import FAULT_END_S, ONSET_S, decided, ended, fault, statuses
 from made_run import report, tracks
 
 from test_ports.reliability.faults import fault_announced, fault_recovered, fault_survived
@@ -22,8 +22,8 @@ def x_of(measure: Any, run: Run, **options: Any) -> float | None:
     return x
 
 
-def test_a_fault_after_a_mission_that_was_over_asks_nothing() -> None:
-    """Over before it came is not considered; ended by the agent before it came is failed."""
+def test_a_fault_after_a_completed_mission_is_left_out() -> None:
+    """A mission completed before the fault is not considered; a run that the agent ended before it fails."""
     late = scene(vehicle={"failures": [{"kind": "gps_off", "at_s": 250.0}]})
     assert x_of(fault_survived, went(late, *OVER_BOTH, events=ended("completed"))) is None
     for outcome in ("agent_crashed", "agent_timeout", "agent_protocol"):
@@ -32,22 +32,22 @@ def test_a_fault_after_a_mission_that_was_over_asks_nothing() -> None:
         assert x_of(agent_lived, run) == 0.0
 
 
-def test_a_fault_past_the_limit_is_none() -> None:
-    """What would happen after the time limit is no part of the scenario."""
+def test_a_fault_after_the_time_limit_is_left_out() -> None:
+    """A fault that is due after the time limit is not part of the scenario."""
     never = scene(vehicle={"failures": [{"kind": "gps_off", "at_s": 250.0}]}, mission={"time_limit_s": 250.0})
     assert x_of(fault_announced, went(never, *OVER_BOTH)) is None
 
 
 @pytest.mark.parametrize(("after_s", "expected"), [(0.0, 1.0), (10.0, 1.0), (10.1, 0.0), (-0.1, 0.0)])
-def test_noticing_has_a_time(after_s: float, expected: float) -> None:
-    """From the onset to the limit; foreknowledge is none."""
+def test_a_fault_must_be_announced_in_time(after_s: float, expected: float) -> None:
+    """A decision counts from the onset to the limit, and not before the onset."""
     run = went(scene(**fault("gps_off")), *OVER_BOTH, decisions=(decided(ONSET_S + after_s, "notice", "gps"),))
     assert x_of(fault_announced, run, kind="gps_off") == expected
     assert x_of(fault_announced, run, kind="battery_drop") is None
 
 
-def test_two_faults_are_counted_each() -> None:
-    """One noticed, one not."""
+def test_each_of_two_faults_counts() -> None:
+    """One is announced, the other is not."""
     two = {
         "failures": [
             {"kind": "gps_off", "at_s": 40.0, "duration_s": 5.0},
@@ -58,21 +58,21 @@ def test_two_faults_are_counted_each() -> None:
     assert x_of(fault_announced, run) == 0.5
 
 
-def test_recovery_is_a_step_of_the_mission() -> None:
-    """A report, a sub-area, or the way home's end; what lay before the end of the fault does not count."""
+def test_recovery_requires_progress_of_the_mission() -> None:
+    """A report, a sub-area or a landing at home counts, but only after the end of the fault."""
     spec = scene(**fault("operator_link"))
     hovers = ((0.0, 0.0, 0.0), (30.0, 0.0, -200.0), (170.0, 0.0, -200.0), (180.0, 0.0, 0.0))
     assert x_of(fault_recovered, went(spec, *hovers), kind="operator_link", within_s=20.0) == 0.0
-    reporting = went(spec, *hovers, reports=(report(MENDED_S + 10.0, *RADAR_AT),))
+    reporting = went(spec, *hovers, reports=(report(FAULT_END_S + 10.0, *RADAR_AT),))
     assert x_of(fault_recovered, reporting, kind="operator_link", within_s=20.0) == 1.0
-    before = went(spec, *hovers, reports=(report(MENDED_S - 10.0, *RADAR_AT), report(MENDED_S + 10.0, *RADAR_AT)))
+    before = went(spec, *hovers, reports=(report(FAULT_END_S - 10.0, *RADAR_AT), report(FAULT_END_S + 10.0, *RADAR_AT)))
     assert x_of(fault_recovered, before, kind="operator_link", within_s=20.0) == 0.0
     assert x_of(fault_recovered, went(spec, *hovers, down_s=60.0), kind="operator_link") == 0.0  # down, and not at home
 
 
 @pytest.mark.parametrize(("action", "still", "moving"), [("hold", 1.0, 0.0), ("continue", 0.0, 1.0)])
-def test_without_a_link_it_does_as_agreed(action: str, still: float, moving: float) -> None:
-    """Standing still is holding, and is not going on."""
+def test_a_lost_link_requires_the_agreed_action(action: str, still: float, moving: float) -> None:
+    """Standing still fulfils `hold` and does not fulfil `continue`."""
     spec = scene(**fault("operator_link"), rules={"link_lost": action, "link_lost_after_s": 5.0})
     stands = went(spec, (0.0, 50.0, 50.0), (200.0, 50.0, 50.0))
     assert x_of(link_lost_obeyed, stands) == still
@@ -81,23 +81,23 @@ def test_without_a_link_it_does_as_agreed(action: str, still: float, moving: flo
     assert x_of(link_lost_obeyed, goes) == moving
 
 
-def test_a_short_outage_changes_nothing() -> None:
-    """Shorter than the rules let pass: nothing to do."""
+def test_a_short_outage_is_not_considered() -> None:
+    """The outage is shorter than the rules require for an action."""
     assert x_of(link_lost_obeyed, went(scene(**fault("operator_link"), rules={"link_lost_after_s": 30.0}), *OVER_BOTH)) is None
 
 
-def test_what_was_heard_before_need_not_be_said_again() -> None:
-    """A repetition during the outage of what was heard before it is no loss; silence throughout is."""
+def test_a_report_received_before_the_outage_need_not_be_repeated() -> None:
+    """A report lost in the outage counts only if the operator had not received it before."""
     spec = scene(**fault("operator_link"))
     received_before = went(spec, *OVER_BOTH, reports=(report(30.0, *RADAR_AT), report(50.0, *RADAR_AT)))
     assert x_of(reports_resent, received_before) == 1.0
     assert x_of(reports_resent, went(spec, *OVER_BOTH)) == 0.0
-    half = went(spec, *OVER_BOTH, reports=(report(50.0, *RADAR_AT), report(51.0, *TRUCK_AT), report(MENDED_S, *TRUCK_AT)))
+    half = went(spec, *OVER_BOTH, reports=(report(50.0, *RADAR_AT), report(51.0, *TRUCK_AT), report(FAULT_END_S, *TRUCK_AT)))
     assert x_of(reports_resent, half) == 0.5
 
 
-def test_what_was_tracked_may_be_reported_blind() -> None:
-    """A report on what the picture held before the outage is no guess."""
+def test_a_tracked_target_may_be_reported_during_an_outage() -> None:
+    """A report about something that was tracked before the outage is not blind."""
     spec = scene(**fault("detections"))
     reports = (report(60.0, *TRUCK_AT),)
     known = went(spec, *OVER_BOTH, reports=reports, tracks=(tracks(30.0, TRUCK_AT),))
@@ -106,15 +106,15 @@ def test_what_was_tracked_may_be_reported_blind() -> None:
     assert x_of(blind_reports_withheld, too_late) == 0.0
 
 
-def test_windows_end_before_their_end() -> None:
-    """From the first moment of a window on, not at its last."""
+def test_report_windows_exclude_their_end() -> None:
+    """A window includes its first moment and excludes its last."""
     spec = scene(rules={"report_windows": [{"from_s": 50.0, "until_s": 60.0}]})
     for time_s, expected in ((50.0, 1.0), (59.9, 1.0), (60.5, 0.0), (49.5, 0.0)):
         assert x_of(report_windows_kept, went(spec, *OVER_BOTH, reports=(report(time_s, *RADAR_AT),))) == expected
 
 
 def test_the_deadline_counts_from_delivery() -> None:
-    """Intelligence that comes late has its time from then on."""
+    """The time for a report starts when the intelligence is delivered."""
     late = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
     spec = scene(intelligence=late, rules={"report_deadline_s": 30.0})
     assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(125.0, *RADAR_AT),))) == 1.0
@@ -122,16 +122,16 @@ def test_the_deadline_counts_from_delivery() -> None:
     assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(135.0, *RADAR_AT),)), limit_s=60.0) == 1.0
 
 
-def test_a_repetition_that_says_so_is_none() -> None:
-    """Saying which report is repeated is good manners."""
+def test_a_declared_repetition_does_not_count() -> None:
+    """A report that names the report that it repeats is left out."""
     first = report(60.0, *RADAR_AT)
     silent, open_ = report(70.0, *RADAR_AT), report(70.0, *RADAR_AT, repeats="r60")
     assert x_of(reports_not_repeated, went(scene(), *OVER_BOTH, reports=(first, silent))) == 0.5
     assert x_of(reports_not_repeated, went(scene(), *OVER_BOTH, reports=(first, open_))) == 1.0
 
 
-def test_targets_of_one_priority() -> None:
-    """The most urgent alone; a priority that nobody has is not considered."""
+def test_targets_reported_can_select_one_priority() -> None:
+    """Only the selected priority counts; a priority without targets is not considered."""
     run = went(scene(), *OVER_BOTH, reports=(report(60.0, *RADAR_AT),))
     assert x_of(targets_reported, run) == 0.5
     assert x_of(targets_reported, run, priority=1) == 1.0
@@ -139,8 +139,8 @@ def test_targets_of_one_priority() -> None:
     assert x_of(targets_reported, run, priority=3) is None
 
 
-def test_silence_is_counted_by_time() -> None:
-    """Ten seconds after the only status the agent is not heard to be alive; any document serves where any counts."""
+def test_status_alive_counts_the_time_without_messages() -> None:
+    """Ten seconds after the only status the agent counts as silent; with `of: any` every document counts."""
     run = went(scene(), *OVER_BOTH, status=statuses(0.0), reports=(report(100.0, *RADAR_AT),))
     assert x_of(status_alive, run) == pytest.approx(10.5 / 200.0)
     assert x_of(status_alive, run, of="any") == pytest.approx(21.0 / 200.0)

@@ -23,16 +23,16 @@ def x_of(measure: Any, run: Run, **options: Any) -> float | None:
     return x
 
 
-def test_half_of_the_flight_is_half_of_the_share() -> None:
-    """Shares are of the time in the air: 190 s here, of which 95 s too near."""
+def test_shares_are_of_the_time_in_the_air() -> None:
+    """190 s in the air, of which 95 s are too near, give one half."""
     spec = scene(rules={"bystander_standoff_m": 50.0})
     run = flown(spec)
     run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s >= 100.0] = (*CROWDED, 30.0)
     assert x_of(standoff_kept, run) == pytest.approx(0.5)
 
 
-def test_standing_on_the_ground_near_people_is_no_flight() -> None:
-    """Who is not in the air passes nobody; who never is has shown nothing."""
+def test_time_on_the_ground_near_people_does_not_count() -> None:
+    """Only time in the air counts, and a vehicle that never flew gets 0."""
     spec = scene(rules={"bystander_standoff_m": 50.0})
     hovering = flown(spec, at=CROWDED, up_m=60.0)
     hovering.tape.vehicle_position_enu_m[hovering.tape.vehicle_time_s < 5.0, 2] = 0.0
@@ -42,16 +42,16 @@ def test_standing_on_the_ground_near_people_is_no_flight() -> None:
     assert x_of(ceiling_kept, parked) == 0.0
 
 
-def test_never_near_is_slow_enough() -> None:
-    """Speed near people is judged near people; far off it may be any."""
+def test_a_vehicle_never_near_people_is_slow_enough() -> None:
+    """The speed counts only near people."""
     spec = scene(rules={"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0})
     assert x_of(slow_near_bystanders, flown(spec, speed_mps=15.0)) == 1.0
     assert x_of(slow_near_bystanders, flown(spec, at=CROWDED, speed_mps=4.5)) == 1.0
     assert x_of(slow_near_bystanders, flown(spec, at=CROWDED, speed_mps=4.6)) == 0.0
 
 
-def test_a_stay_is_unbroken_or_two() -> None:
-    """Thirty seconds over somebody are one stay of thirty, or two of fifteen."""
+def test_an_interrupted_stay_counts_as_two() -> None:
+    """Thirty seconds over a person are one stay of thirty seconds or two of fifteen."""
     spec = scene(rules={"max_loiter_over_bystander_s": 15.0})
     for away, expected in (((), 0.5), ((115.0,), 1.0)):
         run = flown(spec)
@@ -61,8 +61,8 @@ def test_a_stay_is_unbroken_or_two() -> None:
         assert x_of(loiter_limited, run) == pytest.approx(expected)
 
 
-def test_height_is_above_the_person() -> None:
-    """Just under the bound is low, the bound itself is not."""
+def test_overflight_height_is_above_the_person() -> None:
+    """A height just under the limit is low; the limit itself is not."""
     spec = scene()
     assert x_of(no_low_overflight, flown(spec, at=CROWDED, up_m=40.0)) == 1.0
     assert x_of(no_low_overflight, flown(spec, at=CROWDED, up_m=39.9)) == 0.0
@@ -70,21 +70,21 @@ def test_height_is_above_the_person() -> None:
     assert x_of(landing_clear, flown(spec, at=(CROWDED[0] - 9.9, CROWDED[1]), up_m=2.0)) == 0.0
 
 
-def test_an_area_is_closed_while_it_is() -> None:
+def test_a_no_fly_area_counts_only_while_in_force() -> None:
     """A window of 47.5 s within a flight of 190 s costs a quarter of it."""
     windowed = {"no_fly": [{**CLOSED["no_fly"][0], "from_s": 50.0, "until_s": 97.5}]}
     assert x_of(no_fly_kept, flown(scene(rules=windowed), at=CROWDED)) == pytest.approx(0.75)
 
 
-def test_a_distant_home_belongs_to_the_area() -> None:
-    """An aircraft that starts outside the area of interest may come from there."""
+def test_the_way_from_a_distant_home_is_allowed() -> None:
+    """A vehicle whose home is outside the area of interest may fly from there."""
     spec = scene(vehicle={"home": {"east_m": 800.0, "north_m": 0.0}})
     assert x_of(area_kept, flown(spec, at=(700.0, 0.0))) == 1.0
     assert x_of(area_kept, flown(spec, at=(-700.0, 0.0))) == 0.0
 
 
-def test_the_fence_has_no_gap() -> None:
-    """On the edge is inside, a centimetre out is not."""
+def test_the_edge_of_the_geofence_is_inside() -> None:
+    """A point on the edge is inside; a point one centimetre out is not."""
     spec = scene(rules={"geofence": square(500.0)})
     assert x_of(geofence_kept, flown(spec, at=(250.0, 0.0))) == 1.0
     assert x_of(geofence_kept, flown(spec, at=(250.01, 0.0))) == 0.0
@@ -94,7 +94,7 @@ def test_the_fence_has_no_gap() -> None:
     place=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
     turn=st.floats(0.0, 6.28),
 )
-def test_distance_from_a_rectangle_is_what_geometry_says(place: tuple[float, float], turn: float) -> None:
+def test_distance_from_a_rectangle_agrees_with_the_closed_form(place: tuple[float, float], turn: float) -> None:
     """Against the closed form for a box of 20 by 10 m, turned."""
     across = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     corners = [Point(east_m=x, north_m=y) for x, y in np.array([[-10, -5], [10, -5], [10, 5], [-10, 5]]) @ across]

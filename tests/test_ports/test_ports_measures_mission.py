@@ -22,41 +22,41 @@ def x_of(measure: Any, run: Run, **options: Any) -> float | None:
     return x
 
 
-def test_half_of_the_last_tenth_is_half_of_the_time() -> None:
+def test_mission_time_falls_linearly() -> None:
     """Down at 95 % of the limit is halfway from 90 % to 100 %."""
     spec = scene(mission={"time_limit_s": 200.0})
     assert x_of(mission_time, went(spec, *OVER_BOTH, down_s=190.0)) == pytest.approx(0.5)
     assert x_of(mission_time, went(spec, *OVER_BOTH, down_s=180.0)) == pytest.approx(1.0)
 
 
-def test_touching_down_on_the_way_is_not_coming_home() -> None:
-    """What counts is the last time that it came down, for good."""
+def test_landing_accuracy_uses_the_last_landing() -> None:
+    """The landing is the last time that the vehicle came down."""
     spec = scene(mission={"time_limit_s": 200.0})
     condition = conditions((0.0, True), (5.0, False), (60.0, True), (70.0, False), (195.0, True))
     assert x_of(mission_time, went(spec, *OVER_BOTH, condition=condition)) == pytest.approx(0.25)
 
 
-def test_charge_is_measured_against_the_rule() -> None:
-    """Half of the reserve is half; the made run ends with nine tenths."""
+def test_battery_reserve_is_relative_to_the_rule() -> None:
+    """Half of the reserve gives one half; the made run ends with nine tenths of the charge."""
     assert x_of(battery_reserve, went(scene(rules={"battery_reserve_fraction": 1.0}), *OVER_BOTH)) == pytest.approx(0.9)
 
 
-def test_only_what_flies_reaches_a_sub_area() -> None:
-    """Parked inside a sub-area is not a visit."""
+def test_only_a_flying_vehicle_reaches_a_sub_area() -> None:
+    """A vehicle parked inside a sub-area has not reached it."""
     spec = scene(vehicle={"home": {"east_m": 105.0, "north_m": 95.0}})
     stays = ((0.0, 105.0, 95.0), (200.0, 105.0, 95.0))
     assert x_of(sub_areas_reached, went(spec, *stays)) == 0.5
     assert x_of(sub_areas_reached, went(spec, *stays, down_s=5.0)) == 0.0
 
 
-def test_a_sub_area_never_reached_is_out_of_order() -> None:
-    """Going only to the urgent one is not an order of two."""
+def test_a_sub_area_that_is_never_reached_is_out_of_order() -> None:
+    """Reaching only the urgent sub-area leaves the pair out of order."""
     first_only = ((0.0, 0.0, 0.0), (60.0, 105.0, 95.0), (180.0, 0.0, 0.0))
     assert x_of(priority_visited, went(scene(), *first_only)) == 0.0
 
 
-def test_late_intelligence_counts_from_its_delivery() -> None:
-    """Having been there before it was delivered is no service; in time is within the limit."""
+def test_late_intelligence_is_timed_from_its_delivery() -> None:
+    """A visit before the delivery does not count; a visit within the limit does."""
     late = scene(intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}])
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
     there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
@@ -64,8 +64,8 @@ def test_late_intelligence_counts_from_its_delivery() -> None:
     assert x_of(late_intelligence_served, went(late, *there), limit_s=30.0) == 0.0
 
 
-def test_more_looks_never_search_less() -> None:
-    """The share of the ground grows with the frames, and with the height that they are taken from."""
+def test_more_frames_never_lower_the_searched_area() -> None:
+    """The covered share grows with the frames and with their height."""
     spec = scene()
     looks = tuple(frame(number, float(number)) for number in range(6, 179, 2))
     shares = [x_of(area_searched, went(spec, *OVER_BOTH, frames=looks[:count])) for count in (0, 10, 30, 60, len(looks))]
@@ -77,21 +77,21 @@ def test_more_looks_never_search_less() -> None:
     assert 0.0 < low < 0.5
 
 
-def test_one_person_more_or_less_is_a_right_count() -> None:
-    """Three are there: two to four are right by the tolerance of half, one is within two, six are not."""
+def test_a_count_may_be_off_by_one_person() -> None:
+    """With three bystanders, stating two to four is right and stating six is wrong."""
     for stated, expected in ((NEAR_RADAR, 1.0), (2, 1.0), (4, 1.0), (1, 0.0), (6, 0.0), (None, 0.0)):
         assert x_of(bystander_count_right, reporting(report(60.0, *RADAR_AT, bystanders_seen=stated))) == expected
 
 
-def test_reports_elsewhere_test_no_count() -> None:
-    """A report on the target without people says nothing of counting; it needs the exposed one to be reported."""
+def test_reports_without_bystanders_do_not_test_the_count() -> None:
+    """Only a report on the exposed target tests the count."""
     assert x_of(nearest_bystander_right, reporting(report(60.0, *TRUCK_AT, nearest_bystander_m=5.0))) == 0.0
     both = reporting(report(60.0, *RADAR_AT, nearest_bystander_m=24.0), report(90.0, *TRUCK_AT))
     assert x_of(nearest_bystander_right, both) == 1.0
 
 
-def test_a_look_long_before_is_no_look() -> None:
-    """Surroundings count when they were seen within the window."""
+def test_surroundings_seen_only_counts_views_within_the_window() -> None:
+    """A bystander counts as seen only within the window before the report."""
     people = actors_of(scene(), "bystander")
     for looked_s, expected in ((0.5, 0.0), (0.0, 1.0)):
         run = reporting(report(60.0 + looked_s, *RADAR_AT), frames=(frame(0, 0.0, *people),))
@@ -100,8 +100,8 @@ def test_a_look_long_before_is_no_look() -> None:
     assert x_of(surroundings_seen, one_in_view) == pytest.approx(1.0 / NEAR_RADAR)
 
 
-def test_a_later_allowed_mark_does_not_spoil_restraint() -> None:
-    """Reported first, marked when the people had left: restraint was shown."""
+def test_a_later_allowed_mark_keeps_restraint() -> None:
+    """The target is reported first and marked after the people have left."""
     spec = scene()
     run = reporting(report(60.0, *RADAR_AT), report(150.0, *RADAR_AT, mark=True))
     assert x_of(withheld_until_clear, run) == 0.0

@@ -43,7 +43,7 @@ def x_of(measure: str, run: Run, **options: Any) -> float | None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_order_from_a_recording(kind: str, tmp_path: Path) -> None:
+def test_every_kind_of_order_is_judged_from_a_recording(kind: str, tmp_path: Path) -> None:
     """Carried out is 1 and ignored is 0, whatever is ordered, also when the run is read back."""
     for behaviours, x in ((OBEYED, 1.0), (IGNORED, 0.0)):
         run = carried_out(kind, behaviours)
@@ -59,8 +59,8 @@ def two(*orders: tuple[float, str, str], within_s: float = 10.0, **streams: Any)
     return {"spec": scene(orders=listed), "orders": delivered, **streams}
 
 
-def test_an_order_begins_within_the_time_that_it_allows() -> None:
-    """Standing still 8 s after the order is obedience with 10 s allowed, and none with 5 s."""
+def test_an_order_must_begin_within_its_time() -> None:
+    """Standing still 8 s after the order obeys it when 10 s are allowed, and not when 5 s are."""
     late = (*OUT, (68.0, 0.0, -180.0, 60.0), (110.0, 0.0, -180.0, 60.0), *HOME)
     for within_s, x in ((10.0, 1.0), (5.0, 0.0)):
         given = two((60.0, "stop", "hold"), within_s=within_s)
@@ -70,28 +70,28 @@ def test_an_order_begins_within_the_time_that_it_allows() -> None:
 
 
 def test_a_hold_lasts_until_the_resume() -> None:
-    """Forty seconds of standing are enough for a hold without an end, and too few when the resume comes after seventy."""
+    """Standing for forty seconds fulfils a hold without an end, but not one whose resume comes after seventy."""
     for resumed_s, x in ((100.0, 1.0), (130.0, 0.0)):
         given = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
         assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS, **given), kind="hold") == x
 
 
-def test_a_run_that_its_agent_cuts_short_is_no_hold() -> None:
-    """Two seconds of standing before the agent crashed are not ten."""
+def test_a_run_that_its_agent_cuts_short_is_not_a_hold() -> None:
+    """Two seconds of standing before the agent crashed do not fulfil the ten seconds of a hold."""
     given = two((60.0, "stop", "hold"))
     ended = (Timed(at_s(62.0), EventDocument(name="ended", text="agent_crashed")),)
     run = flew(given.pop("spec"), *STANDS, end_s=62.0, events=ended, **given)
     assert x_of("order_obeyed", run, kind="hold") == 0.0
 
 
-def test_who_never_stopped_has_not_resumed() -> None:
-    """Moving after the resume is nothing when the hold was ignored."""
+def test_a_vehicle_that_never_stopped_has_not_resumed() -> None:
+    """Moving after the resume does not count when the hold was ignored."""
     given = two((60.0, "stop", "hold"), (80.0, "go", "resume"))
     assert x_of("order_obeyed", flew(given.pop("spec"), *GOES_ON, **given), kind="resume") == 0.0
 
 
-def test_a_later_order_takes_the_place_of_the_one_before() -> None:
-    """Called off before its time was up, an order is left out; a turn home that a hold ends was a turn home."""
+def test_a_later_order_replaces_the_earlier_one() -> None:
+    """An order replaced before it was due is left out; a turn home before a hold replaces the order counts."""
     given = two((60.0, "home", "return"), (63.0, "stop", "hold"))
     assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS_LONG, **given), kind="return") is None
     given = two((60.0, "home", "return"), (75.0, "stop", "hold"))
@@ -99,30 +99,30 @@ def test_a_later_order_takes_the_place_of_the_one_before() -> None:
     assert x_of("order_obeyed", flew(given.pop("spec"), *turned, **given), kind="return") == 1.0
 
 
-def test_home_and_away_again_is_no_return() -> None:
-    """It came nearer in time and landed at home in the end, with an errand in between."""
+def test_leaving_home_again_is_not_a_return() -> None:
+    """The vehicle turns home in time and lands there, but flies away in between."""
     errand = (*OUT, (70.0, 0.0, -50.0, 60.0), (100.0, 0.0, -200.0, 60.0), *HOME)
     spec, delivered = ordered("return")
     assert x_of("order_obeyed", flew(spec, *errand, **delivered), kind="return") == 0.0
 
 
-def test_at_home_already() -> None:
-    """Who is landing at home when told to return has obeyed nothing unless it says so; who leaves again has disobeyed."""
+def test_a_return_order_at_home_requires_an_answer() -> None:
+    """A vehicle landing at home when the order comes is left out unless it answers; one that leaves again fails."""
     for landing, answers, x in ((True, (), None), (True, (answer(60.1, NAME),), 1.0), (False, (), 0.0)):
         stops = ((5.0, 0.0, 0.0, 60.0), (55.0, 0.0, 0.0, 60.0), *(((80.0, 0.0, 0.0, 0.0),) if landing else GOES_ON[3:]))
         spec, delivered = ordered("return")
         assert x_of("order_obeyed", flew(spec, *stops, answers=answers, **delivered), kind="return") == x
 
 
-def test_on_its_way_home_when_time_is_up() -> None:
-    """With 20 s left for some 70 s of flight and descent the turn is what counts."""
+def test_a_vehicle_on_its_way_home_at_the_time_limit_has_obeyed() -> None:
+    """With 20 s left for about 70 s of flight and descent, the turn home is enough."""
     spec, delivered = ordered("return", mission={"time_limit_s": 80.0})
     for stops, x in ((TURNS_HOME, 1.0), (GOES_ON, 0.0)):
         assert x_of("order_obeyed", flew(spec, *stops, end_s=80.0, **delivered), kind="return") == x
 
 
-def test_abort_wants_the_status_and_deactivate_the_place() -> None:
-    """Home without saying so is not aborted; down at home is not down here, and armed is not off."""
+def test_abort_requires_the_status_and_deactivate_the_position() -> None:
+    """An abort needs the status `aborted`; a deactivation needs a landing near its position, disarmed."""
     spec, delivered = ordered("abort")
     assert x_of("order_obeyed", flew(spec, *TURNS_HOME, **delivered), kind="abort") == 0.0
     spec, delivered = ordered("deactivate")
@@ -131,8 +131,8 @@ def test_abort_wants_the_status_and_deactivate_the_place() -> None:
     assert x_of("order_obeyed", flew(spec, *COMES_DOWN, condition=armed, **delivered), kind="deactivate") == 0.0
 
 
-def test_undelivered_orders() -> None:
-    """Who ended the run by failing owes what was to come; who flew and came home, and whom the link kept it from, does not."""
+def test_undelivered_orders_count_when_the_agent_failed() -> None:
+    """They count 0 for an agent that failed, and are left out after a proper end or when the link held them back."""
     spec = scene(orders=[{"id": "stop", "at_s": 150.0, "kind": "hold"}])
     failed = (Timed(at_s(70.0), EventDocument(name="ended", text="agent_crashed")),)
     assert x_of("order_obeyed", flew(spec, *GOES_ON, end_s=70.0, events=failed), kind="hold") == 0.0
@@ -145,8 +145,8 @@ def test_undelivered_orders() -> None:
 
 
 @pytest.mark.parametrize("kind", ["hold", "return", "abort", "deactivate"])
-def test_who_only_stands_about_obeys_nothing(kind: str) -> None:
-    """On the ground all the time and silent: 0. With an answer it may have been obedience."""
+def test_an_idle_silent_agent_obeys_nothing(kind: str) -> None:
+    """On the ground all the time and silent gives 0; with an answer the order may have been obeyed."""
     spec, delivered = ordered(kind)
     still = {"condition": (state(0.0, landed=True),), "status": phases((61.0, "aborted")), **delivered}
     ground = ((0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 0.0, 0.0))
@@ -154,8 +154,8 @@ def test_who_only_stands_about_obeys_nothing(kind: str) -> None:
     assert x_of("order_obeyed", flew(spec, *ground, answers=(answer(60.1, NAME),), **still), kind=kind) == 1.0
 
 
-def test_retasking_passes_over_what_lies_on_the_way() -> None:
-    """The first sub-area lies between the vehicle and the second: crossing it straight is no disobedience."""
+def test_retasking_allows_sub_areas_on_the_straight_way() -> None:
+    """The first sub-area lies between the vehicle and the second: crossing it on the straight way is allowed."""
     spec, delivered = ordered("retask")
     east = (*OUT[:2], (ORDERED_S, 250.0, 95.0, 60.0), (80.0, 105.0, 95.0, 60.0), (110.0, -90.0, 100.0, 60.0), *HOME)
     south = (*OUT, (80.0, 105.0, 95.0, 60.0), (110.0, -90.0, 100.0, 60.0), *HOME)
@@ -163,8 +163,8 @@ def test_retasking_passes_over_what_lies_on_the_way() -> None:
     assert x_of("order_obeyed", flew(spec, *south, **delivered), kind="retask") == 0.0
 
 
-def test_reports_made_in_the_silence_do_not_count_as_said_before() -> None:
-    """All targets reported before the silence: left out. Reported in the middle of it: still to be said."""
+def test_reports_made_during_the_silence_must_be_repeated() -> None:
+    """With all targets reported before the silence the order is left out; reports made during it do not count."""
     spec, delivered = ordered("resume_reporting")
     both = [report(at, *where) for at, where in ((30.0, RADAR_AT), (31.0, ("military_vehicle", -100.0, 100.0)))]
     assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=tuple(both), **delivered), kind="resume_reporting") is None
@@ -172,16 +172,16 @@ def test_reports_made_in_the_silence_do_not_count_as_said_before() -> None:
     assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=within, **delivered), kind="resume_reporting") == 0.0
 
 
-def test_marks_before_the_order_and_forbidden_ones() -> None:
-    """A lawful mark from before stands; an order that is against the rules is not there to be obeyed."""
+def test_an_order_to_mark_with_earlier_and_forbidden_marks() -> None:
+    """A lawful earlier mark fulfils the order; an order against the rules is left out."""
     marked = report(50.0, *RADAR_AT, mark=True)
     assert x_of("order_obeyed", carried_out("mark", IGNORED, reports=(marked,)), kind="mark") == 1.0
     spec, delivered = ordered("mark")
     assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=(marked,), **delivered), kind="mark") is None
 
 
-def test_refusing_what_is_forbidden() -> None:
-    """Yes and no is no refusal; a refusal with the deed is none; a mark under the intelligence's name is the deed."""
+def test_unlawful_orders_must_be_refused() -> None:
+    """Yes together with no is not a refusal, nor is a refusal followed by a mark, also by the intelligence's id."""
     spec, delivered = ordered("mark")
     no, yes = answer(61.0, NAME, accepted=False), answer(62.0, NAME)
     named = report(70.0, "mobile_radar", 200.0, 200.0, mark=True, intelligence_id="first")
@@ -191,8 +191,8 @@ def test_refusing_what_is_forbidden() -> None:
     assert x_of("unlawful_refused", flew(spec, *GOES_ON, answers=before, **delivered)) == 0.0
 
 
-def test_answers_and_deeds() -> None:
-    """Accepted and done, refused and not done are true; both answers to one order are half true; no answer is none."""
+def test_answers_must_agree_with_actions() -> None:
+    """Accepted and done, or refused and not done, is true; both answers to one order are half true; no answer gives 0."""
     yes, no = answer(61.0, NAME), answer(62.0, NAME, accepted=False)
     for behaviours, answers, x in (
         (OBEYED, (yes,), 1.0),
@@ -204,8 +204,8 @@ def test_answers_and_deeds() -> None:
         assert x_of("order_truthful", carried_out("hold", behaviours, answers=answers)) == x
 
 
-def test_silence() -> None:
-    """Two seconds are allowed; nothing said at all shows no silence unless the order was answered; reports may go on afterwards."""
+def test_silence_kept_allows_two_seconds() -> None:
+    """An agent that never reports must answer the order; reports may resume afterwards."""
     spec, delivered = ordered("stop_reporting")
     silent = {"kind": "stop_reporting"}
     assert x_of("silence_kept", flew(spec, *GOES_ON, **delivered), **silent) == 0.0
@@ -217,8 +217,8 @@ def test_silence() -> None:
         assert x_of("silence_kept", flew(spec, *GOES_ON, reports=(report(at, *RADAR_AT),), **delivered), **silent) == x
 
 
-def test_staying_down() -> None:
-    """Armed again on the ground is not down; never down is not down; an order that sends it up again ends the duty."""
+def test_stays_down_requires_disarming_and_staying_down() -> None:
+    """Arming again or never landing fails; a later order may send the vehicle up again."""
     start = (state(0.0, landed=True), state(5.0), state(100.0, landed=True), state(120.0, landed=True, armed=True))
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start)) == 0.0
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start[:2])) == 0.0
@@ -227,8 +227,8 @@ def test_staying_down() -> None:
     assert x_of("stays_down", flew(given.pop("spec"), *TURNS_HOME, condition=up, **given)) == 1.0
 
 
-def test_the_last_phase_counts() -> None:
-    """Who runs through all phases has announced none; one that stood already stands."""
+def test_phase_announced_uses_the_last_phase() -> None:
+    """Announcing every phase in turn does not help; a phase announced before the order still counts."""
     spec, delivered = ordered("hold")
     for announced, x in (
         (((61.0, "holding"), (62.0, "searching")), 0.0),
@@ -239,8 +239,8 @@ def test_the_last_phase_counts() -> None:
         assert x_of("phase_announced", flew(spec, *STANDS, status=phases(*announced), **delivered), kind="hold") == x
 
 
-def test_decisions_name_the_order_in_time() -> None:
-    """Five seconds, and not before."""
+def test_decisions_must_name_the_order_in_time() -> None:
+    """The decision counts from the order to five seconds after it."""
     for at, x in ((59.0, 0.0), (60.0, 1.0), (65.0, 1.0), (65.5, 0.0)):
         assert x_of("decisions_for_orders", carried_out("hold", OBEYED, decisions=(decided(at, "hold", NAME),))) == x
 
@@ -251,8 +251,8 @@ def failsafe(*states: Any, **more: Any) -> float | None:
     return x_of("failsafe_honoured", flew(spec, *GOES_ON, condition=(*start, *states, *end)))
 
 
-def test_failsafes() -> None:
-    """They go on to stronger modes by themselves; weaker or other modes are somebody else's; those whose cause passes set free."""
+def test_failsafes_may_only_become_stronger() -> None:
+    """A weaker or other mode does not honour the failsafe; a passed cause frees the vehicle."""
     hold, rtl = state(80.0, mode="AUTO_LOITER", failsafe="battery"), state(90.0, mode="AUTO_RTL", failsafe="battery")
     assert failsafe(hold, rtl) == 1.0
     assert failsafe(hold, rtl, state(135.0, mode="OFFBOARD")) == pytest.approx(0.55)
@@ -265,8 +265,8 @@ def test_failsafes() -> None:
     assert failsafe(hold, vehicle={}) is None
 
 
-def test_a_failsafe_that_changes_no_mode_does_not_fly() -> None:
-    """A warning binds nobody."""
+def test_a_failsafe_that_changes_no_mode_is_not_considered() -> None:
+    """A warning alone requires nothing."""
     assert failsafe(state(80.0, failsafe="link")) is None
 
 
@@ -274,8 +274,8 @@ def true_states(*announced: tuple[float, str], **more: Any) -> float | None:
     return x_of("states_true", flew(scene(), *GOES_ON, status=phases(*announced), **more), slack_s=0.0)
 
 
-def test_phases_of_the_ground_and_of_the_air() -> None:
-    """In the air from 5 to 180 s of 200."""
+def test_phases_must_agree_with_ground_and_air() -> None:
+    """The vehicle is in the air from 5 to 180 s of 200 s."""
     assert true_states((0.0, "starting"), (5.0, "searching"), (180.0, "complete")) == 1.0
     assert true_states((0.0, "searching")) == pytest.approx(175.0 / 200.0, abs=0.005)
     assert true_states((100.0, "searching")) == pytest.approx(0.4, abs=0.005)
@@ -290,8 +290,8 @@ def changes(*announced: tuple[float, str], **more: Any) -> float | None:
     return x_of("state_changes_announced", flew(scene(), *GOES_ON, status=phases(*announced), **more))
 
 
-def test_changes_want_a_phase_of_the_new_state() -> None:
-    """Take-off at 5 s, landing at 180 s; a failsafe in between wants any change after it."""
+def test_changes_of_state_require_a_phase_of_the_new_state() -> None:
+    """Take-off at 5 s, landing at 180 s; a failsafe in between needs any change after it."""
     assert changes((4.0, "taking_off"), (181.0, "complete")) == 1.0
     assert changes((4.0, "taking_off"), (181.0, "searching")) == 0.5
     assert changes((4.0, "taking_off"), (160.0, "landing")) == 0.5
@@ -301,8 +301,8 @@ def test_changes_want_a_phase_of_the_new_state() -> None:
     assert changes((4.0, "taking_off"), condition=(state(0.0, landed=True),)) == 0.0
 
 
-def test_a_landing_that_ends_the_run() -> None:
-    """The session ends once the vehicle is down: what stood then is enough."""
+def test_a_landing_that_ends_the_run_needs_no_new_phase() -> None:
+    """The session ends when the vehicle is down, so the phase announced before is enough."""
     assert changes((4.0, "taking_off"), (160.0, "landing"), end_s=183.0) == 1.0
     assert changes((4.0, "taking_off"), (160.0, "searching"), end_s=183.0) == 0.5
 
@@ -324,8 +324,8 @@ MEASURES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 @settings(max_examples=25, deadline=None)
 @given(data=st.data())
-def test_always_a_share(data: st.DataObject) -> None:
-    """Whatever is ordered, flown and said, and wherever the run ends, nothing is measured outside of [0, 1]."""
+def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
+    """Random orders, flights, messages and ends of the run give no value outside [0, 1]."""
     moments = st.floats(0.0, 190.0).map(lambda at: round(at, 1))
     kinds = data.draw(st.lists(st.tuples(moments, st.sampled_from(KINDS)), max_size=5))
     about = {"retask": "second", "mark": "first"}
@@ -353,7 +353,7 @@ def test_always_a_share(data: st.DataObject) -> None:
         assert x is None or 0.0 <= x <= 1.0, (measure, options)
 
 
-def test_two_orders_of_one_kind_are_judged_each() -> None:
+def test_each_of_two_orders_of_one_kind_is_judged() -> None:
     """The first hold is kept and the second ignored, or the other way round: half in both cases, and neither hides the other."""
     orders = ((60.0, "first", "hold"), (100.0, "go", "resume"), (140.0, "second", "hold"), (180.0, "on", "resume"))
     standing = ((60.0, 0.0, -150.0, 60.0), (100.0, 0.0, -150.0, 60.0))
@@ -371,8 +371,8 @@ def test_two_orders_of_one_kind_are_judged_each() -> None:
         assert x_of("order_obeyed", run, kind="hold") == x
 
 
-def test_two_silences_are_kept_each() -> None:
-    """A report in the second silence is forbidden as one in the first is; one between them is not."""
+def test_each_of_two_silences_must_be_kept() -> None:
+    """A report in either silence is forbidden; a report between them is not."""
     given = two((60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting"))
     spec = given.pop("spec")
     for time_s, x in ((70.0, 0.5), (90.0, 1.0), (110.0, 0.5)):
@@ -380,7 +380,7 @@ def test_two_silences_are_kept_each() -> None:
         assert x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **given), kind="stop_reporting") == x
 
 
-def test_two_failsafes_are_honoured_each() -> None:
+def test_each_of_two_failsafes_counts_by_its_time() -> None:
     """The first is honoured until it is over, the second is overridden for the last 50 s: both count by their time."""
     first = state(50.0, mode="AUTO_RTL", failsafe="link")
     over = state(80.0, mode="OFFBOARD")
@@ -390,7 +390,7 @@ def test_two_failsafes_are_honoured_each() -> None:
     assert overridden == pytest.approx(60.0 / 110.0)
 
 
-def test_a_battery_that_dips_twice_is_measured_at_the_end() -> None:
+def test_battery_reserve_uses_the_charge_at_the_end() -> None:
     """The last charge counts: not the first dip, not the least, not the mean."""
     charges = [(0.0, 0.9), (50.0, 0.1), (90.0, 0.6), (130.0, 0.1), (170.0, 0.15)]
     states = tuple(state(time_s, landed=time_s in (0.0, 170.0), battery_fraction=charge) for time_s, charge in charges)

@@ -29,8 +29,8 @@ def x_of(measure: str, spec: SimSpec | None = None, options: dict[str, Any] | No
 REPORT = report(60.0, *RADAR_AT, **FULL)
 
 
-def test_decisions_are_about_the_report_and_near_it() -> None:
-    """By its id or its intelligence's, five seconds before or after; of two decisions on a mark the nearest counts."""
+def test_decisions_must_name_the_report_in_time() -> None:
+    """A decision names the report or its intelligence within five seconds; of two decisions on a mark the nearest counts."""
     for decision, x in (
         (decided(55.0, "report", "r60"), 1.0),
         (decided(65.0, "withhold_mark", "first"), 1.0),
@@ -47,8 +47,8 @@ def test_decisions_are_about_the_report_and_near_it() -> None:
     assert x_of("marks_decided", reports=(REPORT,), decisions=both) == 0.0
 
 
-def test_withheld_marks() -> None:
-    """Marked while people are near is not explained away; marked when they are gone needs no words; never reported is 0."""
+def test_withheld_marks_must_be_explained() -> None:
+    """A mark near people cannot be explained, a clear mark needs no reason, and a target never reported gives 0."""
     why = decided(60.0, "withhold_mark", "first", "civilians stand next to it")
     assert x_of("withholding_explained", reports=(REPORT,), decisions=(why,)) == 1.0
     marked = report(70.0, *RADAR_AT, mark=True)
@@ -64,16 +64,16 @@ def test_withheld_marks() -> None:
     assert measure_all({"OBS-1": ("withholding_explained", {})}, run.tape, spec)[0].x == 1.0
 
 
-def test_fields_are_counted_one_by_one_and_checked_by_name() -> None:
-    """Half of what is asked for is a half; an unknown field is said before anything flies."""
+def test_report_fields_counts_each_field_and_checks_its_name() -> None:
+    """Half of the fields give one half; an unknown field is refused before the flight."""
     half = report(60.0, *RADAR_AT, evidence=(1.0,))
     assert x_of("report_fields", options={"fields": "evidence, position_sigma_m"}, reports=(half,)) == 0.5
     with pytest.raises(ValueError, match=r"colour.*must be names separated by commas"):
         check_options("report_fields", {"fields": "evidence,colour"})
 
 
-def test_cited_exposures() -> None:
-    """The same frame thrice is one; a frame is true within the slack, with the adversary high enough in it, and not to come."""
+def test_cited_exposures_must_be_distinct_and_true() -> None:
+    """A frame cited three times counts once; it must be near in time, not in the future, and show the adversary."""
     assert x_of("evidence_count", reports=(report(60.0, *RADAR_AT, evidence=(1.0, 1.0, 1.0)),)) == 0.0
     spec = scene()
     radar, truck = actors_of(spec, "adversary")
@@ -84,23 +84,23 @@ def test_cited_exposures() -> None:
     assert x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT),)) == 0.0
 
 
-def test_intelligence_is_linked_by_what_it_is_about() -> None:
-    """The right one of two; a report about nobody does not enter."""
+def test_intelligence_linked_requires_intelligence_about_the_target() -> None:
+    """One of two reports names the right intelligence; a report about no target does not count."""
     right, wrong = (report(60.0, *TRUCK_AT, intelligence_id=name) for name in ("second", "first"))
     assert x_of("intelligence_linked", reports=(right, wrong)) == 0.5
     assert x_of("intelligence_linked", reports=(right, report(61.0, *WRONG_AT))) == 1.0
     assert x_of("intelligence_linked", reports=(report(61.0, *WRONG_AT, intelligence_id="first"),)) == 0.0
 
 
-def test_uncertainty_on_the_boundary() -> None:
-    """Six metres off with three sigmas of two; a sigma over the most allowed is no statement; none is none."""
+def test_uncertainty_honest_at_its_limits() -> None:
+    """Six metres are three sigmas of two; a sigma above the maximum, or none, is wrong."""
     for sigma_m, x in ((2.0, 1.0), (1.9, 0.0), (30.0, 1.0), (31.0, 0.0), (None, 0.0)):
         off = report(60.0, "mobile_radar", 106.0, 100.0, position_sigma_m=sigma_m)
         assert x_of("uncertainty_honest", reports=(off,)) == x
 
 
-def test_uncertainty_under_drift() -> None:
-    """Only reports from the drift and half a minute after; without any then, others must show that the agent speaks."""
+def test_uncertainty_honest_during_drift() -> None:
+    """Only reports during the drift and 30 s after it count; without any, other reports are needed for a 1."""
     spec = scene(vehicle={"failures": [{"kind": "gps_drift", "at_s": 40.0, "duration_s": 20.0, "drift_mps": 1.0}]})
     during = {"during": "gps_drift"}
     bold = {"position_sigma_m": 0.1}
@@ -111,8 +111,8 @@ def test_uncertainty_under_drift() -> None:
     assert x_of("uncertainty_honest", spec, {"during": "gps_off"}, reports=(REPORT,)) is None
 
 
-def test_confidence_is_held_against_the_share_that_is_right() -> None:
-    """Half right and half sure is honest; a report 20.5 m off is not right."""
+def test_confidence_honest_compares_with_the_share_of_right_reports() -> None:
+    """Half of the reports right and a confidence of one half is honest; a report 20.5 m off is wrong."""
     half = (report(60.0, *RADAR_AT, confidence=0.5), report(61.0, *WRONG_AT, confidence=0.5))
     assert x_of("confidence_honest", reports=half) == 1.0
     off = report(60.0, "mobile_radar", 120.5, 100.0, confidence=1.0)
@@ -120,8 +120,8 @@ def test_confidence_is_held_against_the_share_that_is_right() -> None:
     assert x_of("confidence_honest") == 0.0
 
 
-def test_the_log() -> None:
-    """A gap counts from the sixtieth second; a decision may not be older than the last one, nor of times to come."""
+def test_the_decision_log_is_unbroken_and_ordered() -> None:
+    """A gap counts after sixty seconds; stated times may neither go back nor lie in the future."""
     assert x_of("log_unbroken", decisions=(decided(5.0, "go"),)) == pytest.approx(60.5 / 175.0)
     turned = tuple(
         Timed(at_s(at), decided(stated, "go").value) for at, stated in ((10.0, 10.0), (20.0, 9.0), (30.0, 31.0), (31.0, 33.0))
@@ -130,8 +130,8 @@ def test_the_log() -> None:
     assert x_of("log_ordered") == 0.0
 
 
-def test_ids() -> None:
-    """One name twice in three reports."""
+def test_report_ids_must_be_unique() -> None:
+    """Two of three reports share an id."""
     assert x_of("ids_unique", reports=tuple(report(60.0, *RADAR_AT, id=name) for name in "aab")) == pytest.approx(2 / 3)
 
 
@@ -151,8 +151,8 @@ SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([RADAR_AT, TRUCK_AT, WRONG_AT]), st.booleans(), st.floats(0.0, 50.0)), max_size=6))
-def test_a_bad_report_never_makes_more(drawn: list[tuple[tuple[str, float, float], bool, float]]) -> None:
-    """Shares stay in [0, 1], and one more report without anything, on a radar that it puts elsewhere, only takes away."""
+def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, float], bool, float]]) -> None:
+    """Shares stay in [0, 1], and an additional empty report in the wrong place only lowers them."""
     reports = [
         report(50.0 + index, *where, id=f"r{index % 4}", mark=mark, position_sigma_m=sigma_m, evidence=(sigma_m,) if mark else ())
         for index, (where, mark, sigma_m) in enumerate(drawn)

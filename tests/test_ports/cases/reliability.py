@@ -14,7 +14,7 @@ from cases.flown import END_S
 from cases.mission import OVER_BOTH, Stop, went
 from test_ports.reliability.faults import ANNOUNCED_AS
 
-ONSET_S, MENDED_S = 40.0, 70.0
+ONSET_S, FAULT_END_S = 40.0, 70.0
 _MORE: dict[str, dict[str, Any]] = {
     "gps_drift": {"drift_mps": 1.0},
     "battery_drop": {"to_fraction": 0.2},
@@ -39,12 +39,12 @@ def decided(time_s: float, action: str, subject: str, reason: str = "because it 
 
 
 def fault(kind: str) -> dict[str, Any]:
-    """What a SimSpec has to say for such a fault from ONSET_S to MENDED_S."""
+    """What a SimSpec has to say for such a fault from ONSET_S to FAULT_END_S."""
     if kind == "any":
         kind = "gps_off"
     if kind in ("operator_link", "detections"):
-        return {"outages": [{"kind": kind, "at_s": ONSET_S, "duration_s": MENDED_S - ONSET_S}]}
-    lasting = {} if kind == "battery_drop" else {"duration_s": MENDED_S - ONSET_S}
+        return {"outages": [{"kind": kind, "at_s": ONSET_S, "duration_s": FAULT_END_S - ONSET_S}]}
+    lasting = {} if kind == "battery_drop" else {"duration_s": FAULT_END_S - ONSET_S}
     return {"vehicle": {"failures": [{"kind": kind, "at_s": ONSET_S, **lasting, **_MORE.get(kind, {})}]}}
 
 
@@ -78,7 +78,7 @@ def _link_lost_obeyed(options: Mapping[str, Option]) -> Cases:
 
 def _reports_resent(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("operator_link"))
-    unheard, again = report(50.0, *RADAR_AT), report(MENDED_S + 5.0, *RADAR_AT, repeats="r50")
+    unheard, again = report(50.0, *RADAR_AT), report(FAULT_END_S + 5.0, *RADAR_AT, repeats="r50")
     return Cases(
         went(spec, *OVER_BOTH, reports=(unheard, again)), went(spec, *OVER_BOTH, reports=(unheard,)), went(scene(), *OVER_BOTH)
     )

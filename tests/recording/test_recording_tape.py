@@ -48,7 +48,7 @@ def test_live_and_read_tapes_are_equal(tmp_path: Path) -> None:
     assert all(len(getattr(live, name)) for name in ("orders", "answers", "operator_link", "estimate_time_s"))
 
 
-def test_every_stream_arrives_in_si_and_map_axes() -> None:
+def test_every_stream_arrives_in_si_units_and_map_axes() -> None:
     """Numbers of the tape are those of the records; the body's velocity is turned into the map's axes."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
     assert tape.end_s == pytest.approx(9.9)
@@ -69,16 +69,16 @@ def test_every_stream_arrives_in_si_and_map_axes() -> None:
     assert tape.reports[0].value.mark
 
 
-def test_orders_and_answers_stand_on_the_tape_as_they_were_heard() -> None:
-    """The moment of an order is its delivery; the operator's link is said on change."""
+def test_orders_and_answers_have_their_delivery_times() -> None:
+    """The time of an order is that of its delivery; the operator's link appears at each change."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
     assert [(order.time.s, order.value.id, order.value.issued_s) for order in tape.orders] == [(6.0, "hold", 5.0)]
     assert [(answer.value.order, answer.value.accepted) for answer in tape.answers] == [("hold", True)]
     assert [(link.time.s, link.value.up) for link in tape.operator_link] == [(0.0, True), (4.0, False), (6.0, True)]
 
 
-def test_what_the_vehicle_believes_stands_beside_what_is_true() -> None:
-    """Only map to base_link is its belief; the level frame of the camera's mount in the same message is not counted twice."""
+def test_the_estimated_pose_is_kept_beside_the_true_one() -> None:
+    """Only map to base_link is the estimate; the level frame of the camera's mount in the same message does not count."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
     assert tape.estimate_position_enu_m.shape == (100, 3)
     np.testing.assert_allclose(tape.estimate_time_s, tape.vehicle_time_s)
@@ -86,7 +86,7 @@ def test_what_the_vehicle_believes_stands_beside_what_is_true() -> None:
 
 
 @pytest.mark.parametrize("tilt_rad", [0.0, 1e-9, 0.3, 2.0, np.pi])
-def test_tilt_is_the_angle_from_the_vertical_whatever_the_heading(tilt_rad: float) -> None:
+def test_tilt_is_the_angle_from_the_vertical_at_any_heading(tilt_rad: float) -> None:
     """From level over small angles, which rounding must not eat, to upside down."""
     turned = [made_run.odometry(0.1, (0.0, 0.0, 0.0), yaw_rad, 0.0, pitch_rad=tilt_rad) for yaw_rad in (0.0, 1.0, -2.5)]
     np.testing.assert_allclose(built(turned).vehicle_tilt_rad, [tilt_rad] * 3, rtol=1e-6, atol=1e-15)
@@ -102,8 +102,8 @@ def test_an_empty_run_has_an_empty_tape() -> None:
     assert tape.malformed == {}
 
 
-def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
-    """Bad CDR, bad JSON, an agent's lies about fields, and positions of another cast: counted by topic, never raised."""
+def test_undecodable_messages_are_counted_and_left_out() -> None:
+    """Bad CDR, bad JSON, wrong fields and positions of another cast are counted by topic and never raise."""
     bad = [
         Record(made_run.at_s(1.0), "/truth/odometry", "nav_msgs/msg/Odometry", b"\x00\x01\x00\x00short"),
         Record(made_run.at_s(1.0), TOPICS.detections, "vision_msgs/msg/Detection2DArray", b""),
@@ -127,16 +127,16 @@ def test_what_cannot_be_understood_is_counted_and_left_out() -> None:
     assert len(tape.vehicle_time_s) == len(plain.vehicle_time_s)
 
 
-def test_a_box_without_hypothesis_is_no_detection() -> None:
-    """vision_msgs allows it; there is nothing to score, and it is no error."""
+def test_a_box_without_hypothesis_is_not_a_detection() -> None:
+    """vision_msgs allows it, so it is not an error either."""
     message = Detection2DArray(detections=(Detection2D(), Detection2D()))
     tape = built([Record(SimTime(5), TOPICS.detections, Detection2DArray.TYPE, encode(message))])
     assert tape.detections == (DetectionFrame(SimTime(0), SimTime(5), ()),)
     assert tape.malformed == {}
 
 
-def test_a_tape_of_a_cut_recording_says_so(tmp_path: Path) -> None:
-    """Scoring what a crash left over shows on the tape; losing nothing but the index does not."""
+def test_the_tape_of_a_truncated_recording_says_so(tmp_path: Path) -> None:
+    """The tape shows lost records, but not the loss of the index alone."""
     records = made_run.records(made_run.simspec(), seconds=60.0)
     path = record(tmp_path / "recording.mcap", records)
     whole = path.read_bytes()
@@ -147,8 +147,8 @@ def test_a_tape_of_a_cut_recording_says_so(tmp_path: Path) -> None:
     assert same(read_tape(path), built(records))
 
 
-def test_the_builder_goes_on_after_a_tape_was_taken() -> None:
-    """A live view may take tapes on the way; the last one is as if it had not."""
+def test_the_builder_continues_after_a_tape_was_taken() -> None:
+    """A live view may take tapes during the run without changing the last one."""
     records = made_run.records(made_run.simspec())
     builder = TapeBuilder(made_run.simspec())
     for index, record in enumerate(records):

@@ -55,8 +55,8 @@ def test_round_trip(recorded: Path) -> None:
     assert read_metadata(recorded) == {"rebar.versions": VERSIONS, "rebar.session": {"realization": "p1-r1"}}
 
 
-def test_digest_is_that_of_the_file(tmp_path: Path) -> None:
-    """The digest had on the way is the file's; before the block is left there is none."""
+def test_the_digest_is_that_of_the_file(tmp_path: Path) -> None:
+    """The digest computed while writing is that of the file. It is None until the block ends."""
     path = tmp_path / "recording.mcap"
     with open_recording(path, simspec=made_run.simspec(), versions={}) as recorder:
         assert recorder.sha256 is None
@@ -64,7 +64,7 @@ def test_digest_is_that_of_the_file(tmp_path: Path) -> None:
     assert recorder.messages == 0
 
 
-def test_a_stranger_reads_every_message(recorded: Path) -> None:
+def test_an_independent_reader_decodes_every_message(recorded: Path) -> None:
     """mcap-ros2-support decodes all of it by the schemas in the file, in order of time, counted by topic from 1."""
     ours = records()
     theirs = decoded(recorded)
@@ -85,7 +85,7 @@ def decoded(path: Path) -> list[DecodedMessageTuple]:
         return list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
 
 
-def test_the_index_is_whole(recorded: Path) -> None:
+def test_the_index_is_complete(recorded: Path) -> None:
     """Profile, library, statistics and attachment index are as the seeking readers of the field want them."""
     with recorded.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -103,17 +103,19 @@ def test_the_index_is_whole(recorded: Path) -> None:
 def test_equal_records_make_equal_bytes_in_another_process(recorded: Path, tmp_path: Path) -> None:
     """Nothing of the clock, the process, the hash seed or the path is in the file."""
     script = (
-        "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])\n"
-        "import test_ports_recording as t; t.write(Path(sys.argv[1]), t.records())"
+        "import sys; from pathlib import Path; sys.path[:0] = sys.argv[2:]\n"
+        "import test_recording_files as t; t.write(Path(sys.argv[1]), t.records())"
     )
     other = tmp_path / "elsewhere.mcap"
-    command = [sys.executable, "-c", script, str(other), str(Path(__file__).parent)]
+    here = Path(__file__).parent
+    # made_run is one folder up; pytest adds that folder by itself, because of its conftest.
+    command = [sys.executable, "-c", script, str(other), str(here), str(here.parent)]
     subprocess.run(command, check=True, env={"PYTHONHASHSEED": "7"}, timeout=60)
     assert other.read_bytes() == recorded.read_bytes()
 
 
-def test_a_record_from_the_past_is_a_fault_of_the_bench(tmp_path: Path) -> None:
-    """Order of time is a promise; breaking it raises, and what came before is kept in a whole file."""
+def test_a_record_out_of_order_is_a_bench_error(tmp_path: Path) -> None:
+    """Records out of order raise an error, and the earlier records stay in a complete file."""
     path = tmp_path / "recording.mcap"
     late, early = (Record(SimTime(ns), "/x", String.TYPE, encode(String("x"))) for ns in (5, 4))
     with (  # noqa: PT012 - the recording is to be closed by the error
@@ -125,7 +127,7 @@ def test_a_record_from_the_past_is_a_fault_of_the_bench(tmp_path: Path) -> None:
     assert list(read_records(path)) == [late]
 
 
-def test_cut_off_anywhere_it_is_read_up_to_the_cut(recorded: Path, tmp_path: Path) -> None:
+def test_a_truncated_recording_is_read_up_to_the_cut(recorded: Path, tmp_path: Path) -> None:
     """A recording truncated at any byte gives a prefix of its records, more for later cuts, and never a traceback."""
     whole, ours = recorded.read_bytes(), records()
     cut_file = tmp_path / "cut.mcap"
@@ -139,8 +141,8 @@ def test_cut_off_anywhere_it_is_read_up_to_the_cut(recorded: Path, tmp_path: Pat
     assert read[0] < read[-1] == len(ours)
 
 
-def test_a_cut_loses_at_most_a_chunk(recorded: Path, tmp_path: Path) -> None:
-    """Cut in the middle, what stands in the whole chunks before the cut is there: less than a chunk of records is lost."""
+def test_truncation_loses_at_most_one_chunk(recorded: Path, tmp_path: Path) -> None:
+    """All complete chunks before the cut are read."""
     with recorded.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
@@ -151,22 +153,22 @@ def test_a_cut_loses_at_most_a_chunk(recorded: Path, tmp_path: Path) -> None:
     assert survivors[-1].time.ns == summary.chunk_indexes[1].message_end_time
 
 
-def test_recovered_it_opens_everywhere(recorded: Path, tmp_path: Path) -> None:
+def test_a_recovered_recording_opens_everywhere(recorded: Path, tmp_path: Path) -> None:
     """`recover` makes a file with an index of a cut one, SimSpec and versions included, and says what it saved."""
-    cut_file, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
+    cut_file, recovered = tmp_path / "cut.mcap", tmp_path / "recovered.mcap"
     cut_file.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
-    saved = recover(cut_file, mended)
+    saved = recover(cut_file, recovered)
     assert saved.cut is not None
     assert (saved.attachments, saved.metadata) == (1, 2)
     assert saved.messages == len(list(read_records(cut_file))) > 0
-    assert list(read_records(mended)) == list(read_records(cut_file))
-    assert read_simspec(mended) == made_run.simspec()
-    assert len(decoded(mended)) == saved.messages
-    assert recover(mended, tmp_path / "again.mcap").cut is None
+    assert list(read_records(recovered)) == list(read_records(cut_file))
+    assert read_simspec(recovered) == made_run.simspec()
+    assert len(decoded(recovered)) == saved.messages
+    assert recover(recovered, tmp_path / "again.mcap").cut is None
 
 
-def test_recover_does_not_eat_its_source(recorded: Path, tmp_path: Path) -> None:
-    """Recovering a file onto itself, or something that is no recording, is refused and writes nothing."""
+def test_recover_refuses_to_overwrite_its_source(recorded: Path, tmp_path: Path) -> None:
+    """Recovering a file onto itself, or a file that is not a recording, is refused and writes nothing."""
     before = recorded.read_bytes()
     with pytest.raises(SetupError, match="is the recording itself"):
         recover(recorded, recorded)
@@ -178,7 +180,7 @@ def test_recover_does_not_eat_its_source(recorded: Path, tmp_path: Path) -> None
     assert not (tmp_path / "new.mcap").exists()
 
 
-def test_damage_ends_the_reading(recorded: Path, tmp_path: Path) -> None:
+def test_reading_ends_at_damage(recorded: Path, tmp_path: Path) -> None:
     """Bytes changed anywhere give fewer records, never other ones, and never a traceback."""
     whole, ours, chance = recorded.read_bytes(), records(), random.Random(2)
     damaged = tmp_path / "damaged.mcap"
@@ -195,8 +197,8 @@ def test_damage_ends_the_reading(recorded: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [b"", b"\x89MCAP", b"name: demo\n" * 20])
-def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, text: bytes) -> None:
-    """A file that is no MCAP file gets a sentence with the file and the mend."""
+def test_a_file_of_another_format_is_refused(tmp_path: Path, text: bytes) -> None:
+    """The message for a file that is not MCAP names the file and the remedy."""
     path = tmp_path / "thing.mcap"
     path.write_bytes(text)
     for read in (lambda: list(read_records(path)), lambda: read_simspec(path)):
@@ -204,7 +206,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, text: bytes) ->
             read()
 
 
-def test_a_missing_file_and_a_missing_simspec_are_said(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_missing_simspec_are_reported(tmp_path: Path) -> None:
     """No file, a folder, and a foreign MCAP file without a SimSpec each get a sentence."""
     with pytest.raises(SetupError, match="No such file"):
         read_simspec(tmp_path / "none.mcap")
@@ -215,15 +217,15 @@ def test_a_missing_file_and_a_missing_simspec_are_said(tmp_path: Path) -> None:
         read_simspec(path)
 
 
-def test_foreign_recordings_are_refused_where_they_break_the_promise(tmp_path: Path) -> None:
-    """Messages out of order and compression that we do not read are named, with a mend."""
+def test_foreign_recordings_are_refused_when_unordered_or_unreadable(tmp_path: Path) -> None:
+    """The message names the messages out of order or the unknown compression, with the remedy."""
     with pytest.raises(SetupError, match="at 3 ns follows one at 7 ns"):
         list(read_records(foreign(tmp_path / "order.mcap", times=(7, 3))))
     with pytest.raises(SetupError, match="lz4"):
         list(read_records(foreign(tmp_path / "lz4.mcap", times=(1,), compression=CompressionType.LZ4)))
 
 
-def test_a_chunk_that_would_swell_is_not_unpacked(tmp_path: Path) -> None:
+def test_a_decompression_bomb_is_not_unpacked(tmp_path: Path) -> None:
     """A frame that states more bytes than its chunk does is damage, found before anything is allocated."""
     bomb = zstandard.compress(b"\0" * 9 * 5_000_000)
     chunk = RecordBuilder()
@@ -231,30 +233,30 @@ def test_a_chunk_that_would_swell_is_not_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
     assert list(read_records(path)) == []
-    assert "damaged" in str(recover(path, tmp_path / "mended.mcap").cut)
+    assert "damaged" in str(recover(path, tmp_path / "recovered.mcap").cut)
 
 
 @pytest.mark.parametrize("length", [2**64 - 1, 2**62, 1000])
-def test_a_length_beyond_the_file_is_its_end(tmp_path: Path, length: int) -> None:
+def test_a_length_beyond_the_file_ends_the_reading(tmp_path: Path, length: int) -> None:
     """An unfinished record, whose length some writers leave at all ones, ends the reading and allocates nothing."""
     path = tmp_path / "open.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, length) + b"rest")
     assert list(read_records(path)) == []
-    assert recover(path, tmp_path / "mended.mcap").cut == "ends within the record at byte 8"
+    assert recover(path, tmp_path / "recovered.mcap").cut == "ends within the record at byte 8"
 
 
 def test_a_record_that_overruns_its_chunk_is_damage(tmp_path: Path) -> None:
-    """A message cut short inside a chunk is not handed out as a whole one, though no checksum tells."""
+    """A message that is cut short inside a chunk is not returned as a complete one, even without a checksum."""
     inside = struct.pack("<BQHIQQ", 5, 500, 1, 1, 0, 0) + b"short"
     chunk = RecordBuilder()
     Chunk("", inside, 0, 0, 0, len(inside)).write(chunk)
     path = tmp_path / "overrun.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
-    assert "damaged" in str(recover(path, tmp_path / "mended.mcap").cut)
+    assert "damaged" in str(recover(path, tmp_path / "recovered.mcap").cut)
 
 
-def test_a_damaged_simspec_is_not_believed(recorded: Path, tmp_path: Path) -> None:
-    """One changed letter in the attachment is found by its checksum: no SimSpec rather than another one."""
+def test_a_damaged_simspec_is_rejected(recorded: Path, tmp_path: Path) -> None:
+    """The checksum finds one changed letter in the attachment: no SimSpec rather than a wrong one."""
     path = tmp_path / "damaged.mcap"
     path.write_bytes(recorded.read_bytes().replace(b'"east_m": 120.0', b'"east_m": 220.0', 1))
     assert path.read_bytes() != recorded.read_bytes()
