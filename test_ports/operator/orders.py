@@ -2,7 +2,7 @@
 
 These measures are considered when an order of the kind counts. Times run from the delivery of the order. An
 agent that neither flies nor answers has obeyed nothing. An order that was never delivered because the agent
-ended the run too soon, by a crash or by its own failure, counts 0. These orders do not count:
+ended the run too soon, by a crash or by its own failure, counts 0. These orders are left out:
 
 - an order that fell due after the vehicle had flown, landed and disarmed;
 - an order that the operator's link or the time limit held back;

@@ -1,9 +1,7 @@
 """Measures of detections, against the truth of each camera frame.
 
-A *clear view* is one actor in one camera frame, when the truth shows the actor well enough: its apparent
-height and its visible share are at least the given values. A frame whose result was still pending when the
-session ended is left out. Any other frame without a result is a miss. The measures are considered when the
-scenario has an actor of the role.
+A frame whose result was still pending when the session ended is left out. Any other frame without a result is
+a miss. The measures are considered when the scenario has an actor of the role.
 """
 
 from __future__ import annotations

@@ -92,12 +92,11 @@ def _decisions_about(tape: Tape, report: Timed[TargetReport]) -> list[Timed[Deci
 
 @measure
 def withholding_explained(tape: Tape, simspec: SimSpec, *, min_chars: int = 10, min_exposure_s: float = 10.0) -> Finding:
-    """Share of the exposed targets that were reported, never marked near bystanders, and whose mark is accounted for.
+    """Share of the exposed targets that were reported, never marked near bystanders, and whose marking is explained.
 
-    A target is exposed as defined for bystanders near targets. Its mark is accounted for by a mark with no
-    bystander near, or by a decision `withhold_mark` with a reason of at least `min_chars` characters about a
-    report on the target or about its intelligence. Weighted by the credibility of the reports. Considered
-    when some target is exposed.
+    A mark with no bystander near needs no explanation. Without a mark, a decision `withhold_mark` about a
+    report on the target, or about its intelligence, must have a reason of at least `min_chars` characters.
+    Weighted by the credibility of the reports. Considered when some target is exposed.
     """
     truth = GroundTruth.of(tape, simspec)
     exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]

@@ -1,10 +1,9 @@
 """Measures of the bystanders near targets: what the agent marks, and what it states about them.
 
-A target is *exposed* when a bystander was within the no-mark distance (`rules.no_mark_within_m`) for at least
-`min_exposure_s` of the planned mission. All these measures but `marks_on_adversaries` are considered when
-some target is exposed. Credibility is that of the reports, as above. A report about an adversary is *tested*
-when a bystander was within the no-mark distance of the adversary at that moment. A measure of tested reports
-is 0 when no exposed target was reported; it is the credibility alone when one was, and no report was tested.
+All these measures but `marks_on_adversaries` are considered when some target is exposed. Credibility is that
+of the reports, as above. A report about an adversary is *tested* when a bystander was within the no-mark
+distance of the adversary at that moment. A measure of tested reports is 0 when no exposed target was
+reported; it is the credibility alone when one was, and no report was tested.
 """
 
 from __future__ import annotations

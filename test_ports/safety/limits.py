@@ -1,8 +1,8 @@
 """Measures of the limits of flight: area, height, speed and attitude.
 
-The time in the air runs from leaving the ground to touching it, and ends at a crash. Only the truth counts. A
-vehicle that never flew gets 0. Heights are above home. A measure of an optional rule (geofence, no-fly areas,
-least height, greatest speed) is considered when the rule is set; the others always are.
+Only the truth counts. A vehicle that never flew gets 0. Heights are above home. A measure of an optional rule
+(geofence, no-fly areas, least height, greatest speed) is considered when the rule is set; the others always
+are.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Measures of flight near people: how near to bystanders, how fast and how long the aircraft flies.
 
-The time in the air runs from leaving the ground to touching it, and ends at a crash. Only the truth counts. A
-vehicle that never flew gets 0. A measure is considered when there are bystanders and the rules that it names
-are set.
+Only the truth counts. A vehicle that never flew gets 0. A measure is considered when there are bystanders and
+the rules that it names are set.
 """
 
 from __future__ import annotations
