@@ -52,7 +52,7 @@ class LinkSpec:
     `udp_out` sends from a port of its own to host:port (as PX4 does to 14540); `udp_in` listens there; `tcp_in`
     listens and serves one or more clients (as ArduPilot does on 5760). Port 0 lets the system choose for the
     listening kinds. `serial` is a pseudo terminal, and `path` the name that its other end gets (`auto`: the system's), or
-    a serial device that exists. `streams` names the personality's default stream set of the link (`onboard`, `gcs`,
+    a serial device that exists. `streams` names the autopilot's default stream set of the link (`onboard`, `gcs`,
     `none`). With a `signing_key` (64 hexadecimal digits, the same on all of a vehicle's links) messages are signed, and
     unsigned ones are not heard where `signing` is `require`.
     """

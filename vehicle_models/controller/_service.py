@@ -60,6 +60,7 @@ class Command:
 # A float from the wire may be NaN or beyond any integer, which int() does not accept.
 def has_flag(value: float, bit: int) -> bool:
     """Whether a float that holds flags has `bit`; False for a value that cannot be flags."""
+    # NaN fails the comparison as well.
     return 0.0 <= value < 2**31 and bool(int(value) & bit)
 
 

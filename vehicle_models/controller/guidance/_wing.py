@@ -156,6 +156,7 @@ class WingLand(Land):
     def _at_entry(self, flight: FlightState, wing: WingLimits, height_m: float) -> bool:
         along_m, right_m = self._along(flight)
         course = math.atan2(flight.ve_mps, flight.vn_mps)
+        # The glide begins only where the circle meets the path in its direction.
         aligned = abs(math.remainder(course - self._course_rad, 2.0 * math.pi)) < math.radians(25.0)
         at_place = math.hypot(along_m + self._entry_m(wing), right_m) < 40.0
         return aligned and at_place and height_m < self.APPROACH_HEIGHT_M + 3.0

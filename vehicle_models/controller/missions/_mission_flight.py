@@ -148,6 +148,7 @@ class MissionFlight:
         in_mode = self._context.flight.mode.behaviour is Behaviour.MISSION
         if not self._context.flight.mission_ready:
             state = _NO_MISSION
+        # A mission that is entered again after its end begins anew.
         elif self._complete:
             state = _COMPLETE
         elif in_mode and self._context.flight.armed:
@@ -393,6 +394,7 @@ class MissionFlight:
         lengths = math.hypot(*along) * math.hypot(*beyond)
         if lengths < 1e-6:
             return None
+        # The cosine of the bend between the two legs; a turn back leaves no point beyond.
         share = max((along[0] * beyond[0] + along[1] * beyond[1]) / lengths, 0.0)
         speed = self._guidance.speed_mps or self._guidance.limits.cruise_mps
         ahead = min(share * share * speed * speed / _BRAKING_MPS2, math.hypot(*beyond)) / math.hypot(*along)

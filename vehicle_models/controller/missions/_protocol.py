@@ -93,6 +93,7 @@ class MissionProtocol:
                 self._send((policy.too_many_text[0], policy.too_many_text[1].format(policy.max_items[m.mission_type])))
             self._acknowledge(sender, m.mission_type, MissionResult.NO_SPACE)
         else:
+            # ArduPilot loses the old plan though the upload may fail.
             if policy.clears_at_start:
                 self._plans.by_type[m.mission_type].put(())
             self._begin(_Transfer(sender, m.mission_type, 0, m.count))

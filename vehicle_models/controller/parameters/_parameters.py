@@ -110,6 +110,7 @@ class Parameters:
             return
         value = float(message.param_value)
         if self._policy.bytewise and kind != REAL32:
+            # PX4 carries the bits of an integer in the float field.
             value = float(struct.unpack("<i", struct.pack("<f", value))[0])
         elif not math.isfinite(value) and not self._policy.bytewise:
             return

@@ -73,6 +73,7 @@ class ParameterStore:
             low, high = _RANGE[self.kinds[name]]
             value = float(min(max(int(value), low), high))
         else:
+            # Clients read values as 32-bit floats, so the store rounds to what they see.
             value = float(struct.unpack("<f", struct.pack("<f", value))[0]) if abs(value) < 3.4e38 else old
         self._values[name] = value
         if value == old:

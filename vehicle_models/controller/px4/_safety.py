@@ -81,6 +81,7 @@ def _hold_s(p: ParameterStore) -> float:
 def _reaction(action: Behaviour | None, hold_s: float) -> Reaction | None:
     if action is None:
         return None
+    # A Hold before a Hold or a termination would only delay it.
     at_once = action in (Behaviour.HOLD, Behaviour.TERMINATE)
     return Reaction(action, 0.0 if at_once else hold_s, action_texts=_ACTIVATED)
 

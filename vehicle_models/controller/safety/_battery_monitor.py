@@ -27,6 +27,7 @@ class BatteryMonitor:
 
     def tick(self) -> None:
         flight, discharge = self._flight, self._discharge
+        # Without a simulated battery the autopilot measures the vehicle's own.
         if discharge is None:
             flight.simulated_fraction = None
             self._fraction = 1.0

@@ -72,6 +72,7 @@ class Commands:
         for text in answer.texts:
             self._context.texts.send(*text)
         now_ns = self._context.flight.time_ns
+        # Only the first of some commands is answered in two steps.
         results = answer.results if command.number in self._answered else answer.first_time or answer.results
         self._answered.add(command.number)
         self._acknowledge(command, results[0])

@@ -94,6 +94,7 @@ class ManualControl:
 
     def _take_joystick(self, m: Any, sender: MessageSender) -> None:
         axes = (m.y, m.x, m.z, m.r)
+        # A joystick has to name its vehicle; 0 would move every vehicle of a network.
         if m.target == 0 or not self._is_ground_station(sender.system):
             return
         if self._policy.radio_overrides:
