@@ -101,10 +101,10 @@ class PinholeCamera:
         )
 
     def mount_quaternion(self, pan_rad: float = 0.0, tilt_rad: float | None = None) -> tuple[float, float, float, float]:
-        """x, y, z, w of the optical frame in base_link (x forward, y left, z up), for /tf_static; of a gimbal, for /tf.
+        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static; of a gimbal, for /tf.
 
-        Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. Of a stabilized
-        camera it speaks of a level base_link: whoever uses it has to take the vehicle's roll and pitch out first.
+        Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. The parent is
+        base_level for a stabilized camera, which roll and pitch do not move, and base_link otherwise.
         """
         tilt_rad = self.tilt_rad if tilt_rad is None else tilt_rad
         s, c = math.sin(tilt_rad / 2.0) / 2.0, math.cos(tilt_rad / 2.0) / 2.0
