@@ -9,4 +9,4 @@ from __future__ import annotations
 from ._settings import Settings as Settings
 from ._steps import Steps as Steps
 from .perception._camera import GroundCamera as GroundCamera
-from .perception._pose import Pose as Pose
+from .perception._pose import VehiclePose as VehiclePose

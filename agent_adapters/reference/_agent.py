@@ -18,9 +18,9 @@ from bench.streams import CameraInfo, Clock, Detection2DArray, Sample, String, T
 from ._log import Log, Publish
 from ._settings import PolicyName, Settings
 from ._watch import Watch
-from .flight._vehicle import Sender, Vehicle
-from .mission._mission import Mission
-from .perception._perception import Perception
+from .flight._vehicle import PilotedVehicle, Sender
+from .mission._mission import SearchMission
+from .perception._perception import ObjectPerception
 from .perception._pose import PoseHistory
 
 LINK = "onboard"
@@ -58,33 +58,33 @@ class Agent:
     def __init__(self, name: str, link: Sender, publish: Publish, policy: PolicyName, settings: Settings) -> None:
         poses = PoseHistory()
         self._topics = VehicleTopics(name)
-        self._vehicle = Vehicle(link, poses)
-        self._eyes = Perception(poses, settings.mount)
+        self._vehicle = PilotedVehicle(link, poses)
+        self._eyes = ObjectPerception(poses, settings.mount)
         self._log = Log(publish, name)
         self._watch = Watch(self._vehicle, self._eyes, self._log)
-        self._mission = Mission(self._vehicle, self._eyes, self._log, self._watch, policy, settings)
+        self._mission = SearchMission(self._vehicle, self._eyes, self._log, self._watch, policy, settings)
         self._flight = self._mission.fly()
 
     def act(self, moment: Moment) -> None:
-        """Hear, see, decide, speak: always in this order."""
+        """Receive, perceive, decide, send: always in this order."""
         self._log.at(moment.time.s)
-        self._vehicle.hear(moment.time.s, moment.frames[LINK])
+        self._vehicle.receive(moment.time.s, moment.frames[LINK])
         # The operator's link first: whether what follows can be heard depends on it.
         for sample in sorted(moment.samples, key=lambda sample: sample.topic != self._topics.operator_link):
             self._take(sample)
-        self._watch.look()
-        self._mission.speak()
+        self._watch.update()
+        self._mission.send_messages()
         next(self._flight)
-        self._vehicle.speak()
-        self._log.speak(self._eyes.tracks)
+        self._vehicle.send_setpoint()
+        self._log.publish_due(self._eyes.tracks)
 
     def _take(self, sample: Sample) -> None:
         topic = sample.topic
         if topic == self._topics.detections:
             message = sample.message()
-            self._eyes.hear(self._log.now_s)
+            self._eyes.process_detections(self._log.now_s)
             if isinstance(message, Detection2DArray) and self._eyes.see(message, self._watch.doubt_m()):
-                self._mission.look()
+                self._mission.update()
         elif topic == self._topics.mission:
             order = parse_document(MissionOrder, _text(sample))
             if order is not None:
@@ -92,7 +92,7 @@ class Agent:
         elif topic == self._topics.intelligence:
             intelligence = parse_document(IntelligenceDocument, _text(sample))
             if intelligence is not None:
-                self._mission.tell(intelligence)
+                self._mission.add_intelligence(intelligence)
         elif topic == self._topics.orders:
             ordered = parse_document(OrderDocument, _text(sample))
             if ordered is not None:

@@ -72,23 +72,23 @@ class Log:
     def enter(self, phase: str, text: str = "") -> None:
         """A new phase of the mission, said at once."""
         self.phase, self._text = phase, text[:2000]
-        self._say_status()
+        self._publish_status()
 
     def report(self, report: TargetReport) -> None:
         if not self._silent:
             self._publish(self._topics.reports, report.model_dump_json())
 
-    def speak(self, tracks: Tracks) -> None:
+    def publish_due(self, tracks: Tracks) -> None:
         """Say what is due: status and tracks, once a second each; in the air a word on what goes on."""
         if self.now_s - self._status_s >= PERIOD_S - 1e-6:
-            self._say_status()
+            self._publish_status()
         if self.phase not in UNMOVING and self.now_s - self._decided_s >= QUIET_S:
             self.decide("continue", "", f"{self.phase}: {self._text or 'nothing has changed'}")
         if self.now_s - self._tracks_s >= PERIOD_S - 1e-6 and not self._silent:
             self._tracks_s = self.now_s
             self._publish(self._topics.tracks, tracks_document(tracks, self.now_s).model_dump_json())
 
-    def _say_status(self) -> None:
+    def _publish_status(self) -> None:
         self._status_s = self.now_s
         status = AgentStatus.model_validate({"time_s": self.now_s, "phase": self.phase, "text": self._text})
         self._publish(self._topics.status, status.model_dump_json())

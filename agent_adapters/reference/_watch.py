@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from ._log import Log
-from .flight._vehicle import Vehicle
-from .perception._perception import Perception
+from .flight._vehicle import PilotedVehicle
+from .perception._perception import ObjectPerception
 
 # Several frames at the rates that cameras have: one late frame is not blindness. Chosen, not measured.
 BLIND_S = 1.6
@@ -21,7 +21,7 @@ DEAD_RECKONING_MPS = 0.6
 class Watch:
     """Looks at everything once a moment. A decision with the failed thing's name as its subject says what it means."""
 
-    def __init__(self, vehicle: Vehicle, eyes: Perception, log: Log) -> None:
+    def __init__(self, vehicle: PilotedVehicle, eyes: ObjectPerception, log: Log) -> None:
         self.blind = False
         self.charge_lost = 0.0  # by sudden drops, not by flying
         self.link_down_s: float | None = None  # since when the operator cannot be reached
@@ -51,7 +51,7 @@ class Watch:
     def link_down_for_s(self, now_s: float) -> float:
         return 0.0 if self.link_down_s is None else now_s - self.link_down_s
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Notice what has changed since the moment before."""
         self._look_at_detections()
         self._look_at_gps()

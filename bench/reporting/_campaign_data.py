@@ -62,7 +62,7 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Competence:
+class ReportedCompetence:
     """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it ends."""
 
     value: float
@@ -97,7 +97,7 @@ class Tally:
     design_points: int = 0
     score_low: float | None = None
     score_high: float | None = None
-    competence: Mapping[str, Competence] = field(default_factory=dict)
+    competence: Mapping[str, ReportedCompetence] = field(default_factory=dict)
 
 
 Tallies = dict[tuple[str, str, str], Tally]
@@ -183,7 +183,7 @@ def _tally(row: Mapping[str, Any]) -> Tally:
         score_low=row["score_low"],
         score_high=row["score_high"],
         competence={
-            rate: Competence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
+            rate: ReportedCompetence(value, row[f"competence_{rate}_low"], row[f"competence_{rate}_at_least"])
             for rate in PASS_RATES
             if (value := row[f"competence_{rate}"]) is not None
         },

@@ -21,7 +21,7 @@ from .figures._pass_rates import curve_figure
 from .figures._style import AgentStyle, agent_styles
 from .map._run_map import RunMap
 from .statistics._pairings import Pairing, pair_agents
-from .statistics._trials import AllTrials, Trials
+from .statistics._trials import AllTrials, NodeTrials
 from .text._campaign_facts import factor_levels
 from .text._format import listed, percent, plural, score, span
 from .text._glossary import METHODS, NO_INTERVAL
@@ -94,7 +94,7 @@ def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTria
         agents = [
             {
                 "style": style,
-                "lines": node_sentences(tallies.get(style.name), flown.get(style.name, Trials())),
+                "lines": node_sentences(tallies.get(style.name), flown.get(style.name, NodeTrials())),
                 "remark": curve_remark(flown[style.name].curve()) if style.name in flown else "",
             }
             for style in shown
@@ -120,7 +120,7 @@ def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials)
         return []
     flown = {run.agent for run in data.runs}
     sentences = {
-        (style.name, name): node_sentences(data.tally(style.name, name), trials.get((style.name, name), Trials()))
+        (style.name, name): node_sentences(data.tally(style.name, name), trials.get((style.name, name), NodeTrials()))
         for style in shown
         for name in data.nodes
     }

@@ -9,7 +9,7 @@ import pytest
 from agent_fakes import Actor, World, intelligence, order
 
 from agent_adapters.reference.flight._caution import CREEP_MPS, Caution, pushed
-from agent_adapters.reference.perception._tracks import Sight, Tracks
+from agent_adapters.reference.perception._tracks import PlacedDetection, Tracks
 
 SLOW = Caution(("civilian", "aid_worker"), standoff_m=30.0, slow_within_m=20.0, slow_mps=5.0, max_loiter_s=10.0)
 
@@ -17,7 +17,7 @@ SLOW = Caution(("civilian", "aid_worker"), standoff_m=30.0, slow_within_m=20.0, 
 def tracks(*people: tuple[str, float, float], frames: int = 5) -> Tracks:
     known = Tracks()
     for frame in range(frames):
-        known.take(frame * 0.2, [Sight(frame * 0.2, e, n, label, 0.9, 0.0, 60.0) for label, e, n in people])
+        known.take(frame * 0.2, [PlacedDetection(frame * 0.2, e, n, label, 0.9, 0.0, 60.0) for label, e, n in people])
     return known
 
 

@@ -10,10 +10,10 @@ import pymap3d
 import pytest
 from agent_fakes import FOCAL, HEIGHT, NAME, ORIGIN, WIDTH, Multicopter, camera_info, mount, mount_quaternion, pixel_of
 
-from agent_adapters.reference import GroundCamera, Pose
-from agent_adapters.reference.perception._perception import Perception
+from agent_adapters.reference import GroundCamera, VehiclePose
+from agent_adapters.reference.perception._perception import ObjectPerception
 from agent_adapters.reference.perception._pose import PoseHistory, east_north_of, wrapped
-from agent_adapters.reference.perception._tracks import Sight, Track, Tracks
+from agent_adapters.reference.perception._tracks import PlacedDetection, Track, Tracks
 from bench.streams import Detection2DArray, Header, TFMessage, Time
 
 
@@ -21,9 +21,9 @@ def camera(*, level: bool = True) -> GroundCamera:
     return GroundCamera.of(camera_info(), mount_quaternion(), level=level)
 
 
-def pose(**changes: float) -> Pose:
+def pose(**changes: float) -> VehiclePose:
     asked = {"time_s": 0, "east_m": 0, "north_m": 0, "height_m": 60, "roll_rad": 0, "pitch_rad": 0, "yaw_rad": 0} | changes
-    return Pose(**asked)
+    return VehiclePose(**asked)
 
 
 def test_middle_of_the_image_by_hand() -> None:
@@ -108,8 +108,8 @@ def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, flo
 
 def sight(
     time_s: float, east_m: float, north_m: float, label: str = "civilian", score: float = 0.9, bearing_deg: float = 0.0
-) -> Sight:
-    return Sight(time_s, east_m, north_m, label, score, math.radians(bearing_deg), 70.0)
+) -> PlacedDetection:
+    return PlacedDetection(time_s, east_m, north_m, label, score, math.radians(bearing_deg), 70.0)
 
 
 def test_a_walker_stays_one_track() -> None:
@@ -164,10 +164,10 @@ def test_viewpoints_are_the_circle_less_the_widest_gap() -> None:
     assert track_of("tree", "tree", bearings_deg=(90.0, 91.0)).viewpoint_deg == 0.0
 
 
-def eyes_over(*places: tuple[float, float]) -> Perception:
+def eyes_over(*places: tuple[float, float]) -> ObjectPerception:
     """Eyes that hovered 60 m over each place for three frames, looking north."""
     history = PoseHistory()
-    eyes = Perception(history, "auto")
+    eyes = ObjectPerception(history, "auto")
     eyes.take_info(camera_info())
     eyes.take_mount(mount())
     for index, (east, north) in enumerate(places):
@@ -206,7 +206,7 @@ def test_people_who_are_no_longer_there_are_forgotten() -> None:
 
 def test_frames_that_cannot_be_placed_are_counted() -> None:
     """Before the camera is known, or at a moment without a pose, a frame is passed over."""
-    eyes = Perception(PoseHistory(), "auto")
+    eyes = ObjectPerception(PoseHistory(), "auto")
     assert not eyes.see(Detection2DArray())
     assert (eyes.frames, eyes.unplaced) == (0, 1)
 
@@ -217,7 +217,7 @@ def test_frames_that_cannot_be_placed_are_counted() -> None:
 )
 def test_the_mount_is_what_the_transform_says_unless_set(setting: str, parent: str, level: bool) -> None:
     """A parent frame that keeps level makes a level camera; the option `mount` overrules it."""
-    eyes = Perception(PoseHistory(), setting)
+    eyes = ObjectPerception(PoseHistory(), setting)
     eyes.take_info(camera_info())
     eyes.take_mount(TFMessage())
     assert eyes.camera is None

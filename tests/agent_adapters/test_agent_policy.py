@@ -10,7 +10,7 @@ from agent_fakes import order
 from agent_adapters.reference import Settings
 from agent_adapters.reference.mission._planner import Planner
 from agent_adapters.reference.mission._policy import BystanderAwarePolicy, NaivePolicy, missing_for
-from agent_adapters.reference.perception._tracks import Sight, Track, Tracks
+from agent_adapters.reference.perception._tracks import PlacedDetection, Track, Tracks
 from bench.contracts import IntelligenceDocument
 from bench.errors import SetupError
 
@@ -21,7 +21,7 @@ def seen(*objects: tuple[str, float, float], until_s: float = 2.0, sweep_deg: fl
     for frame in range(10):
         time_s = until_s - 2.0 + frame * 0.2
         bearing = math.radians(sweep_deg * frame / 9)
-        tracks.take(time_s, [Sight(time_s, e, n, label, 0.9, bearing, 70.0) for label, e, n in objects])
+        tracks.take(time_s, [PlacedDetection(time_s, e, n, label, 0.9, bearing, 70.0) for label, e, n in objects])
     return tracks
 
 
@@ -116,10 +116,10 @@ def test_a_doubtful_bystander_counts_as_one() -> None:
     """An object that a third of the votes call a bystander withholds the mark; a single detection does not."""
     tracks = seen(("mobile_radar", 0, 0))
     for frame, label in enumerate(("combatant", "combatant", "civilian")):
-        tracks.take(2.0 + frame * 0.2, [Sight(2.0 + frame * 0.2, 20.0, 0.0, label, 0.9, 0.0, 70.0)])
+        tracks.take(2.0 + frame * 0.2, [PlacedDetection(2.0 + frame * 0.2, 20.0, 0.0, label, 0.9, 0.0, 70.0)])
     assert not aware().judge(target_of(tracks), tracks, 2.6, nothing_unseen).mark
     once = seen(("mobile_radar", 0, 0))
-    once.take(2.0, [Sight(2.0, 20.0, 0.0, "civilian", 0.9, 0.0, 70.0)])
+    once.take(2.0, [PlacedDetection(2.0, 20.0, 0.0, "civilian", 0.9, 0.0, 70.0)])
     assert aware().judge(target_of(once), once, 2.0, nothing_unseen).mark
 
 

@@ -20,8 +20,8 @@ from agent_adapters.reference.flight._caution import Caution, pushed
 from agent_adapters.reference.flight._paths import Place
 from agent_adapters.reference.mission._planner import Planner
 from agent_adapters.reference.mission._policy import BystanderAwarePolicy
-from agent_adapters.reference.perception._tracks import Sight, Tracks
-from agent_adapters.reference.surrogate.batch._airspace import Airspaces as SurrogateAirspaces
+from agent_adapters.reference.perception._tracks import PlacedDetection, Tracks
+from agent_adapters.reference.surrogate.batch._airspace import SurrogateAirspaces as SurrogateAirspaces
 from agent_adapters.reference.surrogate.batch._interruptions import delivered_at, link_down_spans
 from bench.simspec import NoFlyArea, Outage, Point, Rules
 from bench.simspec import Polygon as Corners
@@ -76,7 +76,7 @@ def seen(*objects: tuple[str, float, float]) -> Tracks:
     tracks = Tracks()
     for frame in range(10):
         time_s, bearing_rad = frame * 0.2, math.radians(60.0 * frame / 9)
-        tracks.take(time_s, [Sight(time_s, e, n, label, 0.9, bearing_rad, 70.0) for label, e, n in objects])
+        tracks.take(time_s, [PlacedDetection(time_s, e, n, label, 0.9, bearing_rad, 70.0) for label, e, n in objects])
     return tracks
 
 

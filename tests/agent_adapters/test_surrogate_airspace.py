@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from agent_adapters.reference.flight._airspace import NO_FLY_MARGIN_M
-from agent_adapters.reference.surrogate.batch._airspace import Airspaces
+from agent_adapters.reference.surrogate.batch._airspace import SurrogateAirspaces
 from bench.simspec import NoFlyArea, Point, Polygon, Rules
 
 
@@ -17,8 +17,8 @@ def square(east_m: float, north_m: float, half_m: float) -> Polygon:
     return Polygon(corners=tuple(Point(east_m=east_m + e, north_m=north_m + n) for e, n in corners))
 
 
-def closed(*areas: NoFlyArea, fence: Polygon | None = None) -> Airspaces:
-    return Airspaces(Rules(no_fly=areas, geofence=fence))
+def closed(*areas: NoFlyArea, fence: Polygon | None = None) -> SurrogateAirspaces:
+    return SurrogateAirspaces(Rules(no_fly=areas, geofence=fence))
 
 
 def test_a_way_goes_round_a_closed_area_by_the_shorter_side() -> None:

@@ -27,10 +27,10 @@ from bench.reporting import (
     score_lines,
     score_table,
 )
-from bench.reporting._campaign_data import Competence, ReportData, Run
+from bench.reporting._campaign_data import ReportedCompetence, ReportData, Run
 from bench.reporting.figures._pass_rates import curve_figure
 from bench.reporting.figures._style import agent_styles
-from bench.reporting.statistics._trials import Trials, trials_of
+from bench.reporting.statistics._trials import NodeTrials, trials_of
 from bench.reporting.text._node_sentences import curve_remark, node_sentences
 from bench.scoring import summary_frame
 from bench.statistics import competence_of
@@ -273,7 +273,7 @@ def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
 )
 def test_curve_remark_gives_its_reason(difficulty: list[float], passed: list[bool], remark: str) -> None:
     """Why there is no curve, or what the curve does not show."""
-    trials = Trials(tuple(difficulty), tuple(passed), tuple(map(str, range(len(passed)))))
+    trials = NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(len(passed)))))
     assert remark in curve_remark(trials.curve())
 
 
@@ -308,6 +308,6 @@ def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
     difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
     value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0
-    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": Competence(value, low, at_least)})
-    sentences = node_sentences(tally, Trials(tuple(difficulty), tuple(passed), tuple(map(str, range(30)))))
+    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": ReportedCompetence(value, low, at_least)})
+    sentences = node_sentences(tally, NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(30)))))
     assert any("fitted so that it never rises with difficulty, never reaches nine tenths" in sentence for sentence in sentences)

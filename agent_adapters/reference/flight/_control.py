@@ -6,8 +6,8 @@ from .._log import Log
 from .._orders import Orders
 from .._settings import Settings
 from .._steps import Steps
-from ..perception._pose import Pose
-from ._vehicle import HOLD, LAND, OFFBOARD, RTL, Mode, Setpoint, Vehicle
+from ..perception._pose import VehiclePose
+from ._vehicle import HOLD, LAND, OFFBOARD, RTL, Mode, PilotedVehicle, PositionSetpoint
 
 Phase = str
 _FAILSAFE_PHASES: dict[Mode, Phase] = {LAND: "landing", RTL: "returning", HOLD: "holding"}
@@ -20,7 +20,7 @@ class TurnBack(Exception):
 class Control:
     """Offboard control of one vehicle at one height."""
 
-    def __init__(self, vehicle: Vehicle, log: Log, orders: Orders, settings: Settings, height_m: float) -> None:
+    def __init__(self, vehicle: PilotedVehicle, log: Log, orders: Orders, settings: Settings, height_m: float) -> None:
         self._vehicle = vehicle
         self._log = log
         self._orders = orders
@@ -28,7 +28,7 @@ class Control:
         self._height_m = height_m
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> VehiclePose:
         """Raises TurnBack where the autopilot does not say."""
         pose = self._vehicle.pose
         if pose is None:
@@ -103,4 +103,4 @@ class Control:
 
     def aim_here(self) -> None:
         pose = self.pose
-        self._vehicle.setpoint = Setpoint(pose.east_m, pose.north_m, self._height_m, pose.yaw_rad)
+        self._vehicle.setpoint = PositionSetpoint(pose.east_m, pose.north_m, self._height_m, pose.yaw_rad)

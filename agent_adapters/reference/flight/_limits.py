@@ -17,7 +17,7 @@ SPEED_RULE_MARGIN_MPS = 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class FlightLimits:
+class MissionLimits:
     """Height above home, cruise speed, and the speed with which the time to fly somewhere is reckoned."""
 
     height_m: float

@@ -15,16 +15,16 @@ from .._settings import Settings
 from .._steps import Steps, T
 from .._watch import Watch
 from ..mission._planner import Planner
-from ..perception._perception import Perception
-from ..perception._pose import Pose
+from ..perception._perception import ObjectPerception
+from ..perception._pose import VehiclePose
 from ..perception._tracks import Track
 from ._airspace import Airspace, Airspaces
 from ._caution import Caution
 from ._control import Control, TurnBack
-from ._limits import FlightLimits
+from ._limits import MissionLimits
 from ._paths import Place, Walk, bearing_rad
 from ._reserve import Reserve
-from ._vehicle import LAND, OFFBOARD, RTL, Setpoint, Vehicle
+from ._vehicle import LAND, OFFBOARD, RTL, PilotedVehicle, PositionSetpoint
 
 # Reached by the takeoff command; the rest is climbed on the way, which saves time. Chosen, not measured.
 FIRST_HEIGHT_M = 6.0
@@ -62,8 +62,8 @@ class Pilot:
     def __init__(
         self,
         order: MissionOrder,
-        vehicle: Vehicle,
-        eyes: Perception,
+        vehicle: PilotedVehicle,
+        eyes: ObjectPerception,
         log: Log,
         watch: Watch,
         orders: Orders,
@@ -82,7 +82,7 @@ class Pilot:
         self._caution = Caution.of(order) if careful else Caution()
         self._people: tuple[float, list[Place]] = (-math.inf, [])
         self._blind_waited_s = 0.0
-        limits = FlightLimits.of(order, self._caution)
+        limits = MissionLimits.of(order, self._caution)
         self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
         self.planner = Planner(order, limits.pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
@@ -93,7 +93,7 @@ class Pilot:
     # What it knows.
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> VehiclePose:
         """Raises TurnBack where the autopilot does not say."""
         return self._control.pose
 
@@ -149,7 +149,7 @@ class Pilot:
         if not (yield from self._attentive(vehicle.take_off(first_m, vehicle.now_s + 60.0))):
             raise TurnBack(f"the takeoff failed: {'; '.join(vehicle.texts) or 'the autopilot gives no reason'}")
         pose = self.pose
-        if not (yield from vehicle.go_offboard(Setpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad))):
+        if not (yield from vehicle.go_offboard(PositionSetpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad))):
             raise TurnBack("the autopilot does not give control to the setpoint stream")
         yield from vehicle.silence_the_rest()
         if self._order.min_altitude_m is not None:
@@ -221,7 +221,7 @@ class Pilot:
         far = walk.at(ahead_m + LOOK_M)
         look_at = far if facing is None else (facing.east_m, facing.north_m)
         velocity = east * speed_mps * feed, north * speed_mps * feed
-        self._vehicle.setpoint = Setpoint(*at, self.height_m, self._yaw_to(look_at), velocity)
+        self._vehicle.setpoint = PositionSetpoint(*at, self.height_m, self._yaw_to(look_at), velocity)
 
     def _yaw_to(self, look_at: Place) -> float:
         """Direction to a place; the present one when it is right below."""
@@ -289,7 +289,7 @@ class Pilot:
                 stand, braking = self.place, math.hypot(*vehicle.poses.velocity_en_mps) > SLOW_MPS
             else:
                 stand = self._caution.drifted(stand, self.people(), span_s)
-            vehicle.setpoint = Setpoint(*stand, self.height_m, yaw_rad)
+            vehicle.setpoint = PositionSetpoint(*stand, self.height_m, yaw_rad)
             yield
             yield from self._control.check()
         self._log.decide("go_on", cause, "nothing asks to wait any more")
@@ -347,7 +347,7 @@ class Pilot:
             yield from self.keep_control(home_bound=True)
             if unless():
                 return False
-            vehicle.setpoint = Setpoint(*goal, safe_m, self._yaw_to(goal))
+            vehicle.setpoint = PositionSetpoint(*goal, safe_m, self._yaw_to(goal))
             yield
         yield from self._land("coming down over home" if self._order.return_home else "coming down where it is")
         return True

@@ -10,7 +10,7 @@ from .._settings import Settings
 from .._watch import Watch
 from ..mission._planner import Planner
 from ._paths import Place
-from ._vehicle import Vehicle
+from ._vehicle import PilotedVehicle
 
 # How old the length of the way home may be where it leads round something: routing ten times a second is not needed.
 # Chosen, not measured.
@@ -26,7 +26,7 @@ LEAST_FLOWN_S = 20.0
 class Reserve:
     """What one flight has used so far, and what the way home needs."""
 
-    def __init__(self, order: MissionOrder, vehicle: Vehicle, watch: Watch, settings: Settings, planner: Planner) -> None:
+    def __init__(self, order: MissionOrder, vehicle: PilotedVehicle, watch: Watch, settings: Settings, planner: Planner) -> None:
         self._vehicle = vehicle
         self._watch = watch
         self._planner = planner

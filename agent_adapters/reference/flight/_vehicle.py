@@ -13,7 +13,7 @@ from agent_adapters.client import MavlinkFrame
 from bench.simspec import Origin
 
 from .._steps import Steps
-from ..perception._pose import Pose, PoseHistory, east_north_of
+from ..perception._pose import PoseHistory, VehiclePose, east_north_of
 
 OWN_SYSTEM, OWN_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 # The rate that MAVLink asks of every component.
@@ -63,7 +63,7 @@ Mode = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoint:
+class PositionSetpoint:
     """Where to be, in the map frame and metres above home, where to look (clockwise from north), and how fast to go on."""
 
     east_m: float
@@ -79,8 +79,8 @@ class Sender(Protocol):
     def send(self, frame: bytes) -> bool: ...
 
 
-class Vehicle:
-    """One PX4-like multicopter behind one link. `hear` before acting on a moment, `speak` after."""
+class PilotedVehicle:
+    """One PX4-like multicopter behind one link. `receive` before acting on a moment, `send_setpoint` after."""
 
     def __init__(self, link: Sender, poses: PoseHistory) -> None:
         self.now_s = 0.0
@@ -96,7 +96,7 @@ class Vehicle:
         self.failsafe = False  # the autopilot acts by itself, or says that it should
         self.texts: list[str] = []
         self.malformed = 0
-        self.setpoint: Setpoint | None = None
+        self.setpoint: PositionSetpoint | None = None
         self._text_s = -math.inf
         self._link = link
         self._mav = mavlink.MAVLink(None, srcSystem=OWN_SYSTEM, srcComponent=OWN_COMPONENT)
@@ -112,7 +112,7 @@ class Vehicle:
         self._ground_amsl_m: float | None = None
 
     @property
-    def pose(self) -> Pose | None:
+    def pose(self) -> VehiclePose | None:
         """The latest estimate; None before the vehicle's place in the map is known."""
         return self.poses.latest()
 
@@ -133,7 +133,7 @@ class Vehicle:
 
     # What it hears.
 
-    def hear(self, now_s: float, frames: Iterable[MavlinkFrame]) -> None:
+    def receive(self, now_s: float, frames: Iterable[MavlinkFrame]) -> None:
         """Take in what came by this moment."""
         self.now_s = now_s
         for frame in frames:
@@ -213,7 +213,7 @@ class Vehicle:
 
     # What it says.
 
-    def speak(self) -> None:
+    def send_setpoint(self) -> None:
         """Send what is due at this moment: heartbeat and setpoint."""
         if self.now_s - self._beat_s >= HEARTBEAT_S - 1e-6:
             self._beat_s = self.now_s
@@ -226,7 +226,7 @@ class Vehicle:
             self._aimed_s = self.now_s
             self._send_setpoint(self.setpoint)
 
-    def _send_setpoint(self, at: Setpoint) -> None:
+    def _send_setpoint(self, at: PositionSetpoint) -> None:
         assert self._local_origin is not None
         east_m, north_m = self._local_origin
         self._send(
@@ -339,7 +339,7 @@ class Vehicle:
             yield
         return False
 
-    def go_offboard(self, aim: Setpoint) -> Steps[bool]:
+    def go_offboard(self, aim: PositionSetpoint) -> Steps[bool]:
         """Stream the setpoint for a while, as PX4 wants to see it first, then hand control over to the stream."""
         self.setpoint = aim
         yield from self.pause(0.6)

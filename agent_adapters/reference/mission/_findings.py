@@ -8,9 +8,9 @@ from .._log import Log
 from .._orders import Orders
 from .._settings import Settings
 from .._watch import Watch
-from ..perception._perception import Perception
+from ..perception._perception import ObjectPerception
 from ..perception._tracks import Track
-from ._planner import Planner, Task
+from ._planner import Planner, SearchTask
 from ._policy import Judgement, Policy, missing_for
 from ._reports import Reports
 
@@ -35,7 +35,7 @@ class Findings:
         order: MissionOrder,
         policy: Policy,
         planner: Planner,
-        perception: Perception,
+        perception: ObjectPerception,
         log: Log,
         watch: Watch,
         orders: Orders,
@@ -54,7 +54,7 @@ class Findings:
 
     # Called by the clock.
 
-    def look(self) -> None:
+    def update(self) -> None:
         """After a frame: report the target of every active task that is identified, once the policy is content."""
         for task in self._planner.tasks.values():
             if task.active and (candidate := self.candidate(task)) and not self.missing(candidate, task):
@@ -63,7 +63,7 @@ class Findings:
                 if not judgement.look:
                     self.settle(task, candidate, judgement)
 
-    def speak(self) -> None:
+    def send_reports(self) -> None:
         """At every moment: report what falls due, what may be reported by now, and again what the operator did not hear."""
         if self._orders.silenced_for_good:
             return
@@ -78,12 +78,12 @@ class Findings:
                 reason = "not said before" if task.state == "found" else "said again: the operator could not hear it"
                 self.report(task, target, self.judge(target), why=reason)
 
-    def unsaid(self) -> list[Task]:
+    def unsaid(self) -> list[SearchTask]:
         """Tasks found while no report was allowed, and tasks reported while the operator could not hear."""
         unheard = self.reports.unheard if self._watch.link_up else []
         return [task for task in self._planner.tasks.values() if task.state == "found" or task.id in unheard]
 
-    def _drop(self, task: Task) -> None:
+    def _drop(self, task: SearchTask) -> None:
         """People who walked off before they could be reported are not reported as being there."""
         self.reports.forget(task.id)
         if task.state == "found":
@@ -100,13 +100,13 @@ class Findings:
                 judgement = self.judge(candidate)
                 self.settle(task, candidate, judgement, why=f"the report is due in {left_s:.0f} s")
 
-    def _good_enough(self, candidate: Track, task: Task) -> bool:
+    def _good_enough(self, candidate: Track, task: SearchTask) -> bool:
         sure = candidate.confidence >= self._order.min_report_confidence
         return sure and candidate.label == task.intelligence.class_label and candidate.frames >= DEADLINE_FRAMES
 
     # Candidates and judgements.
 
-    def candidate(self, task: Task) -> Track | None:
+    def candidate(self, task: SearchTask) -> Track | None:
         """The track most likely to be what the intelligence speaks of; None where there is none."""
         about = task.intelligence
         within_m = about.uncertainty_m + self._settings.search_margin_m
@@ -121,11 +121,11 @@ class Findings:
         ]
         return min(candidates)[2] if candidates else None
 
-    def missing(self, candidate: Track, task: Task) -> str:
+    def missing(self, candidate: Track, task: SearchTask) -> str:
         """What is still missing before the candidate counts as identified, in words; empty when nothing is."""
         return missing_for(candidate, task.intelligence.class_label, self._order, self._settings)
 
-    def verdict(self, task: Task) -> str:
+    def verdict(self, task: SearchTask) -> str:
         """Why the policy is not content with the identified target of a task."""
         return self._verdicts.get(task.id, "look round it")
 
@@ -133,7 +133,7 @@ class Findings:
         """The policy's judgement of an identified target at this moment."""
         return self.policy.judge(target, self._perception.tracks, self._log.now_s, self._perception.unseen_share)
 
-    def target_of(self, task: Task) -> Track | None:
+    def target_of(self, task: SearchTask) -> Track | None:
         """What was reported for a task, or would be: an identified candidate. None where there is neither."""
         if task.target is not None:
             return next((track for track in self._perception.tracks if track.number == task.target), None)
@@ -142,7 +142,7 @@ class Findings:
 
     # Reports.
 
-    def settle(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
+    def settle(self, task: SearchTask, target: Track, judgement: Judgement, why: str = "") -> None:
         """Report the target of a task, or keep it until that is allowed."""
         if closed := self.reports.closed(self._log.now_s):
             task.state, task.target = "found", target.number
@@ -150,8 +150,8 @@ class Findings:
         else:
             self.report(task, target, judgement, why=why)
 
-    def report(self, task: Task, target: Track, judgement: Judgement, why: str = "") -> None:
+    def report(self, task: SearchTask, target: Track, judgement: Judgement, why: str = "") -> None:
         """Report a target now, marked or not as judged."""
         task.state, task.target, task.withheld = "reported", target.number, not judgement.mark
         sigma_m = self.policy.sigma_m(target)
-        self.reports.say(task.id, target, judgement, sigma_m, heard=self._watch.link_up, why=why)
+        self.reports.publish(task.id, target, judgement, sigma_m, heard=self._watch.link_up, why=why)

@@ -15,11 +15,11 @@ from .._watch import Watch
 from ..flight._control import TurnBack
 from ..flight._paths import Place, bearing_rad, lawnmower, length_m, ring
 from ..flight._pilot import Pilot, never
-from ..flight._vehicle import Vehicle
-from ..perception._perception import Perception
+from ..flight._vehicle import PilotedVehicle
+from ..perception._perception import ObjectPerception
 from ..perception._tracks import Track
 from ._findings import Findings
-from ._planner import Task
+from ._planner import SearchTask
 from ._policy import policy_named
 
 # The mission order is latched: without one by then none will come. Chosen, not measured.
@@ -40,11 +40,11 @@ class MissionOrderMissing(Exception):
     """No mission order came; the agent cannot know what to do."""
 
 
-class Mission:
+class SearchMission:
     """Decides and flies. `fly` is the behaviour; `tell` and `order` bring in what the bench says meanwhile."""
 
     def __init__(
-        self, vehicle: Vehicle, eyes: Perception, log: Log, watch: Watch, policy: PolicyName, settings: Settings
+        self, vehicle: PilotedVehicle, eyes: ObjectPerception, log: Log, watch: Watch, policy: PolicyName, settings: Settings
     ) -> None:
         self.over = False
         self._vehicle = vehicle
@@ -75,9 +75,9 @@ class Mission:
             if isinstance(document, OrderDocument):
                 self.obey(document)
             else:
-                self.tell(document)
+                self.add_intelligence(document)
 
-    def tell(self, intelligence: IntelligenceDocument) -> None:
+    def add_intelligence(self, intelligence: IntelligenceDocument) -> None:
         """One intelligence report."""
         if self._order is None:
             self._early.append(intelligence)
@@ -132,7 +132,7 @@ class Mission:
             return f"not enough time to go to {task.id}, search, and come home"
         return ""
 
-    def _against_marking(self, task: Task) -> str:
+    def _against_marking(self, task: SearchTask) -> str:
         if closed := self._findings.reports.closed(self._log.now_s):
             return closed
         target = self._findings.target_of(task)
@@ -153,7 +153,7 @@ class Mission:
                 plan = self._end(ordered.order)
             except TurnBack as cause:
                 plan = self._pilot.come_down(str(cause))
-        yield from self._say_what_may_still_be_said()
+        yield from self._publish_pending_reports()
         self._vehicle.setpoint = None
         self.over = True
         self._log.enter(outcome, self._summary())
@@ -188,7 +188,7 @@ class Mission:
         place, now_s = self._place, self._vehicle.now_s
         return any(self._planner.fits(place, now_s, task, SEARCH_S) for task in self._planner.waiting(place))
 
-    def _say_what_may_still_be_said(self) -> Steps[None]:
+    def _publish_pending_reports(self) -> Steps[None]:
         """On the ground, wait for leave to report what was found and could not be said."""
         if self._order is None or not self._vehicle.poses.latest():
             return
@@ -248,7 +248,7 @@ class Mission:
                 return
             yield from self._revisit(withheld)
 
-    def _choose(self) -> Task | None:
+    def _choose(self) -> SearchTask | None:
         for task in self._planner.waiting(self._place):
             if self._planner.fits(self._place, self._vehicle.now_s, task, SEARCH_S):
                 return task
@@ -256,7 +256,7 @@ class Mission:
             self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
         return None
 
-    def _work_on(self, task: Task) -> Steps[None]:
+    def _work_on(self, task: SearchTask) -> Steps[None]:
         task.state = "active"
         about = task.intelligence
         others = len(self._planner.waiting(self._place))
@@ -282,7 +282,7 @@ class Mission:
                 task.state = "not_found"
                 self._log.decide("give_up", task.id, f"no {about.class_label} identified in {task.passes} passes")
 
-    def _seen_enough(self, task: Task) -> bool:
+    def _seen_enough(self, task: SearchTask) -> bool:
         """Whether to leave a sub-area whose target is found before all of it has been looked at.
 
         So it is the second time over, and when what waits would not be served in time otherwise; looked at once a second.
@@ -303,7 +303,7 @@ class Mission:
                 return True
         return False
 
-    def _search_path(self, task: Task) -> list[Place]:
+    def _search_path(self, task: SearchTask) -> list[Place]:
         """Legs along the way in on the first pass, across it on the second: other views of the same ground."""
         heading_rad = bearing_rad(self._place, task.place) if math.dist(self._place, task.place) > 1.0 else 0.0
         return self._legs(task.place, task.intelligence.uncertainty_m, heading_rad + task.passes % 2 * math.pi / 2.0)
@@ -314,13 +314,13 @@ class Mission:
         spacing_m = (camera.swath_m(height_m) if camera else height_m) * (1.0 - self._settings.overlap)
         return lawnmower(center, radius_m, max(spacing_m, 5.0), heading_rad, near_m, middle_m)
 
-    def _search_again(self, task: Task) -> bool:
+    def _search_again(self, task: SearchTask) -> bool:
         if task.passes >= 2 or self._planner.waiting(self._place):
             return False
         path = self._search_path(task)
         return self._planner.fits(self._place, self._vehicle.now_s, task, length_m(path) / self._pilot.speed_mps)
 
-    def _identify(self, task: Task) -> Steps[None]:
+    def _identify(self, task: SearchTask) -> Steps[None]:
         """Look at every candidate from all sides until one is identified."""
         while candidate := self._findings.candidate(task):
             missing = self._findings.missing(candidate, task)
@@ -335,7 +335,7 @@ class Mission:
             task.dismissed.add(candidate.number)
             self._log.decide("dismiss", task.id, f"{candidate.id}: {self._findings.missing(candidate, task)}")
 
-    def _circle(self, target: Track, task: Task) -> Steps[None]:
+    def _circle(self, target: Track, task: SearchTask) -> Steps[None]:
         """Fly round a target, looking at it, until the task is settled or the round is complete."""
         center = (target.east_m, target.north_m)
         path = ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
@@ -346,7 +346,7 @@ class Mission:
         if (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target, until=settled)):
             yield from self._follow(path, task, self._settings.inspect_speed_mps, facing=target, until=settled, looking=True)
 
-    def _look_round(self, target: Track, task: Task) -> Steps[None]:
+    def _look_round(self, target: Track, task: SearchTask) -> Steps[None]:
         """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays unseen."""
         if self._findings.judge(target).look:
             path = self._legs(
@@ -366,7 +366,7 @@ class Mission:
         middle_m = camera.ahead_m(height_m)[1] if camera else height_m
         return min(max(middle_m, 0.3 * height_m), 2.0 * height_m)
 
-    def _choose_withheld(self) -> Task | None:
+    def _choose_withheld(self) -> SearchTask | None:
         if self._findings.reports.closed(self._vehicle.now_s):
             return None
         tasks = (task for task in self._planner.tasks.values() if task.withheld and not task.revisited)
@@ -376,7 +376,7 @@ class Mission:
                 return task
         return None
 
-    def _revisit(self, task: Task) -> Steps[None]:
+    def _revisit(self, task: SearchTask) -> Steps[None]:
         """Once more to a target whose mark was withheld: the bystanders may have gone."""
         task.revisited = True
         target = next((track for track in self._eyes.tracks if track.number == task.target), None)
@@ -402,22 +402,22 @@ class Mission:
         elif task.withheld:
             self._log.decide("withhold_mark", task.id, f"still: {judgement.reason}")
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Called after every frame: reports a target as soon as it is identified and the policy is content."""
         if self._order is not None and not self.over:
-            self._findings.look()
+            self._findings.update()
 
-    def speak(self) -> None:
+    def send_messages(self) -> None:
         """Called at every moment: reports what waited, and what cannot wait any longer."""
         if self._order is not None and not self.over:
-            self._findings.speak()
+            self._findings.send_reports()
 
     # Flying.
 
     def _follow(
         self,
         path: Sequence[Place],
-        task: Task,
+        task: SearchTask,
         speed_mps: float,
         *,
         facing: Track | None = None,
@@ -428,7 +428,7 @@ class Mission:
         leave = lambda: self._diverted(task)  # noqa: E731
         return (yield from self._pilot.follow(path, speed_mps, facing=facing, until=until, leave=leave, looking=looking))
 
-    def _diverted(self, task: Task) -> bool:
+    def _diverted(self, task: SearchTask) -> bool:
         urgent = self._planner.more_urgent_than(task)
         if urgent is None or not (task.active or urgent.ordered > task.ordered):
             return False

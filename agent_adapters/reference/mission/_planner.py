@@ -22,7 +22,7 @@ State = Literal["waiting", "active", "found", "reported", "not_found", "skipped"
 
 
 @dataclass(slots=True)
-class Task:
+class SearchTask:
     """One intelligence report and what became of it."""
 
     intelligence: IntelligenceDocument
@@ -66,7 +66,7 @@ class Planner:
         reserve_s: float,
         way_m: Callable[[Place, Place], float] = math.dist,
     ) -> None:
-        self.tasks: dict[str, Task] = {}
+        self.tasks: dict[str, SearchTask] = {}
         self._home = (order.home.east_m, order.home.north_m)
         self._limit_s = order.time_limit_s
         self._returns = order.return_home
@@ -77,14 +77,14 @@ class Planner:
         self._reserve_s = reserve_s
         self._way_m = way_m
 
-    def add(self, intelligence: IntelligenceDocument, now_s: float = 0.0) -> Task | None:
+    def add(self, intelligence: IntelligenceDocument, now_s: float = 0.0) -> SearchTask | None:
         """The new task, or None when this report is known already."""
         if intelligence.id in self.tasks:
             return None
-        task = self.tasks[intelligence.id] = Task(intelligence, now_s)
+        task = self.tasks[intelligence.id] = SearchTask(intelligence, now_s)
         return task
 
-    def put_first(self, task: Task) -> None:
+    def put_first(self, task: SearchTask) -> None:
         """Ordered by the operator: next, before anything else, from the beginning where it was given up."""
         if task.state in ("not_found", "skipped"):
             task.passes = 0
@@ -107,19 +107,19 @@ class Planner:
         """Whether the way home takes all the time that is left."""
         return now_s + self.home_s(place) + self._reserve_s >= self._limit_s
 
-    def fits(self, place: Place, now_s: float, task: Task, work_s: float) -> bool:
+    def fits(self, place: Place, now_s: float, task: SearchTask, work_s: float) -> bool:
         """Whether there is time to fly to a task, work there for a while, and come home."""
         there_s = self.travel_s(self._way_m(place, task.place))
         return now_s + there_s + work_s + self.home_s(task.place) + self._reserve_s < self._limit_s
 
-    def by_urgency(self, tasks: Iterable[Task], place: Place) -> list[Task]:
+    def by_urgency(self, tasks: Iterable[SearchTask], place: Place) -> list[SearchTask]:
         """Most urgent first; among equals the nearest, then by name."""
         return sorted(tasks, key=lambda task: (*task.urgency, math.dist(place, task.place), task.id))
 
-    def waiting(self, place: Place) -> list[Task]:
+    def waiting(self, place: Place) -> list[SearchTask]:
         """What has not been turned to yet, in order."""
         return self.by_urgency((task for task in self.tasks.values() if task.state == "waiting"), place)
 
-    def more_urgent_than(self, task: Task) -> Task | None:
+    def more_urgent_than(self, task: SearchTask) -> SearchTask | None:
         """A waiting task that should not wait for this one."""
         return next((other for other in self.waiting(task.place) if other.urgency < task.urgency), None)

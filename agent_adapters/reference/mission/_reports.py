@@ -40,7 +40,7 @@ class Reports:
         """It need not be said again."""
         self.unheard = [unheard for unheard in self.unheard if unheard != subject]
 
-    def say(
+    def publish(
         self, subject: str, target: Track, judgement: Judgement, sigma_m: float | None, *, heard: bool, why: str = ""
     ) -> TargetReport:
         """Report a target, with the decisions behind it. What is said twice has an id of its own and names the first."""

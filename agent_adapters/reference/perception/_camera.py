@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.streams import CameraInfo, Quaternion
 
-from ._pose import Pose
+from ._pose import VehiclePose
 
 # Beyond this, flat ground and the pose are not to be trusted for placing anything. Chosen, not measured.
 MAX_RANGE_M = 400.0
@@ -40,7 +40,7 @@ class GroundCamera:
         axes = _matrix(mount.x, mount.y, mount.z, mount.w)
         return GroundCamera(info.width, info.height, info.k[0], info.k[4], info.k[2], info.k[5], axes, level)
 
-    def ground_point(self, u_px: float, v_px: float, pose: Pose, height_m: float = 0.0) -> tuple[float, float] | None:
+    def ground_point(self, u_px: float, v_px: float, pose: VehiclePose, height_m: float = 0.0) -> tuple[float, float] | None:
         """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the horizon, or too far."""
         ray = ((u_px - self.cx) / self.fx, (v_px - self.cy) / self.fy, 1.0)
         forward, leftward, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
@@ -76,14 +76,14 @@ class GroundCamera:
 
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:
         """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the ground."""
-        pose = Pose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
+        pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
         lower_edge, middle, far = (self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0))
         near_m, middle_m = (point[1] if point else 0.0 for point in (lower_edge, middle))
         return near_m, middle_m, far[1] if far else MAX_RANGE_M
 
     def swath_m(self, height_m: float) -> float:
         """Width of the ground seen across the middle of the image."""
-        pose = Pose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
+        pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
         left_edge, right_edge = (self.ground_point(u, self.cy, pose) for u in (0.0, float(self.width_px)))
         return right_edge[0] - left_edge[0] if left_edge and right_edge else height_m
 
@@ -101,7 +101,7 @@ def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float,
     )
 
 
-def _untilted(forward: float, leftward: float, up: float, pose: Pose) -> tuple[float, float, float]:
+def _untilted(forward: float, leftward: float, up: float, pose: VehiclePose) -> tuple[float, float, float]:
     """A direction in the body (forward, left, up) as seen level: roll and pitch taken out, yaw kept."""
     right, down = -leftward, -up
     sine, cosine = math.sin(pose.roll_rad), math.cos(pose.roll_rad)

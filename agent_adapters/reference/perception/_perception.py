@@ -10,8 +10,8 @@ import numpy as np
 from bench.streams import CameraInfo, Detection2D, Detection2DArray, Quaternion, TFMessage
 
 from ._camera import GroundCamera
-from ._pose import Pose, PoseHistory
-from ._tracks import PEOPLE, Sight, Tracks
+from ._pose import PoseHistory, VehiclePose
+from ._tracks import PEOPLE, PlacedDetection, Tracks
 
 FRAMES_KEPT = 512
 # Spacing of the places at which a disc is checked for having been seen. Chosen, not measured.
@@ -24,7 +24,7 @@ _MIDDLE_M = {"civilian": 0.9, "combatant": 0.9, "aid_worker": 0.9, "building": 2
 _USUAL_MIDDLE_M = 1.0
 
 
-class Perception:
+class ObjectPerception:
     """What the camera has shown so far."""
 
     def __init__(self, poses: PoseHistory, mount: str) -> None:
@@ -66,7 +66,7 @@ class Perception:
                 self._mount = (transform.transform.rotation, level)
                 return
 
-    def hear(self, now_s: float) -> None:
+    def process_detections(self, now_s: float) -> None:
         """The detector has said something, be it that it sees nothing."""
         self.heard_s = now_s
 
@@ -109,7 +109,9 @@ class Perception:
         return float((frame_counts < 2).mean())
 
 
-def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCamera, doubt_m: float) -> Sight | None:
+def _sight(
+    detection: Detection2D, time_s: float, pose: VehiclePose, camera: GroundCamera, doubt_m: float
+) -> PlacedDetection | None:
     """One detection on the ground; None when it has no class or meets no ground."""
     results, box = detection.results, detection.bbox
     if not results:
@@ -120,7 +122,7 @@ def _sight(detection: Detection2D, time_s: float, pose: Pose, camera: GroundCame
     if point is None:
         return None
     east_m, north_m = pose.east_m - point[0], pose.north_m - point[1]
-    return Sight(
+    return PlacedDetection(
         time_s,
         *point,
         best.class_id,

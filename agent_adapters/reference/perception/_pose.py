@@ -16,7 +16,7 @@ AHEAD_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class VehiclePose:
     """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from north)."""
 
     time_s: float
@@ -64,7 +64,7 @@ class PoseHistory:
         if not self._turns or time_s > self._turns[-1].time_s:
             self._turns.append(_Turn(time_s, roll_rad, pitch_rad, yaw_rad))
 
-    def latest(self) -> Pose | None:
+    def latest(self) -> VehiclePose | None:
         """The newest position with the attitude of that moment."""
         return self.at(self._places[-1].time_s) if self._places else None
 
@@ -73,12 +73,12 @@ class PoseHistory:
         """Of the newest position, east and north."""
         return self._places[-1].velocity_enu_mps[:2] if self._places else (0.0, 0.0)
 
-    def at(self, time_s: float) -> Pose | None:
+    def at(self, time_s: float) -> VehiclePose | None:
         """The pose at a moment, linear between samples; None where the history does not reach."""
         place, turn = self._place_at(time_s), self._turn_at(time_s)
         if place is None or turn is None:
             return None
-        return Pose(time_s, place.east_m, place.north_m, place.height_m, turn.roll_rad, turn.pitch_rad, turn.yaw_rad)
+        return VehiclePose(time_s, place.east_m, place.north_m, place.height_m, turn.roll_rad, turn.pitch_rad, turn.yaw_rad)
 
     def _place_at(self, time_s: float) -> _Place | None:
         places = self._places

@@ -25,7 +25,7 @@ GONE_FRAMES = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PlacedDetection:
     """One detection placed on the ground: where, what, how sure, and from which direction (radians) and range it was seen."""
 
     time_s: float
@@ -106,7 +106,7 @@ class Track:
     def distance_m(self, east_m: float, north_m: float) -> float:
         return math.hypot(self.east_m - east_m, self.north_m - north_m)
 
-    def take(self, sight: Sight) -> None:
+    def take(self, sight: PlacedDetection) -> None:
         """Add one observation. People may walk, so their place follows faster than that of things."""
         self.frames += 1
         self.missed = 0
@@ -140,7 +140,7 @@ class Tracks:
     def __len__(self) -> int:
         return len(self._tracks)
 
-    def take(self, time_s: float, sights: Sequence[Sight]) -> None:
+    def take(self, time_s: float, sights: Sequence[PlacedDetection]) -> None:
         """Take in all detections of one exposure."""
         pairs = sorted(
             (distance_m, index, number) for index, sight in enumerate(sights) for distance_m, number in self._candidates(sight)
@@ -169,7 +169,7 @@ class Tracks:
         distances = ((track.distance_m(east_m, north_m), track) for track in self)
         return sorted((pair for pair in distances if pair[0] <= within_m), key=lambda pair: (pair[0], pair[1].number))
 
-    def _candidates(self, sight: Sight) -> Iterable[tuple[float, int]]:
+    def _candidates(self, sight: PlacedDetection) -> Iterable[tuple[float, int]]:
         column, row = _cell(sight.east_m, sight.north_m)
         for cell in ((c, r) for c in (column - 1, column, column + 1) for r in (row - 1, row, row + 1)):
             for number in self._cells.get(cell, ()):
@@ -178,14 +178,14 @@ class Tracks:
                 if distance_m <= gate_m(sight, sight.time_s - track.last_s):
                     yield distance_m, number
 
-    def _begin(self, sight: Sight) -> None:
+    def _begin(self, sight: PlacedDetection) -> None:
         track = Track(self._next, sight.east_m, sight.north_m, sight.time_s, sight.time_s)
         track.take(sight)
         self._tracks[track.number] = track
         self._cells.setdefault(_cell(track.east_m, track.north_m), []).append(track.number)
         self._next += 1
 
-    def _move(self, track: Track, sight: Sight) -> None:
+    def _move(self, track: Track, sight: PlacedDetection) -> None:
         before = _cell(track.east_m, track.north_m)
         track.take(sight)
         after = _cell(track.east_m, track.north_m)
@@ -203,7 +203,7 @@ class Tracks:
         self._cells[_cell(track.east_m, track.north_m)].remove(track.number)
 
 
-def gate_m(sight: Sight, unseen_s: float) -> float:
+def gate_m(sight: PlacedDetection, unseen_s: float) -> float:
     """How far from a track a detection may lie and still be taken for it: wider for large things, far ones and walkers."""
     if sight.label in PEOPLE:
         return min(2.5 + 0.015 * sight.range_m + 1.5 * unseen_s, CELL_M)

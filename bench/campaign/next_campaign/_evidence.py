@@ -39,7 +39,7 @@ class OpenDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class FactorEvidence:
     """Tests of every factor, and the runs with their levels.
 
     `runs` has the columns agent, node, design_point, confidence and passed. `open_differences` has those of each factor,
@@ -53,7 +53,7 @@ class Evidence:
     aliases: Mapping[str, Sequence[str]]
 
     @classmethod
-    def of(cls, data: ReportData, design: Design) -> Evidence:
+    def of(cls, data: ReportData, design: Design) -> FactorEvidence:
         """The evidence in the results of a campaign with this design."""
         levels = {point.id: point.levels for point in campaign_design_points(data) or ()}
         rows = data.scores.filter(pl.col("node").is_in(data.study), pl.col("design_point").is_in(list(levels)))

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.realization import Design, DesignFactor
 
-from ._evidence import UNDECIDED_PASS_RATES, Evidence, OpenDifference
+from ._evidence import UNDECIDED_PASS_RATES, FactorEvidence, OpenDifference
 
 # Removing a factor that matters costs more than flying one that does not, so a factor is removed only if all three hold.
 NO_EFFECT_P = 0.2
@@ -38,7 +38,7 @@ class FactorProposal:
     reasons: tuple[str, ...]
 
 
-def propose_factor(factor: DesignFactor, design: Design, evidence: Evidence) -> FactorProposal:
+def propose_factor(factor: DesignFactor, design: Design, evidence: FactorEvidence) -> FactorProposal:
     """What becomes of a factor after a campaign with this design and this evidence."""
     if factor.formula is not None:
         return FactorProposal(factor, ("follows from other factors",))
@@ -107,7 +107,7 @@ def _user(name: str, design: Design) -> str:
     return used or ("fidelity" if any(getattr(method, "fidelity", None) == name for method in design.methods) else "")
 
 
-def _narrowed(factor: DesignFactor, evidence: Evidence) -> FactorProposal | None:
+def _narrowed(factor: DesignFactor, evidence: FactorEvidence) -> FactorProposal | None:
     """The factor on less of its range, or with a note on what the curve alone would cut off. None if neither applies."""
     bounds = _bounds(factor) if evidence.value_count(factor.name) >= MIN_VALUES else None
     if bounds is None:

@@ -20,7 +20,7 @@ from .._document import Campaign
 from ..results._finish import read_campaign_folder
 from ._campaign_file import campaign_file
 from ._design_rules import propose_design
-from ._evidence import Evidence
+from ._evidence import FactorEvidence
 from ._factor_rules import FactorProposal, propose_factor
 
 
@@ -41,7 +41,7 @@ def propose_next(folder: Path, output_folder: Path | None = None) -> CampaignPro
     paths, previous, _ = read_campaign_folder(folder)
     data = load_report_data(folder)
     _check_finished(folder, previous, data)
-    evidence = Evidence.of(data, previous.design)
+    evidence = FactorEvidence.of(data, previous.design)
     old_factors = previous.design.factors
     factors = [propose_factor(factor, previous.design, evidence) for factor in old_factors]
     # Without any factor there would be no design to propose.

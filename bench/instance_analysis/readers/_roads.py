@@ -18,7 +18,7 @@ WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 
 
 @dataclass(slots=True)
-class Road:
+class RoadDraft:
     """A road under construction: its direction, the part of the area in which it lies, or its points."""
 
     id: str
@@ -39,10 +39,10 @@ class RoadReader:
 
     def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader) -> None:
         self._draft, self._defaults, self._ground, self._places = draft, defaults, ground, places
-        self.roads: list[Road] = []
-        self.current: list[Road] = []
-        self._resolve: dict[Span, Road] = {}
-        self._sides: list[tuple[str, Road, float, Span]] = []
+        self.roads: list[RoadDraft] = []
+        self.current: list[RoadDraft] = []
+        self._resolve: dict[Span, RoadDraft] = {}
+        self._sides: list[tuple[str, RoadDraft, float, Span]] = []
         self._hinted: Phrase | None = None
         """`the road` before anything is said of it."""
         self._crossings: list[tuple[str, Span]] = []
@@ -67,7 +67,7 @@ class RoadReader:
         before = self._draft.text[:begin].lower().split()
         return bool(before) and before[-1] in ("the", "this", "that")
 
-    def _roads_named(self, phrase: Phrase) -> list[Road]:
+    def _roads_named(self, phrase: Phrase) -> list[RoadDraft]:
         number = _count(phrase)
         described = bool(_part(phrase) or phrase.every("AXIS")) and not self._fitting(phrase)
         if not self.roads or (number or 1) > 1 or (described and (number or not self._definite(phrase))):
@@ -84,7 +84,7 @@ class RoadReader:
             self._describe(road, phrase)
         return self.current
 
-    def _described(self, road: Road) -> str:
+    def _described(self, road: RoadDraft) -> str:
         return f"{road.id}, {self._draft.quote(road.axis_span or road.points_span or road.span)!r}"
 
     def _create_hinted(self) -> None:
@@ -99,7 +99,7 @@ class RoadReader:
         side = phrase.first("ALONG") or Part("BESIDE", None, phrase.span)
         return Phrase("road", (side,), phrase.span)
 
-    def _fitting(self, phrase: Phrase) -> list[Road]:
+    def _fitting(self, phrase: Phrase) -> list[RoadDraft]:
         """The known roads that a phrase describes."""
         candidates = self.roads
         if nth := phrase.first("NTH"):
@@ -111,13 +111,13 @@ class RoadReader:
             return [road for road in candidates if road.axis == axis.value]
         return []
 
-    def _new(self, phrase: Phrase) -> Road:
-        road = Road("road" if not self.roads else f"road-{len(self.roads) + 1}", phrase.span)
+    def _new(self, phrase: Phrase) -> RoadDraft:
+        road = RoadDraft("road" if not self.roads else f"road-{len(self.roads) + 1}", phrase.span)
         self.roads.append(road)
         self._describe(road, phrase)
         return road
 
-    def _describe(self, road: Road, phrase: Phrase) -> None:
+    def _describe(self, road: RoadDraft, phrase: Phrase) -> None:
         if (part := _part(phrase)) and isinstance(part.value, float | int):
             road.part = float(part.value)
         if (axis := phrase.first("AXIS")) and isinstance(axis.value, float | int):
@@ -141,7 +141,7 @@ class RoadReader:
         assert isinstance(part.value, float | int)
         free[0].axis, free[0].axis_span = float(part.value) % 180, phrase.span
 
-    def _across(self, road: Road) -> float:
+    def _across(self, road: RoadDraft) -> float:
         return ((WEST_TO_EAST if road.axis is None else road.axis) + 90) % 180
 
     def width(self, phrase: Phrase) -> None:
@@ -167,7 +167,7 @@ class RoadReader:
     def road(self, group: str, phrase: Phrase) -> None:
         self._along(group, self._roads_named(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span)
 
-    def _along(self, group: str, road: Road, where: str, span: Span) -> None:
+    def _along(self, group: str, road: RoadDraft, where: str, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement", "along")
         self._draft.put((*base, "road"), road.id, span)
         self._draft.put((*base, "where"), where, span)
@@ -245,7 +245,7 @@ class RoadReader:
             road.axis = next((axis for axis in (WEST_TO_EAST, NORTH_TO_SOUTH) if axis not in taken), None)
             taken += [road.axis] if road.axis is not None else []
 
-    def _lay_out(self, road: Road) -> list[Point]:
+    def _lay_out(self, road: RoadDraft) -> list[Point]:
         base: FieldPath = ("world", "roads", road.id)
         self._draft.put((*base, "id"), road.id, road.span)
         points = road.points or self._line(road)
@@ -256,11 +256,11 @@ class RoadReader:
         self._draft.put((*base, "width_m"), width, span)
         return points
 
-    def _note(self, road: Road) -> str:
+    def _note(self, road: RoadDraft) -> str:
         through = "through the middle of the area" if road.part is None else "through the middle of that part of the area"
         return through if road.axis_span or road.part is not None else f"{through}, {_named(road.axis)}"
 
-    def _line(self, road: Road) -> list[Point]:
+    def _line(self, road: RoadDraft) -> list[Point]:
         """A straight line from edge to edge through the centre of the area, or of the part in which the road lies."""
         west, south, east, north = self._ground.box
         middle_e, middle_n = (west + east) / 2, (south + north) / 2

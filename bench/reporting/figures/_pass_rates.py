@@ -12,11 +12,11 @@ import plotly.graph_objects as go
 from bench.statistics import Curve, CurveState
 
 from .._campaign_data import Tally
-from ..statistics._trials import Trials
+from ..statistics._trials import NodeTrials
 from ._style import AgentStyle, empty_figure
 
 
-def curve_figure(shown: Sequence[AgentStyle], trials: Mapping[str, Trials], tallies: Mapping[str, Tally]) -> go.Figure:
+def curve_figure(shown: Sequence[AgentStyle], trials: Mapping[str, NodeTrials], tallies: Mapping[str, Tally]) -> go.Figure:
     """One node's pass rate over difficulty: a disc for each difficulty flown, the logistic curve with its band where there is one.
 
     `trials` and `tallies` are by agent. Triangles on the lines of 50 and 90 % are competence, the line to their left reaches
@@ -46,7 +46,7 @@ def curve_figure(shown: Sequence[AgentStyle], trials: Mapping[str, Trials], tall
             "title": {"text": "runs passed, %", "standoff": 4, "font": {"size": 12}},
             # Room for whole discs at 0 and 100 %.
             "range": [-9, 109],
-            # Competence is defined at pass rates of 50 and 90 %.
+            # ReportedCompetence is defined at pass rates of 50 and 90 %.
             "tickvals": [0, 50, 90, 100],
             "gridcolor": "var(--grid)",
             "zeroline": False,
@@ -85,7 +85,7 @@ def _curve(figure: go.Figure, style: AgentStyle, curve: Curve) -> None:
     )
 
 
-def _pass_rates(figure: go.Figure, style: AgentStyle, trials: Trials, aside: float) -> None:
+def _pass_rates(figure: go.Figure, style: AgentStyle, trials: NodeTrials, aside: float) -> None:
     # Equal to six decimals, as in difficulty configurations (docs/rulings.md 14).
     tried = Counter(round(hard, 6) for hard in trials.difficulty)
     passed = Counter(round(hard, 6) for hard, ok in zip(trials.difficulty, trials.passed, strict=True) if ok)
@@ -110,7 +110,7 @@ def _pass_rates(figure: go.Figure, style: AgentStyle, trials: Trials, aside: flo
 
 def _competences(figure: go.Figure, style: AgentStyle, tally: Tally | None, aside: float) -> None:
     for rate, competence in (tally.competence if tally is not None else {}).items():
-        # Competence 0 means that the fit never reaches the rate, so there is no difficulty to draw it at.
+        # ReportedCompetence 0 means that the fit never reaches the rate, so there is no difficulty to draw it at.
         if competence.value <= 0.0:
             continue
         figure.add_scatter(

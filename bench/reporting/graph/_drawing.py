@@ -14,13 +14,13 @@ from decompositions import Decomposition, KeyFactor, Level
 
 from .._campaign_data import ReportData, Tally
 from .._html import content_security_policy, json_script_text, normalized_script, template_environment, template_text
-from ..statistics._trials import Trials, trials_of
+from ..statistics._trials import NodeTrials, trials_of
 from ..text._format import listed, plural
 from ..text._node_sentences import node_sentences
 from ._layout import lay_out
 
 Measurement = Literal["confidence", "score", "competence"]
-MEASUREMENT_NAMES: dict[Measurement, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "Competence 50"}
+MEASUREMENT_NAMES: dict[Measurement, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "ReportedCompetence 50"}
 LEVELS = {
     Level.PRINCIPLE: ("Principle", "Principles"),
     Level.KEY_ATTRIBUTE: ("Key attribute", "Key attributes"),
@@ -261,7 +261,7 @@ def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str
         agent: {
             name: {
                 **{key: [shade.step, shade.text] for key in MEASUREMENT_NAMES for shade in [colour(tally, key)]},
-                "sentences": node_sentences(tally, trials.get((agent, name), Trials())),
+                "sentences": node_sentences(tally, trials.get((agent, name), NodeTrials())),
             }
             for name in decomposition.nodes
             if (tally := data.tally(agent, name)) is not None

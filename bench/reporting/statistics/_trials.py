@@ -12,7 +12,7 @@ from bench.statistics import Curve, difficulty_response
 
 
 @dataclass(frozen=True, slots=True)
-class Trials:
+class NodeTrials:
     """The runs of one agent that considered one node and count: what each was rated, and whether everything was achieved."""
 
     difficulty: tuple[float, ...] = ()
@@ -29,7 +29,7 @@ class Trials:
         return difficulty_response(self.difficulty, self.passed, self.design_points)
 
 
-AllTrials = Mapping[tuple[str, str], Trials]
+AllTrials = Mapping[tuple[str, str], NodeTrials]
 """By agent and node; no entry where the node was never considered."""
 
 
@@ -40,4 +40,6 @@ def trials_of(scores: pl.DataFrame) -> AllTrials:
     grouped = counted.group_by("agent", "node", maintain_order=True).agg(
         pl.col("difficulty"), (pl.col("achieved") == pl.col("considered")).alias("passed"), pl.col("design_point")
     )
-    return {(agent, node): Trials(tuple(hard), tuple(ok), tuple(points)) for agent, node, hard, ok, points in grouped.iter_rows()}
+    return {
+        (agent, node): NodeTrials(tuple(hard), tuple(ok), tuple(points)) for agent, node, hard, ok, points in grouped.iter_rows()
+    }

@@ -8,7 +8,7 @@ from functools import lru_cache
 from bench.statistics import Curve, CurveState, claim
 
 from .._campaign_data import Tally
-from ..statistics._trials import Trials
+from ..statistics._trials import NodeTrials
 from ._format import number, percent, plural
 
 PASS_SHARES = {"50": "half", "90": "nine tenths"}
@@ -27,13 +27,13 @@ CURVE_CAVEATS = {
 }
 
 
-def node_sentences(tally: Tally | None, trials: Trials) -> list[str]:
+def node_sentences(tally: Tally | None, trials: NodeTrials) -> list[str]:
     """What can be said of one node of one agent over all runs."""
     # No-break spaces: a line must not end between a number and its unit.
     return [sentence.replace(" %", "\u00a0%") for sentence in _sentences(tally, trials)]
 
 
-def _sentences(tally: Tally | None, trials: Trials) -> list[str]:
+def _sentences(tally: Tally | None, trials: NodeTrials) -> list[str]:
     if tally is None:
         return ["There is no record of it."]
     if not tally.considered:
@@ -86,7 +86,7 @@ def _confidence(tally: Tally) -> str:
     return f"Confidence {percent(tally.confidence)}{ends}."
 
 
-def _claim(tally: Tally, trials: Trials) -> str:
+def _claim(tally: Tally, trials: NodeTrials) -> str:
     claim_sentences = _claim_text(trials.passes, len(trials.passed))
     if tally.design_points < len(trials.passed):
         claim_sentences += (

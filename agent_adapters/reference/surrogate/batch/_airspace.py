@@ -24,7 +24,7 @@ from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, 
 Place = tuple[float, float]
 
 
-class Airspace:
+class SurrogateAirspace:
     """What is forbidden at one time: convex blocks (m, 2), counterclockwise, and the fence (m, 2) to keep inside."""
 
     def __init__(self, blocks: Sequence[Floats], fence: Floats | None) -> None:
@@ -174,7 +174,7 @@ class Airspace:
         return [begin, *reversed(nodes_back), end]
 
 
-class Airspaces:
+class SurrogateAirspaces:
     """The airspace as it changes with time. One object serves all missions of the same rules."""
 
     def __init__(self, rules: Rules) -> None:
@@ -187,7 +187,7 @@ class Airspaces:
         self._fence = np.array(corners) if corners else None
         edges = zip(corners, [*corners[1:], *corners[:1]], strict=True)
         self._edges = [_block(edge, FENCE_MARGIN_M) for edge in edges]
-        self._known: dict[int, Airspace] = {}
+        self._known: dict[int, SurrogateAirspace] = {}
 
     def states(self, now_s: Floats) -> Counts:
         """(r,) a number for what is in force at each moment."""
@@ -196,11 +196,11 @@ class Airspaces:
             state |= ((now_s >= from_s) & (now_s < until_s)).astype(np.int64) << bit
         return state
 
-    def of(self, state: int) -> Airspace:
+    def of(self, state: int) -> SurrogateAirspace:
         """The airspace while that is in force."""
         if state not in self._known:
             blocks = [area for bit, area in enumerate(self._areas) if state >> bit & 1]
-            self._known[state] = Airspace([*blocks, *self._edges], self._fence)
+            self._known[state] = SurrogateAirspace([*blocks, *self._edges], self._fence)
         return self._known[state]
 
 

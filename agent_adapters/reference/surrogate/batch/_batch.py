@@ -14,7 +14,7 @@ from bench.contracts import light_of
 from bench.errors import Fault, SetupError
 from bench.simspec import ASSETS, Motion, Role, SimSpec, seed_of, sun_of
 
-from ._airspace import Airspaces
+from ._airspace import SurrogateAirspaces
 from ._draws import uniform
 from ._interruptions import Interruptions, delivered_at, interruptions, link_down_spans, unsupported_failures
 from ._limits import limits
@@ -166,7 +166,7 @@ def pack(simspecs: Sequence[SimSpec]) -> Batch:
     faults = {str(fault): fault for simspec in simspecs for fault in unfit(simspec)}
     if faults:
         raise SetupError(list(faults.values()))
-    known: dict[str, Airspaces] = {}
+    known: dict[str, SurrogateAirspaces] = {}
     rows = [_row(simspec, known) for simspec in simspecs]
     single = {name: _column([row[name] for row in rows]) for name in rows[0] if name not in _PADDED}
     padded = {name: _stacked([row[name] for row in rows], fill) for name, fill in _PADDED.items()}
@@ -200,7 +200,7 @@ _PADDED: dict[str, float | int | bool] = {
     "mark_task": -1,
 }
 
-_OBJECTS = (SimSpec, Airspaces, Interruptions, type(None))
+_OBJECTS = (SimSpec, SurrogateAirspaces, Interruptions, type(None))
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:
@@ -227,7 +227,7 @@ _ASSET = {name: index for index, name in enumerate(ASSETS)}
 LABEL_INDEX = {label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))}
 
 
-def _row(simspec: SimSpec, known: dict[str, Airspaces]) -> dict[str, Any]:
+def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, Any]:
     assert simspec.realized is not None, "only a realized SimSpec says where everybody is"
     camera, model, weather, rules = simspec.vehicle.camera, simspec.perception.model, simspec.environment, simspec.rules
     tilt_rad, tan_half = math.radians(camera.tilt_deg), math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
@@ -316,14 +316,14 @@ def _of_groups(simspec: SimSpec) -> dict[str, np.ndarray]:
     }
 
 
-def _airspaces(simspec: SimSpec, known: dict[str, Airspaces]) -> Airspaces | None:
+def _airspaces(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> SurrogateAirspaces | None:
     """The same object for all missions under the same rules."""
     rules = simspec.rules
     if rules.geofence is None and not rules.no_fly:
         return None
     key = repr((rules.geofence, rules.no_fly))
     if key not in known:
-        known[key] = Airspaces(rules)
+        known[key] = SurrogateAirspaces(rules)
     return known[key]
 
 

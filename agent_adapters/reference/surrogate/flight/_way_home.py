@@ -9,7 +9,7 @@ from bench.arrays import Bools, Counts, Floats
 from ..._settings import DEFAULTS
 from ...flight._reserve import BATTERY_MARGIN
 from ...mission._planner import DESCENT_MPS, LANDING_S, TURN_S
-from ..batch._airspace import Airspace
+from ..batch._airspace import SurrogateAirspace
 from ..batch._batch import Batch
 from ._views import Stretch
 
@@ -100,7 +100,7 @@ class WayHome:
         spent_s: Floats = np.where(batch.floor_m[rows] > 0.0, back_s + down_s, np.maximum(back_s, down_s)) + LANDING_S
         return spent_s
 
-    def _spaces(self, rows: Counts, now_s: Floats) -> list[tuple[Counts, Airspace]]:
+    def _spaces(self, rows: Counts, now_s: Floats) -> list[tuple[Counts, SurrogateAirspace]]:
         """The rows (by their place among these) that have an airspace, with what is in force there."""
         if not self._closed:
             return []
