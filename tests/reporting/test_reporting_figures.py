@@ -27,7 +27,7 @@ from bench.reporting import (
     score_lines,
     score_table,
 )
-from bench.reporting._campaign_data import ReportedCompetence, ReportData, Run
+from bench.reporting._campaign_data import ReportData, ReportedCompetence, Run
 from bench.reporting.figures._pass_rates import curve_figure
 from bench.reporting.figures._style import agent_styles
 from bench.reporting.statistics._trials import NodeTrials, trials_of

@@ -20,7 +20,11 @@ from ..text._node_sentences import node_sentences
 from ._layout import lay_out
 
 Measurement = Literal["confidence", "score", "competence"]
-MEASUREMENT_NAMES: dict[Measurement, str] = {"confidence": "Confidence", "score": "ARL score", "competence": "ReportedCompetence 50"}
+MEASUREMENT_NAMES: dict[Measurement, str] = {
+    "confidence": "Confidence",
+    "score": "ARL score",
+    "competence": "Competence 50",
+}
 LEVELS = {
     Level.PRINCIPLE: ("Principle", "Principles"),
     Level.KEY_ATTRIBUTE: ("Key attribute", "Key attributes"),
