@@ -171,14 +171,14 @@ def test_a_range_leaves_the_places_alone() -> None:
     ("groups", "message"),
     [
         ([group("a", "crate", {"low": 4, "high": 2})], "high 2 must exceed low 4"),
-        ([group("a", "crate", distances=[{"of": "b", "min_m": 3}])], "neither among"),
+        ([group("a", "crate", distances=[{"of": "b", "min_m": 3}])], "neither one of the groups"),
         ([group("a", "crate", distances=[{"of": "a", "min_m": 3}])], "relates to itself"),
-        ([group("a", "crate", distances=[{"of": "clutter"}])], "any distance keeps this one"),
+        ([group("a", "crate", distances=[{"of": "clutter"}])], "every distance is permitted"),
         ([group("a", "crate", bearing={"from_deg": 0, "to_deg": 90})], "either of"),
         ([group("a", "crate", along={"road": "lane"})], "not one of"),
-        ([group("a", "crate", along={"road": "main", "at_least_m": 3})], "drop at_least_m"),
+        ([group("a", "crate", along={"road": "main", "at_least_m": 3})], "delete at_least_m"),
         ([group("a", "crate", along={"road": "main", "where": "beside", "at_least_m": 5})], "must exceed at_least_m"),
-        ([group("a", "crate", at={"east_m": 1, "north_m": 1}, spread_m=3)], "drop spread_m"),
+        ([group("a", "crate", at={"east_m": 1, "north_m": 1}, spread_m=3)], "delete either at or spread_m"),
         ([group("a", "house", hidden_from={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})], "in a circle"),
         (
             [group("a", "crate", bearing={"of": "b", "from_deg": 0, "to_deg": 9}), group("b", "crate", {"low": 0, "high": 2})],
