@@ -64,6 +64,7 @@ class PinholeCamera:
 
     def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
         """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera coordinates."""
+        # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
         sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
         yaw = state.yaw_rad + (state.camera_pan_rad or 0.0)
@@ -81,6 +82,8 @@ class PinholeCamera:
     def project(self, points_enu_m: NDArray[np.float64], state: VehicleState) -> NDArray[np.float64]:
         """(..., 2) pixels of (..., 3) ENU points; NaN for what does not lie in front of the camera."""
         in_camera = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(state).T
+        # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every comparison
+        # false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
         pixels: NDArray[np.float64] = np.stack(
             (self.cx + self.fx * in_camera[..., 0] / depth, self.cy + self.fy * in_camera[..., 1] / depth), axis=-1
@@ -93,6 +96,7 @@ class PinholeCamera:
         return CameraNumbers(
             width=self.width_px,
             height=self.height_px,
+            # ROS has no name for "no distortion": consumers expect plumb_bob with five zero coefficients.
             distortion_model="plumb_bob",
             d=(0.0,) * 5,
             k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),

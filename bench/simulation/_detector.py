@@ -43,8 +43,10 @@ PERFECT_SIZE_PX = 4.0
 LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
 """Range of the sides of a false detection's box."""
 
+# Standard normals of one actor in one frame: three processes, the evidence of the score, four edges of the box.
 _DRAWS = 8
 _SEEN, _CONFUSED, _CHOICE, _EVIDENCE, _BOX = 0, 1, 2, 3, 4
+# Sub-streams of the perception seed. False detections draw a varying count, so they need a stream of their own.
 _FRAME_DRAWS, _FALSE_DRAWS = 0, 1
 
 Box = tuple[float, float, float, float]
@@ -71,16 +73,21 @@ class DetectionOdds:
     def of(cls, simspec: SimSpec) -> DetectionOdds:
         """The odds in the weather and light of a SimSpec; light is that of its start."""
         model, weather = simspec.perception.model, simspec.environment
+        # Fog counts with its square: the default levels then span the meteorological ranges of docs/detection.md,
+        # 1300 m at level 5 and 400 m at level 9.
         extinction = model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
         return cls(model, extinction, light_of(sun_of(simspec).elevation_rad, model.night_contrast))
 
     def clarity(self, sighting: Sighting, concealment: float) -> Clarity:
         """The clarity of one sighting of an actor with that concealment."""
         model = self.model
+        # Koschmieder (1924): contrast falls exponentially with range.
         contrast = math.exp(-self.extinction_per_m * sighting.range_m) * self.light
         contrast *= 1.0 - model.concealment_weight * concealment
         above = max(0.0, (contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST))
+        # Piper's law: for objects of middling size contrast and size trade one to one, so their product decides.
         size_px = sighting.height_px * above * sighting.visible
+        # Form of the target transfer probability function used with Johnson's criteria (1958), with a fixed exponent.
         share = _logistic(size_px / model.half_height_px, model.slope)
         return Clarity(contrast, model.ceiling * share, min(1.0, 2.0 * model.mislabel * (1.0 - share)))
 
@@ -126,9 +133,11 @@ class DegradedDetector:
         self._noise = _CorrelatedNoise(len(cast), self._model.correlation_s)
         self._tracks = _TrackNames(len(cast))
         self._results = _DelayedResults(self._model.latency_s)
+        # Sorted, because a set has no order and the drawn index must name the same label in every process.
         self._labels = sorted({asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm})
 
     def process(self, frame: CameraFrame) -> None:
+        # One row for every actor, seen or not: what is drawn for one never depends on who else is in view.
         draws = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))
         self._noise.advance(frame.exposed, draws)
         detections = [
@@ -189,6 +198,7 @@ class _CorrelatedNoise:
     """Standard normal processes of every actor, first-order Markov in time: exactly normal at any moment, alike in near ones."""
 
     def __init__(self, actors: int, correlation_s: float) -> None:
+        # The process of misses, then those of wrong labels and of their choice, which persist longer.
         self._memory_s = np.array([correlation_s, *[LABEL_PERSISTENCE * correlation_s] * 2])
         self._state = np.zeros((actors, 3))
         self._moment: SimTime | None = None
@@ -196,6 +206,8 @@ class _CorrelatedNoise:
     def advance(self, to: SimTime, draws: NDArray[np.float64]) -> None:
         keep = np.zeros(3)
         if self._moment is not None:
+            # A correlation time of 0 is allowed and means independent frames; the floor only keeps the division
+            # finite.
             keep = np.exp(-to.since(self._moment) / np.maximum(self._memory_s, 1e-9))
         self._state = keep * self._state + np.sqrt(1.0 - keep * keep) * draws[:, :3]
         self._moment = to
@@ -214,6 +226,7 @@ class _TrackNames:
 
     def name(self, detections: list[_UntrackedDetection], exposed: SimTime) -> tuple[Detection, ...]:
         """The detections, surest first, each with its track."""
+        # By score and box, never by actor: the order of the list must not reveal the order of the cast.
         detections.sort(key=lambda detection: (-detection.detection.score, detection.detection.box))
         return tuple(self._with_track(detection, exposed) for detection in detections)
 
@@ -222,6 +235,7 @@ class _TrackNames:
         return Detection(detection.class_label, detection.score, detection.box, self._track(untracked.actor, exposed))
 
     def _track(self, actor: int | None, exposed: SimTime) -> str:
+        # A false detection has no actor to be recognized by, so it never continues a track.
         if actor is None:
             return self._next()
         last = self._last[actor]
@@ -257,11 +271,13 @@ def _logistic(ratio: float, slope: float) -> float:
     if ratio <= 0.0:
         return 0.0
     exponent = slope * math.log(ratio)
+    # math.exp overflows above 709.
     return 1.0 / (1.0 + math.exp(-exponent)) if exponent > -700.0 else 0.0
 
 
 def _score(mislabel: float, wrong: bool, noise: float) -> float:
     """Posterior probability that the label is right, after one piece of noisy evidence: calibrated by construction."""
+    # Held away from 0 and 1, where no evidence could change the score.
     prior = min(1.0 - LEAST_DOUBT, max(LEAST_DOUBT, mislabel))
     evidence = (-0.5 if wrong else 0.5) * LABEL_EVIDENCE + noise
     return 1.0 / (1.0 + prior / (1.0 - prior) * math.exp(-LABEL_EVIDENCE * evidence))
@@ -270,6 +286,7 @@ def _score(mislabel: float, wrong: bool, noise: float) -> float:
 def _ordered(first: float, second: float, limit: float) -> tuple[float, float]:
     """Two edges of a box inside [0, limit], at least one pixel apart."""
     low, high = max(0.0, min(first, second)), min(limit, max(first, second))
+    # Jitter may swap the edges or push both over the border. A box without an area would be invalid downstream.
     if high - low < 1.0:
         low = min(max(0.0, (low + high) / 2.0 - 0.5), limit - 1.0)
         high = low + 1.0

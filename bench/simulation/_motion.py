@@ -66,7 +66,9 @@ class WalkableGround:
     def around(self, start: Place, reach_m: float, margin_m: float) -> WalkableGround:
         """The part that matters to one mover. A mover that starts outside the area is not bound by it."""
         distance = np.hypot(*(self.centres_m - start).T)
+        # Solids that no leg of this mover can touch are dropped once, instead of being tested for every leg.
         in_reach = distance <= reach_m + margin_m + np.hypot(*self.half_m.T)
+        # Otherwise no leg could ever leave the start, and the actor would stand for the whole session.
         ground = self if self._inside(np.array([start]))[0] else replace(self, corners_m=self.corners_m[:0])
         return replace(
             ground,
@@ -91,6 +93,7 @@ class WalkableGround:
         if not outside.any():
             return points
         first = self.corners_m
+        # Edge i runs from corner i to the next one; the last edge closes the polygon.
         along = np.roll(first, -1, axis=0) - first
         offset = points[outside][:, None, :] - first
         share = np.clip((offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0)
@@ -109,6 +112,7 @@ class WalkableGround:
         e0, n0 = self.corners_m.T
         e1, n1 = np.roll(self.corners_m, -1, axis=0).T
         spans = (n0 > north) != (n1 > north)
+        # Horizontal edges divide by zero; `spans` is false for them, so their result is never used.
         with np.errstate(divide="ignore", invalid="ignore"):
             crossing = e0 + (north - n0) / (n1 - n0) * (e1 - e0)
         inside: NDArray[np.bool_] = np.count_nonzero(spans & (east < crossing), axis=1) % 2 == 1
@@ -118,6 +122,7 @@ class WalkableGround:
         """Whether a leg properly crosses any edge of the area."""
         first, second = self.corners_m, np.roll(self.corners_m, -1, axis=0)
         begin, end = np.array(start), ends[:, None, :]
+        # Two segments cross properly when each one's ends lie strictly on both sides of the other.
         edges_apart = _side(begin, end, first) * _side(begin, end, second) < 0.0
         ends_apart = _side(first, second, begin) * _side(first, second, end) < 0.0
         leaves: NDArray[np.bool_] = np.any(edges_apart & ends_apart, axis=1)
@@ -154,8 +159,10 @@ def wander(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.
     """
     position = start
     while True:
+        # All attempts are drawn at once: how many fail must not shift the draws of the legs that follow.
         draws = rng.random((MAX_ATTEMPTS, 2))
         pause_s = motion.pause_s * float(rng.standard_exponential())
+        # The square root makes the points uniform over the disc; without it they would crowd at its centre.
         distance = motion.radius_m * np.sqrt(draws[:, 0])
         bearing = 2.0 * math.pi * draws[:, 1]
         points = np.array(start) + np.stack((distance * np.sin(bearing), distance * np.cos(bearing)), axis=-1)
@@ -179,6 +186,7 @@ def patrol(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.
     position = start
     while True:
         pause_s = motion.pause_s * float(rng.standard_exponential())
+        # A point that is out of reach is skipped for this leg only: from the next place it may be reachable.
         order = (next_index + skipped for skipped in range(count))
         reachable = next((index % count for index in order if ground.open_to(position, route[index % count][None, :])[0]), None)
         if reachable is None:
@@ -214,11 +222,13 @@ class ActorMotion:
 
     def advance(self, to_s: float) -> None:
         """Move all actors to `to_s` seconds, which is never before the present moment."""
+        # Within a leg a position is linear in time and computed for all at once; only arrivals need Python.
         for index in np.flatnonzero(self._end_s <= to_s):
             self._catch_up(int(index), to_s)
         progress = (to_s - self._begin_s) / (self._end_s - self._begin_s)
         self._positions = self._leg_start + progress[:, None] * self._leg_vector
         self._headings = self._heading.copy()
+        # Callers keep these arrays, so the next moment gets new ones instead of changing them.
         self._positions.flags.writeable = self._headings.flags.writeable = False
 
     def positions_m(self) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from bench.simspec import ASSETS
 from ._box_intersection import crosses_box
 from ._camera import PinholeCamera
 
+# Chosen, not measured; docs/scene.md lists them for those who write measures.
 MAX_RANGE_M = 2000.0
 LEAST_DEPTH_M = 0.1
 LEAST_SIZE_PX = 1.0
@@ -73,6 +74,7 @@ def sightings(
     """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of each footprint."""
     axes = camera.axes_enu(state)
     relative = foot_enu_m - state.position_enu_m
+    # Actors are placed by the middle of their footprint; a body's middle is half its height above that.
     relative[:, 2] += bodies.half_m[:, 2]
     centre = relative @ axes.T
     candidates = np.flatnonzero(_may_be_in_sight(camera, centre, bodies.radius_m))
@@ -89,12 +91,14 @@ def sightings(
     size = whole[:, 2:] - whole[:, :2]
     limit = (camera.width_px, camera.height_px)
     clipped = np.concatenate((np.clip(whole[:, :2], 0.0, limit), np.clip(whole[:, 2:], 0.0, limit)), axis=1)
+    # The floor only avoids a division by zero: a box of no area has no share inside either.
     inside_share = (clipped[:, 2:] - clipped[:, :2]).prod(axis=1) / np.maximum(size.prod(axis=1), 1e-9)
     apparent = size.max(axis=1)
     large_enough = np.flatnonzero((inside_share >= LEAST_VISIBLE) & (apparent >= LEAST_SIZE_PX))
     if not len(large_enough):
         return ()
     in_picture = posed.only(large_enough)
+    # Candidates outside the picture may still hide one inside it, so all of them are tested as solids.
     visible = inside_share[large_enough] * (1.0 - _hidden(in_picture, posed.only(bodies.solid[candidates])))
     columns = zip(
         in_picture.index.tolist(),
@@ -116,6 +120,7 @@ def _may_be_in_sight(camera: PinholeCamera, centre: Floats, radius_m: Floats) ->
     x, y, z = centre.T
     half_width = camera.width_px / (2.0 * camera.fx)
     half_height = camera.height_px / (2.0 * camera.fy)
+    # Spheres are cheap and never cull too much; the exact corners follow for the few that remain.
     may: NDArray[np.bool_] = (z > LEAST_DEPTH_M - radius_m) & ((x * x + y * y + z * z) < MAX_RANGE_M**2)
     may &= np.abs(x) - z * half_width < radius_m * np.sqrt(1.0 + half_width * half_width)
     may &= np.abs(y) - z * half_height < radius_m * np.sqrt(1.0 + half_height * half_height)
@@ -132,6 +137,7 @@ def _body_axes(camera_axes: Floats, headings_rad: Floats) -> Floats:
 def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
     """(k, 4) left, top, right, bottom round the corners' pixels. What reaches behind the camera is cut just before it."""
     corners = posed.centre[:, None, :] + _CORNERS @ (posed.axes * posed.half[:, :, None])
+    # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it should.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
     pixels = corners[..., :2] / depth * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
@@ -142,6 +148,7 @@ def _hidden(shown: _Posed, solids: _Posed) -> Floats:
     hidden = np.zeros(len(shown.index))
     if not len(solids.index):
         return hidden
+    # Pairs of shown and solid bodies grow with the square of the crowd.
     for begin in range(0, len(hidden), _ROWS):
         rows = slice(begin, begin + _ROWS)
         part = _Posed(shown.index[rows], shown.centre[rows], shown.axes[rows], shown.half[rows], shown.radius[rows])
@@ -155,9 +162,11 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
     if not len(body):
         return np.zeros(len(shown.index))
     points = _sample_points(shown)[body]
+    # In the axes of each solid the box is axis-aligned, which is what the slab test needs. The camera is the origin.
     eye = -solids.centre[solid][:, None, :]
     turn = solids.axes[solid].transpose(0, 2, 1)
     hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[solid][:, None, :])
+    # Not `blocked[body] |= hits`: a body occurs once for each solid, and plain indexing keeps only its last row.
     np.logical_or.at(blocked, body, hits)
     hidden: Floats = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
     return hidden
@@ -187,6 +196,7 @@ def _sample_points(shown: _Posed) -> Floats:
     edges = shown.axes * shown.half[:, :, None]
     extent = np.abs(edges[..., :2]).sum(axis=1)
     on_plane = _SAMPLES * extent[:, None, :]
+    # The silhouette's rectangle is wider than a body seen at an angle; clipping keeps every sample on the body.
     local = on_plane @ shown.axes[..., :2].transpose(0, 2, 1)
     bound = shown.half[:, None, :]
     points: Floats = shown.centre[:, None, :] + np.clip(local, -bound, bound) @ shown.axes
