@@ -96,7 +96,7 @@ class PinholeCamera:
         return CameraNumbers(
             width=self.width_px,
             height=self.height_px,
-            # ROS has no name for "no distortion": consumers expect plumb_bob with five zero coefficients.
+            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros states the same.
             distortion_model="plumb_bob",
             d=(0.0,) * 5,
             k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
