@@ -72,6 +72,7 @@ class DesignPoint:
 
     def __post_init__(self) -> None:
         if not self.scene:
+            # The class is frozen, and this default depends on another field.
             object.__setattr__(self, "scene", self.id)
 
 

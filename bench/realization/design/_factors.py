@@ -53,6 +53,7 @@ class FactorRange(Document):
     def at(self, share: float) -> float | int:
         """The value at a share of the range: 0 is low, 1 is high."""
         value = self.low + share * (self.high - self.low)
+        # The ends then get half the share of other numbers; `drawn` is for random shares.
         return round(value) if self.integer else value
 
     def drawn(self, share: float) -> float | int:
@@ -93,6 +94,7 @@ class DesignFactor(Document):
             raise ValueError(f"factor {self.name!r}: level {twice[0]!r} stands twice (numbers that are equal are one level)")
         if not self.sets and not self.patches:
             raise ValueError(f"factor {self.name!r} changes nothing; give sets (paths into the SimSpec) or patches")
+        # As text: keys in YAML and JSON are text, levels may be numbers.
         if self.patches and set(self.patches) != set(map(str, self.levels)):
             raise ValueError(
                 f"factor {self.name!r}: patches {sorted(self.patches)} must name exactly the levels {list(self.levels)}"
@@ -130,6 +132,7 @@ class DesignFactor(Document):
         """The level at a share in [0, 1]: within the range, or the levels (and whole numbers) in equal parts."""
         if self.range is not None:
             return self.range.drawn(share)
+        # A share of exactly 1 belongs to the last level.
         return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
 
     def ranked(self, rank: int, count: int) -> FactorLevel:

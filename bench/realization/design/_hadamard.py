@@ -16,6 +16,7 @@ def conference_matrix(order: int) -> Counts | None:
     """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has none."""
     field = _jacobsthal_matrix(order - 1)
     if field is not None:
+        # Symmetric for a field of 4 k + 1 elements, else skew-symmetric: -1 is a square only in the former.
         border = 1 if (order - 1) % 4 == 1 else -1
         square = np.ones((order, order), dtype=np.int64)
         square[0, 0], square[1:, 0], square[1:, 1:] = 0, border, field
@@ -36,6 +37,7 @@ def hadamard_matrix(order: int) -> Counts | None:
     if order in (1, 2):
         return np.array([[1, 1], [1, -1]], dtype=np.int64)[:order, :order]
     prime = order - 1
+    # The first kind goes first: its cyclic rows are those that tables of Plackett-Burman designs print.
     if prime % 4 == 3 and _is_prime(prime):
         square = np.ones((order, order), dtype=np.int64)
         residues = _quadratic_character(prime)
@@ -59,6 +61,7 @@ def _jacobsthal_matrix(size: int) -> Counts | None:
         signs = _quadratic_character(size)
         return np.array([[signs[(column - row) % size] for column in range(size)] for row in range(size)])
     root = round(size**0.5)
+    # Fields of higher prime powers (27, 125) have no construction here.
     if root * root != size or root == 2 or not _is_prime(root):
         return None
     return _jacobsthal_of_square(root)
@@ -67,6 +70,7 @@ def _jacobsthal_matrix(size: int) -> Counts | None:
 def _jacobsthal_of_square(prime: int) -> Counts:
     """As `_field`, for pairs a + b x over a prime's field with x x = n, n no square there."""
     residues = _quadratic_character(prime)
+    # Any non-square will do; the smallest makes the matrix the same every time.
     odd = next(n for n in range(2, prime) if residues[n] < 0)
     pairs = list(itertools.product(range(prime), repeat=2))
     squares = {((a * a + odd * b * b) % prime, 2 * a * b % prime) for a, b in pairs if (a, b) != (0, 0)}

@@ -18,6 +18,7 @@ from bench.simspec import Identifier
 from ._factor_space import FactorSpace
 from ._factors import FactorLevels
 
+# Chosen, not measured.
 MAXIMIN_DRAWS = 20
 
 
@@ -73,6 +74,7 @@ def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator
     columns = []
     for _ in range(factors):
         finer = points // high
+        # One of the fine strata inside each coarse one: so the high points are a Latin hypercube among themselves as well.
         first = draws.permutation(high) * finer + draws.integers(finer, size=high)
         rest = draws.permutation(np.setdiff1d(np.arange(points), first))
         columns.append((np.concatenate([first, rest]) + draws.random(points)) / points)
@@ -80,6 +82,7 @@ def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator
 
 
 def _closest(rows: NDArray[np.float64]) -> float:
+    # Imported here, as in `_space_filling`: most designs do not need SciPy.
     from scipy.spatial.distance import pdist
 
     return float(pdist(rows).min()) if rows.shape[0] > 1 and rows.shape[1] else 0.0

@@ -22,13 +22,14 @@ from ._factors import DesignFactor, FactorLevel, FactorLevels
 from ._fractional_factorial import two_level_points
 from ._hadamard import conference_matrix, hadamard_matrix
 
+# Chosen, not measured.
 MAX_FACTORS = 100
 
 
 class PlackettBurman(Document):
     """Two levels of up to N - 1 factors in N runs, N a multiple of four; with `foldover` also every run mirrored.
 
-    Main effects are apart from each other; interactions of two blur into them, unless folded over.
+    Main effects are orthogonal; interactions of two factors are confounded with them, unless the design is folded over.
     """
 
     grows: ClassVar[bool] = False
@@ -61,7 +62,9 @@ def plackett_burman(factors: int) -> Counts:
     if factors >= MAX_FACTORS:
         raise ValueError(f"a plackett_burman takes at most {MAX_FACTORS - 1} factors here, not {factors}")
     for runs in range(4 * (factors // 4 + 1), 2 * MAX_FACTORS, 4):
+        # Not every multiple of four has a construction here; a power of two always does, and there is one below twice the start.
         if (square := hadamard_matrix(runs)) is not None:
+            # The first column is made constant and left out: it would be the mean, and the others are balanced against it.
             return -(square[:, 1:] * square[:, :1])[:, :factors]
     raise AssertionError("a Hadamard matrix of a power of two is always there")
 
@@ -71,6 +74,7 @@ def definitive_screening(factors: int) -> Counts:
     if not 3 <= factors <= MAX_FACTORS:
         raise ValueError(f"a definitive_screening takes 3 to {MAX_FACTORS} factors, not {factors}")
     order = factors + factors % 2
+    # Conference matrices have even orders, and none exists for some of them, such as 22 and 34.
     while (square := conference_matrix(order)) is None:
         order += 2
     columns = square[:, :factors]
@@ -79,6 +83,7 @@ def definitive_screening(factors: int) -> Counts:
 
 def _three_levels(factor: DesignFactor) -> tuple[FactorLevel, ...]:
     if factor.range is not None:
+        # The middle level must be half way, or linear and quadratic effects mix.
         if factor.range.integer and (factor.range.low + factor.range.high) % 2:
             raise ValueError(f"factor {factor.name!r}: no whole number is in the middle of its range; move an end by one")
         return tuple(factor.range.at(share) for share in (0.0, 0.5, 1.0))

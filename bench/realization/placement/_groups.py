@@ -60,6 +60,7 @@ def groups_named(simspec: SimSpec, group: ActorGroup, name: str | None) -> tuple
     """The group of that name, or all other groups of that role; none for a point and the vehicle's home."""
     if name is None:
         return ()
+    # A group takes precedence over a role of the same name, as in the documents.
     if any(other.id == name for other in simspec.actors):
         return (name,)
     return tuple(other.id for other in simspec.actors if other.role == name and other.id != group.id)
@@ -68,6 +69,7 @@ def groups_named(simspec: SimSpec, group: ActorGroup, name: str | None) -> tuple
 def inner_radius_m(group: ActorGroup) -> float:
     """Radius of the circle inside a member's footprint."""
     asset = ASSETS[group.asset]
+    # Inside at any heading: a bound that needs no heading.
     return min(asset.length_m, asset.width_m) / 2.0
 
 

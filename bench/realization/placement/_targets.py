@@ -47,11 +47,13 @@ class RelationTarget:
             return cls._point(distance.point)
         if is_home(simspec, distance.of):
             return cls.named(simspec, distance.of)
+        # Groups without members are left out: a distance to nobody is kept.
         names = groups_named(simspec, group, distance.of)
         return cls(repr(distance.of), tuple(name for name in names if member_count(simspec, simspec.group(name))))
 
     @classmethod
     def _point(cls, point: Point | None) -> RelationTarget:
+        # The document has either a group or a point.
         assert point is not None
         return cls(f"the point {point.east_m:g} east, {point.north_m:g} north", points=point_footprint(point))
 

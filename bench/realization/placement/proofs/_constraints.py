@@ -35,8 +35,8 @@ class Constraint:
     text: str
     group: str
     ground: Geometry | None = None
-    tie: GroupRelation | None = None
-    midway: BetweenRelation | None = None
+    group_relation: GroupRelation | None = None
+    between: BetweenRelation | None = None
     mean: MeanDistance | None = None
     need_m2: float | None = None
     spread_m: float | None = None
@@ -47,6 +47,7 @@ class Constraint:
 
 def scene_constraints(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[Constraint]:
     """Every constraint of the scene, in the order in which an explanation tries to leave them out."""
+    # A group without members constrains nothing.
     peopled = [group for group in order if member_count(simspec, group)]
     fixed = [group for group in peopled if group.placement.at]
     free = [group for group in peopled if not group.placement.at]
@@ -98,15 +99,21 @@ def _group_constraints(simspec: SimSpec, group: ActorGroup) -> list[Constraint]:
         if (room := relation.ground()) is not None:
             constraints.append(Constraint(relation.path, f"{group.id!r} is to {relation.text}", group.id, ground=room))
     bands = distance_bands(simspec, group)
-    for tie in group_relations(simspec, group):
-        text = f"{group.id!r} is to {tie.text}"
-        if tie.points is None:
-            constraints.append(Constraint(tie.path, text, group.id, tie=tie, band=bands.get(tie.path)))
-        elif (room := tie.bound(tie.points).ground()) is not None:
-            constraints.append(Constraint(tie.path, text, group.id, ground=room))
+    for group_relation in group_relations(simspec, group):
+        text = f"{group.id!r} is to {group_relation.text}"
+        # A relation to fixed points is known ground. One to a group stays a relation until its members are placed.
+        if group_relation.points is None:
+            constraints.append(
+                Constraint(
+                    group_relation.path, text, group.id, group_relation=group_relation, band=bands.get(group_relation.path)
+                )
+            )
+        elif (room := group_relation.bound(group_relation.points).ground()) is not None:
+            constraints.append(Constraint(group_relation.path, text, group.id, ground=room))
     for between in between_relations(simspec, group):
-        constraints.append(Constraint(between.path, f"{group.id!r} is to {between.text}", group.id, midway=between))
+        constraints.append(Constraint(between.path, f"{group.id!r} is to {between.text}", group.id, between=between))
     if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
+        # An empty ground: nothing can hide the members, so they may stand nowhere.
         text = f"{group.id!r} is to stand out of sight, and no other group has a solid asset"
         constraints.append(Constraint(field_path(group, "hidden_from"), text, group.id, ground=shapely.Polygon()))
     for heading in (road_heading(simspec, group), facing_heading(group)):

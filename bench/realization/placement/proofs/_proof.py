@@ -108,14 +108,14 @@ class _Relaxation:
         """Whether a group has no ground left, two distances that exclude each other, or a mean distance out of reach."""
         peopled = [group for group in self.order if member_count(self.simspec, group)]
         self.ground = {group.id: self._own_ground(group) for group in peopled}
-        bound = [term for term in self.terms if term.tie]
+        bound = [term for term in self.terms if term.group_relation]
         for _ in range(NARROWING_ROUNDS):
             before = [shapely.area(ground) for ground in self.ground.values()]
             for term in bound:
-                self._narrow(term.group, term.tie)
+                self._narrow(term.group, term.group_relation)
             for term in self.terms:
-                if term.midway and not any(ground.is_empty for ground in self.ground.values()):
-                    self._cut(term.group, term.midway.ground(*(self._ground_of(name) for name in term.midway.ends)))
+                if term.between and not any(ground.is_empty for ground in self.ground.values()):
+                    self._cut(term.group, term.between.ground(*(self._ground_of(name) for name in term.between.ends)))
             if any(ground.is_empty for ground in self.ground.values()):
                 return True
             means = [(term.group, term.mean) for term in self.terms if term.mean]
@@ -299,7 +299,9 @@ class _Relaxation:
         Relations to one member are narrowed one by one; they add up only when the place of that member is known.
         """
         self.ground_fails()
-        tied = Counter(name for term in self.terms for tie in (term.tie, term.midway) if tie for name in tie.of)
+        tied = Counter(
+            name for term in self.terms for relation in (term.group_relation, term.between) if relation for name in relation.of
+        )
         split = [
             name
             for name, times in tied.items()
@@ -314,7 +316,7 @@ class _Relaxation:
         """Whether the scene fails wherever that member stands; a part that does not fail at once is halved."""
         # Depth first over a stack: the search ends at the first part that cannot be refused.
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
-        bound = sum(term.tie is not None or term.midway is not None for term in self.terms)
+        bound = sum(term.group_relation is not None or term.between is not None for term in self.terms)
         for _ in range(min(MAX_CASES, 8 + 8 * MAX_CASES // bound)):
             if not parts:
                 return True

@@ -42,6 +42,7 @@ class BetweenRelation:
     def bound(self, placed: Callable[[str], Footprints]) -> Relation:
         """The relation to placed members."""
         start_m = self._at(self.first, placed).centre_m[0]
+        # The same group twice: its first and its second member.
         end_m = self._at(self.second, placed).centre_m[1 if self.first == self.second else 0]
 
         def keeps(candidates: Footprints) -> Bools:
@@ -53,6 +54,7 @@ class BetweenRelation:
             forward, offset = way / length_m, candidates.centre_m - start_m
             along = offset @ forward
             aside = offset[:, 0] * forward[1] - offset[:, 1] * forward[0]
+            # Strictly between: beside an end is not between.
             valid: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
             return valid
 
@@ -63,6 +65,7 @@ class BetweenRelation:
 
     def ground(self, start: Geometry, end: Geometry) -> Geometry:
         """Ground that contains every valid centre when the ends lie anywhere in these two grounds."""
+        # Two points: the exact strip. Larger grounds: the hull of all possible lines.
         if shapely.get_num_coordinates(start) == 1 and shapely.get_num_coordinates(end) == 1:
             line = shapely.LineString([start, end])
             return shapely.buffer(line, self.within_m + 1e-6, cap_style="flat") if line.length > 0.0 else shapely.Polygon()

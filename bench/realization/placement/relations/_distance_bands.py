@@ -29,6 +29,7 @@ class DistanceBand:
 
     def excludes(self, other: DistanceBand) -> bool:
         """Whether no place satisfies both. Bands that may refer to different members never exclude each other."""
+        # `some` and `mean` may be kept by other members than those of the other band.
         if self.of != other.of or "every" not in (self.quantifier, other.quantifier):
             return False
         return max(self.low_m, other.low_m) > min(self.high_m, other.high_m)
@@ -47,6 +48,7 @@ def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBan
             most_m = inf if distance.max_m is None else distance.max_m
             bands[field_path(group, f"distances[{number}]")] = DistanceBand(distance.of, distance.whom, distance.min_m, most_m)
     if mean := place.mean_distance:
+        # Positions are rounded to the millimetre.
         slack_m = mean.tolerance * mean.mean_m + 1e-3
         bands[field_path(group, "mean_distance")] = DistanceBand(mean.of, "mean", mean.mean_m - slack_m, mean.mean_m + slack_m)
     return bands
@@ -56,9 +58,11 @@ def band_ground(others: Geometry, min_m: float, max_m: float | None) -> Geometry
     """Ground within `max_m` of some place and not closer than `min_m` to all of them; None when unrestricted."""
     if max_m is None and min_m <= 0.0:
         return None
+    # At least: ground may be too large, never too small (`_relation`).
     reach = grown_at_least(others, max_m) if max_m is not None else None
     if min_m > 0.0:
         corners = shapely.get_coordinates(bounding_octagon(others))
+        # Centres too close to all of the place: within the distance of each corner of an octagon around it.
         too_near = shapely.intersection_all(
             shapely.buffer(shapely.points(corners), max(min_m - 1e-6, 0.0), quad_segs=QUARTER_SEGMENTS)
         )

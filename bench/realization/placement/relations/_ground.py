@@ -46,6 +46,7 @@ def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
 
 def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
     def keeps(candidates: Footprints) -> Bools:
+        # Into -180 to 180 degrees, so that 359 and 1 are 2 degrees apart.
         off = np.abs((np.degrees(candidates.heading_rad) - heading_deg + 180.0) % 360.0 - 180.0)
         valid: Bools = off <= within_deg + 1e-9
         return valid
@@ -115,6 +116,7 @@ def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Rel
         limit = along.parallel_deg
 
         def parallel(candidates: Footprints) -> Bools:
+            # Modulo 180 degrees: either direction of the road is parallel to it.
             off = np.abs((np.degrees(candidates.heading_rad) - road_heading_deg(road, candidates.centre_m) + 90.0) % 180.0 - 90.0)
             valid: Bools = off <= limit + 1e-9
             return valid

@@ -90,6 +90,7 @@ class RequiredHeading:
         mine, others = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (ground, theirs))
         ways = (others[None, :, :] - mine[:, None, :]).reshape(-1, 2)
         hull = shapely.convex_hull(shapely.multipoints(ways))
+        # The grounds touch or overlap, so the target may be in any direction.
         if shapely.distance(hull, shapely.Point(0.0, 0.0)) < _TOLERANCE:
             return None
         middle = float(np.degrees(np.arctan2(hull.centroid.x, hull.centroid.y)))
@@ -99,6 +100,7 @@ class RequiredHeading:
 
 def _slant_deg(one_deg: float, other_deg: float) -> float:
     """The turn between two lines without direction."""
+    # Modulo 180 degrees, because a line has no direction.
     return abs((one_deg - other_deg + 90.0) % 180.0 - 90.0)
 
 

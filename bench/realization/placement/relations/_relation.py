@@ -70,6 +70,7 @@ class GroupRelation:
 
     def _common_ground(self, others: Footprints) -> Geometry | None:
         points = shapely.points(others.centre_m)
+        # No members: nothing to relate to, so nothing is restricted.
         if len(points) == 0:
             return None
         if self.ground_among is not None:
