@@ -76,7 +76,7 @@ def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposit
         return load_decomposition(str(next((path for path in (stored, folder / reference) if path.is_file()), reference)))
     except SetupError as error:
         what = "; ".join(fault.what for fault in error.faults)
-        notes.append(f"The decomposition {reference!r} could not be read, so nodes stand here without titles: {what}.")
+        notes.append(f"The decomposition {reference!r} could not be read, so nodes have no titles here: {what}.")
         return None
 
 

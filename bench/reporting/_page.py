@@ -51,7 +51,7 @@ MANIFEST_ROWS = 5000
 def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
     """Write `report.html` into a campaign's folder and return its path; the same folder gives the same bytes.
 
-    Raises SetupError when `folder` holds no campaign. What is missing or damaged in it is said in the report.
+    Raises SetupError when `folder` holds no campaign. The report names what is missing or damaged in it.
     """
     data = load_report_data(folder)
     path = folder / "report.html"

@@ -115,7 +115,7 @@ def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTria
 
 
 def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials) -> list[dict[str, Any]]:
-    """For each agent that flew: its branches, one for every root, each with the rows of all that stands under it."""
+    """For each agent that flew: one branch for every root, with the rows of all nodes under it."""
     if not data.tallies:
         return []
     flown = {run.agent for run in data.runs}

@@ -126,7 +126,7 @@ def _between_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsist
     field = ("actors", index, "placement", "between")
     for name in ("first", "second"):
         yield from _reference_inconsistencies((*field, name), group.id, getattr(between, name), group_ids)
-    # A group that is itself called `home` has two members to stand between; the vehicle's home is one place.
+    # A group called `home` has a first and a second member; the vehicle's home is a single place.
     if between.first == between.second == HOME and HOME not in group_ids:
         yield (*field, "second"), f"there is nothing between {HOME!r} and itself; name a group"
 
@@ -162,8 +162,8 @@ def _host_inconsistencies(field: FieldPath, index: int, guest: ActorGroup, host:
         yield (*field, "of"), message
     if host_asset.solid and guest.motion.kind != "still":
         message = (
-            f"group {guest.id!r} cannot {guest.motion.kind} from inside {host.id!r}: its asset {host.asset!r} is solid, and "
-            "nobody walks through it; set motion.kind to still or drop placement.inside"
+            f"group {guest.id!r} cannot {guest.motion.kind} from inside {host.id!r}: its asset {host.asset!r} is solid: "
+            "set motion.kind to still, or delete placement.inside"
         )
         yield ("actors", index, "motion", "kind"), message
 

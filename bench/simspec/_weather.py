@@ -30,7 +30,7 @@ WeatherLevel = Annotated[float, Field(ge=0.0, le=9.0)]
 
 def _as_utc(moment: object) -> object:
     """The moment in UTC where it has no time zone."""
-    # YAML makes a datetime without a zone of a plain timestamp; the name of the field says that it is UTC.
+    # YAML reads a plain timestamp as a datetime without a zone; the field's name promises UTC.
     if isinstance(moment, dt.datetime) and moment.tzinfo is None:
         return moment.replace(tzinfo=dt.UTC)
     return moment

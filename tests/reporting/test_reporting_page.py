@@ -295,7 +295,7 @@ def test_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
     folder = make_campaign(tmp_path / "c", Made(scenes=2))
     (folder / "decomposition.json").unlink()
     page, _ = page_of(folder)
-    assert "so nodes stand here without titles" in page.text
+    assert "so nodes have no titles here" in page.text
     assert any(row[0].strip().startswith("KA-18") for row in page.tables["headline"])
 
 

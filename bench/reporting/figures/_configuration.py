@@ -44,7 +44,7 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
     extent = [bottom - 12.0, top + 6.0]
     figure.update_layout(
         xaxis={"tickvals": list(range(len(data.study))), "ticktext": list(data.study), "range": [-0.5, len(data.study) - 0.5]},
-        # Bars are drawn on the first axis so that violins, on the overlaid one, stand before them.
+        # Bars are on the first axis, so that the violins, on the overlaid second one, are drawn over them.
         yaxis=_axis("confidence, %", extent, side="right", showgrid=False),
         yaxis2=_axis("score and difficulty", extent, side="left", overlaying="y", showgrid=True),
         barmode="overlay",

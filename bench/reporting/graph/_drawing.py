@@ -165,7 +165,7 @@ def colour(tally: Tally | None, by: Measurement) -> NodeColour:
 
 
 def _step(value: float) -> str:
-    # Clipped here alone: scores may exceed 100 or fall below 0 (docs/rulings.md 7 and 8), the scale ends there.
+    # Scores may exceed 100 or fall below 0 (docs/rulings.md 7 and 8), but the scale ends there.
     return str(min(COLOUR_STEPS - 1, max(0, int(value * COLOUR_STEPS / 100.0))))
 
 
@@ -187,7 +187,7 @@ def _notes(decomposition: Decomposition, data: ReportData) -> Iterator[str]:
     yield from data.notes
     # None: the decomposition of the campaign could not be read, which has a note already.
     if data.decomposition_sha256 not in (None, decomposition.digest):
-        yield f"{data.name} was scored with another decomposition than this one: numbers are matched by the ids of nodes alone."
+        yield f"{data.name} was scored with another decomposition than this one: numbers are matched only by the ids of nodes."
     if absent := sum(name not in data.nodes for name in decomposition.nodes):
         yield f"{plural(absent, 'node is', 'nodes are')} not in this campaign."
 

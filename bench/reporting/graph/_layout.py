@@ -1,4 +1,4 @@
-"""Where the nodes of a decomposition stand when it is drawn: a column for each level, a row for each leaf."""
+"""The positions of the nodes in a drawing of a decomposition: a column for each level, a row for each leaf."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GAPS = {Level.PRINCIPLE: 1.0, Level.KEY_ATTRIBUTE: 0.4}
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """From a node to a child; `first` where the child stands beneath this parent, and not only under another."""
+    """An edge from a node to a child. `first` means that the child is placed under this parent, not under another one."""
 
     parent: str
     child: str
@@ -32,10 +32,10 @@ class Layout:
 
 
 def lay_out(decomposition: Decomposition) -> Layout:
-    """Each node beside the middle of the children that stand beneath it, and beneath the first parent that names it.
+    """Place each node under the first parent that names it, and beside the middle of the children that are placed under it.
 
     Everything comes in the order of the document, so no two nodes of a column are nearer than a row, edges to children
-    that stand beneath a node never cross, and equal documents are laid out alike.
+    that are placed under a node never cross, and equal documents are laid out alike.
     """
     columns = tuple(level for level in Level if decomposition.at_level(level))
     row: dict[str, float] = {}

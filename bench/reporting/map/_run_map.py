@@ -185,7 +185,7 @@ def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
         far = int(np.argmax(distances))
         if distances[far] > PATH_TOLERANCE_M and 0 < far < last - first:
             spans += [(first, first + far), (first + far, last)]
-        # An actor that did not move keeps its first corner alone.
+        # An actor that did not move keeps only its first corner.
         elif length >= PATH_TOLERANCE_M:
             keep |= {first, last}
     return path[sorted(keep)]

@@ -39,7 +39,7 @@ class FactorRow:
 
 @dataclass(frozen=True, slots=True)
 class FactorTable:
-    """One node of one agent: its factors, and what must be said of the analysis."""
+    """One node of one agent: its factors, and notes on the analysis."""
 
     agent: str
     node: str
@@ -50,7 +50,7 @@ class FactorTable:
 
 @dataclass(frozen=True, slots=True)
 class FactorEffects:
-    """The whole section. `note` says why there is none, and is empty otherwise; `frame` holds every test (FACTOR_COLUMNS)."""
+    """The whole section. `note` is the reason why there is none, else empty; `frame` holds every test (FACTOR_COLUMNS)."""
 
     tables: tuple[FactorTable, ...]
     independence: FactorIndependence | None
@@ -87,7 +87,7 @@ def factor_effects(data: ReportData) -> FactorEffects:
         if (analysis := node_factors(data.scores, levels, agent, node)) is not None
     ]
     if levels and not analyses:
-        note = "No run was considered, so nothing can be said."
+        note = "No run was considered, so there is no analysis."
     # All tests of the section at once: their p values are adjusted together, and the tables below read them from here.
     frame = factor_frame(analyses)
     return FactorEffects(
@@ -152,7 +152,7 @@ def _notes(analysis: NodeFactorAnalysis) -> Iterable[str]:
             yield f"{name}: residuals are {' and '.join(violations)}, so p is rough."
     if analysis.passes.note:
         yield f"Passes: {analysis.passes.note}."
-    # Confidence and score often leave out the same term for the same reason: it is said once.
+    # Confidence and score often leave out the same term for the same reason; the note names it once.
     exclusions = dict.fromkeys(
         f"{exclusion.term} ({exclusion.reason})" for exclusion in (*analysis.confidence.left_out, *analysis.score.left_out)
     )

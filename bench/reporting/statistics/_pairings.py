@@ -67,7 +67,7 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
         neither=passed.count((False, False)),
         confidence_differences=tuple((shared["confidence_second"] - shared["confidence"]).to_list()),
         score_differences=tuple((scored["score_second"] - scored["score"]).to_list()),
-        # McNemar's exact test: under equal agents, a discordant scene goes to either of them with probability 1/2.
+        # McNemar's exact test: if the agents are equal, either of them passes a discordant scene with probability 1/2.
         p_value=float(binomtest(only_first, only_first + only_second).pvalue) if only_first + only_second else None,
     )
 

@@ -36,7 +36,7 @@ GLOSSARY = (
     ("Considered", "According to the scenario and the ground truth, the situation offered something that exercises the observable. "
      "An agent that ignores it is considered, and fails."),
     ("Scored", "At least one observable under the node was achieved (or came near enough, where the decomposition gives credit for "
-     "that). “Not scored” is a state of its own, neither zero nor missing."),
+     "that). “Not scored” is a separate state, neither zero nor missing."),
     ("Key attribute (KA)", "A quality that a principle requires. Below it are verifiable attribute behaviours (VAB), and below "
      "those are observables: numbers measured in a run."),
     ("Partial credit", "Four points for each unit by which the measured value exceeds the threshold."),

@@ -28,7 +28,7 @@ CURVE_CAVEATS = {
 
 
 def node_sentences(tally: Tally | None, trials: NodeTrials) -> list[str]:
-    """What can be said of one node of one agent over all runs."""
+    """The results of one node and agent over all runs, in sentences."""
     # No-break spaces: a line must not end between a number and its unit.
     return [sentence.replace(" %", "\u00a0%") for sentence in _sentences(tally, trials)]
 
