@@ -1,4 +1,4 @@
-"""The pinhole camera against geometry done by hand."""
+"""The pinhole camera, compared with geometry worked out by hand."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_situations import hovering
+from scene_simspecs import hovering
 
 from bench.simspec import Camera
 from bench.simulation import PinholeCamera
@@ -19,8 +19,8 @@ def camera(tilt_deg: float, stabilized: bool = True) -> PinholeCamera:
     return PinholeCamera.of(Camera(tilt_deg=tilt_deg, stabilized=stabilized))
 
 
-def test_what_lies_below_a_nadir_camera_is_in_the_middle() -> None:
-    """Looking straight down, the place below is the middle, ahead is up, and the right hand is right."""
+def test_a_nadir_camera_projects_the_point_below_to_the_image_centre() -> None:
+    """Looking straight down, the point below is in the centre, points ahead are above it, points to the right are right of it."""
     below, ahead, right = camera(90.0).project(np.array([[5, 7, 0], [5, 17, 0], [15, 7, 0]], float), hovering(5, 7, 60))
 
     assert below == pytest.approx([640.0, 360.0])
@@ -30,28 +30,28 @@ def test_what_lies_below_a_nadir_camera_is_in_the_middle() -> None:
 
 @pytest.mark.parametrize("tilt_deg", [10.0, 45.0, 60.0, 85.0])
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, math.pi, 5.0])
-def test_the_axis_meets_the_ground_where_the_tilt_says(tilt_deg: float, yaw_rad: float) -> None:
-    """The ground point ahead at height / tan(tilt) is the middle of the picture, whatever the heading."""
+def test_the_optical_axis_meets_the_ground_at_height_over_tan_tilt(tilt_deg: float, yaw_rad: float) -> None:
+    """The ground point ahead at height / tan(tilt) is the centre of the image, whatever the heading."""
     ahead_m = 40.0 / math.tan(math.radians(tilt_deg))
     point = np.array([3.0 + ahead_m * math.sin(yaw_rad), -4.0 + ahead_m * math.cos(yaw_rad), 0.0])
 
     assert camera(tilt_deg).project(point, hovering(3, -4, 40, yaw_rad)) == pytest.approx([640.0, 360.0])
 
 
-def test_the_horizontal_field_of_view_is_the_width() -> None:
-    """A point 35 degrees to the right of a level camera with 70 degrees lies on the right edge."""
+def test_the_horizontal_field_of_view_spans_the_image_width() -> None:
+    """A point 35 degrees to the right of a level camera with a 70 degree field of view lies on the right edge."""
     point = np.array([10 * math.tan(math.radians(35.0)), 10.0, 2.0])
 
     assert camera(0.0).project(point, hovering(0, 0, 2)) == pytest.approx([1280.0, 360.0])
 
 
-def test_what_is_behind_has_no_pixel() -> None:
-    """Points behind the camera project to NaN rather than mirrored into the picture."""
+def test_points_behind_the_camera_project_to_nan() -> None:
+    """A point behind the camera has no pixel; it is not mirrored into the image."""
     assert np.isnan(camera(0.0).project(np.array([0.0, -10.0, 2.0]), hovering(0, 0, 2))).all()
 
 
 def test_a_fixed_camera_turns_with_the_body_and_a_stabilized_one_does_not() -> None:
-    """Nose up by d is d less tilt; banking right by d swings a nadir camera left, so what is below moves right."""
+    """Pitching up by d reduces the tilt by d. Banking right by d swings a nadir camera left, so the point below moves right."""
     point = np.array([2.0, 30.0, 0.0])
     level = camera(35.0).project(point, hovering(0, 0, 40))
 
@@ -61,8 +61,8 @@ def test_a_fixed_camera_turns_with_the_body_and_a_stabilized_one_does_not() -> N
     assert banked == pytest.approx([640.0 + FOCAL_PX * math.tan(0.1), 360.0])
 
 
-def test_axes_are_a_right_handed_rotation_at_any_attitude() -> None:
-    """Rows of axes_enu are orthonormal with right x down = forward."""
+def test_camera_axes_are_a_right_handed_rotation() -> None:
+    """The rows of axes_enu are orthonormal, with right x down = forward, at an arbitrary attitude."""
     axes = camera(30.0, stabilized=False).axes_enu(hovering(0, 0, 0, 2.0, 0.7, -0.4))
 
     assert axes @ axes.T == pytest.approx(np.eye(3))
@@ -70,10 +70,10 @@ def test_axes_are_a_right_handed_rotation_at_any_attitude() -> None:
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0, 90.0])
-def test_the_mount_is_the_rotation_that_the_projection_uses(tilt_deg: float) -> None:
-    """Facing east, base_link axes are ENU; the quaternion's matrix then has the camera's axes as columns."""
-    one = camera(tilt_deg)
-    x, y, z, w = one.mount_quaternion()
+def test_the_mount_quaternion_equals_the_rotation_of_the_projection(tilt_deg: float) -> None:
+    """When the vehicle faces east, base_link axes are ENU, so the quaternion's matrix has the camera's axes as columns."""
+    pinhole = camera(tilt_deg)
+    x, y, z, w = pinhole.mount_quaternion()
     matrix = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -83,30 +83,30 @@ def test_the_mount_is_the_rotation_that_the_projection_uses(tilt_deg: float) -> 
     )
 
     assert math.hypot(x, y, z, w) == pytest.approx(1.0)
-    assert one.axes_enu(hovering(0, 0, 10, math.pi / 2)) == pytest.approx(matrix.T, abs=1e-12)
+    assert pinhole.axes_enu(hovering(0, 0, 10, math.pi / 2)) == pytest.approx(matrix.T, abs=1e-12)
 
 
 @pytest.mark.parametrize(("pan_rad", "tilt_rad"), [(0.0, 0.3), (0.7, 1.2), (-2.5, 0.0), (3.1, -0.4)])
-def test_a_gimbal_turns_the_projection_and_the_mount_alike(pan_rad: float, tilt_rad: float) -> None:
-    """Pan is a turn of the heading, tilt replaces the SimSpec's; /tf says the rotation that the projection uses."""
-    one, plain = camera(60.0), hovering(0, 0, 10, math.pi / 2)
+def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(pan_rad: float, tilt_rad: float) -> None:
+    """Pan adds to the heading, tilt replaces the SimSpec's tilt; /tf carries the rotation that the projection uses."""
+    pinhole, plain = camera(60.0), hovering(0, 0, 10, math.pi / 2)
     turned = replace(plain, camera_pan_rad=pan_rad, camera_tilt_rad=tilt_rad)
-    x, y, z, w = one.mount_quaternion(pan_rad, tilt_rad)
+    x, y, z, w = pinhole.mount_quaternion(pan_rad, tilt_rad)
     forward = np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
     right = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
 
-    axes = one.axes_enu(turned)
+    axes = pinhole.axes_enu(turned)
     assert axes[2] == pytest.approx(forward, abs=1e-12)
     assert axes[0] == pytest.approx(right, abs=1e-12)
     same = camera(0.0).axes_enu(replace(hovering(0, 0, 10, math.pi / 2 + pan_rad), camera_pan_rad=0.0, camera_tilt_rad=tilt_rad))
     assert axes == pytest.approx(same, abs=1e-12)
 
 
-def test_camera_info_states_the_intrinsics_that_project() -> None:
+def test_camera_info_holds_the_intrinsics_of_the_projection() -> None:
     """K maps camera coordinates to the pixels that project() gives."""
-    one = camera(90.0)
-    info = one.camera_info()
+    pinhole = camera(90.0)
+    info = pinhole.camera_info()
     u, v, w = np.array(info.k).reshape(3, 3) @ np.array([3.0, -2.0, 50.0])
 
-    assert (u / w, v / w) == pytest.approx(tuple(one.project(np.array([3.0, 2.0, 0.0]), hovering(0, 0, 50))))
+    assert (u / w, v / w) == pytest.approx(tuple(pinhole.project(np.array([3.0, 2.0, 0.0]), hovering(0, 0, 50))))
     assert (info.width, info.height, len(info.p)) == (1280, 720, 12)

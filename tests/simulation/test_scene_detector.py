@@ -1,4 +1,4 @@
-"""The detector against its stated model. Bounds come from the binomial distribution, at one in a billion."""
+"""The detector against its documented model. Bounds on counts are exceeded once in a billion runs (binomial distribution)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from scene_situations import hovering, situation
+from scene_simspecs import hovering, scene_simspec
 from scipy import stats
 
 from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, cast_of, light_of
@@ -32,8 +32,8 @@ def spec(
     root: int = 0,
     **model: float,
 ) -> SimSpec:
-    """Many actors of one kind, with a detection model that invents nothing unless told to."""
-    return situation(
+    """Many actors of one asset; the detection model makes no false detections unless `model` sets them."""
+    return scene_simspec(
         [(asset, float(index), 0.0, 0.0) for index in range(actors)],
         concealment=concealment,
         environment=Environment(start_utc=when, fog_level=fog, rain_level=rain),
@@ -42,28 +42,29 @@ def spec(
     )
 
 
-def frame(number: int, actors: int, height_px: float = 18.0, range_m: float = 80.0, visible: float = 1.0) -> CameraFrame:
-    """Everybody alike, in rows of sixty boxes, so that an unjittered box tells whose it is."""
-    boxes = ((20.0 * (one % 60), 14.0 * (one // 60)) for one in range(actors))
-    seen = tuple(
-        Sighting(one, range_m, height_px, visible, (left, top, left + 8.0, top + 8.0)) for one, (left, top) in enumerate(boxes)
+def camera_frame(number: int, actors: int, height_px: float = 18.0, range_m: float = 80.0, visible: float = 1.0) -> CameraFrame:
+    """Equal sightings in rows of sixty boxes, so that an unjittered box identifies its actor."""
+    boxes = ((20.0 * (index % 60), 14.0 * (index // 60)) for index in range(actors))
+    sightings = tuple(
+        Sighting(index, range_m, height_px, visible, (left_px, top_px, left_px + 8.0, top_px + 8.0))
+        for index, (left_px, top_px) in enumerate(boxes)
     )
-    return CameraFrame(number, "front", SimTime(number * PERIOD_NS), seen)
+    return CameraFrame(number, "front", SimTime(number * PERIOD_NS), sightings)
 
 
 def actor_in(box: tuple[float, float, float, float]) -> int:
     return round(box[0] / 20.0) + 60 * round(box[1] / 14.0)
 
 
-def flown(simspec: SimSpec, frames: Sequence[CameraFrame]) -> list[DetectionFrame]:
-    """All results of a detector that saw these frames."""
+def results_of(simspec: SimSpec, frames: Sequence[CameraFrame]) -> list[DetectionFrame]:
+    """All results of a detector that processed these frames."""
     detector = open_detector(simspec, cast_of(simspec))
-    for one in frames:
-        detector.process(one)
+    for frame in frames:
+        detector.process(frame)
     return list(detector.due(SimTime(10**15)))
 
 
-def found(simspec: SimSpec, frames: int = 30, **view: float) -> set[tuple[int, int]]:
+def detected(simspec: SimSpec, frames: int = 30, **view: float) -> set[tuple[int, int]]:
     """(frame, actor) of every detection."""
     assert simspec.realized is not None
     actors = len(simspec.realized.actors)
@@ -74,58 +75,58 @@ def found(simspec: SimSpec, frames: int = 30, **view: float) -> set[tuple[int, i
             )
         }
     )
-    results = flown(still, [frame(number, actors, **view) for number in range(frames)])
-    return {(number, actor_in(one.box)) for number, result in enumerate(results) for one in result.detections}
+    results = results_of(still, [camera_frame(number, actors, **view) for number in range(frames)])
+    return {(number, actor_in(detection.box)) for number, result in enumerate(results) for detection in result.detections}
 
 
 def binomial(trials: int, p: float) -> tuple[float, float]:
-    """Bounds that a count keeps to but for one time in a billion."""
+    """Bounds that a count exceeds once in a billion draws."""
     low, high = stats.binom.ppf([5e-10, 1.0 - 5e-10], trials, p)  # type: ignore[misc]
     return float(low), float(high)
 
 
-def situations_getting_worse(ladder: str) -> list[set[tuple[int, int]]]:
-    """Detections with one thing made worse in steps."""
-    makers: dict[str, Callable[[int], set[tuple[int, int]]]] = {
-        "fog": lambda step: found(spec(fog=3.0 * step)),
-        "rain": lambda step: found(spec(rain=3.0 * step), range_m=300.0),
-        "concealment": lambda step: found(spec(concealment=step / 3)),
-        "darkness": lambda step: found(spec(when=NOON + dt.timedelta(hours=[0.0, 7.8, 8.2, 11.0][step]))),
-        "range": lambda step: found(spec(fog=5.0), range_m=80.0 + 150.0 * step),
-        "size": lambda step: found(spec(), height_px=24.0 - 6.0 * step),
-        "hiding": lambda step: found(spec(), visible=1.0 - 0.25 * step),
+def detections_by_degradation(degradation: str) -> list[set[tuple[int, int]]]:
+    """Detections for four steps of one degradation."""
+    detections_at_step: dict[str, Callable[[int], set[tuple[int, int]]]] = {
+        "fog": lambda step: detected(spec(fog=3.0 * step)),
+        "rain": lambda step: detected(spec(rain=3.0 * step), range_m=300.0),
+        "concealment": lambda step: detected(spec(concealment=step / 3)),
+        "darkness": lambda step: detected(spec(when=NOON + dt.timedelta(hours=[0.0, 7.8, 8.2, 11.0][step]))),
+        "range": lambda step: detected(spec(fog=5.0), range_m=80.0 + 150.0 * step),
+        "size": lambda step: detected(spec(), height_px=24.0 - 6.0 * step),
+        "hiding": lambda step: detected(spec(), visible=1.0 - 0.25 * step),
     }
-    return [makers[ladder](step) for step in range(4)]
+    return [detections_at_step[degradation](step) for step in range(4)]
 
 
-@pytest.mark.parametrize("ladder", ["fog", "rain", "concealment", "darkness", "range", "size", "hiding"])
-def test_every_worse_view_is_detected_less_and_nothing_new_is_seen(ladder: str) -> None:
-    """Common random numbers: what is detected in the worse view is a proper part of what was detected in the better."""
-    counts = situations_getting_worse(ladder)
+@pytest.mark.parametrize("degradation", ["fog", "rain", "concealment", "darkness", "range", "size", "hiding"])
+def test_a_worse_view_gives_a_proper_subset_of_the_detections(degradation: str) -> None:
+    """The draws are common random numbers, so a worse view only removes detections."""
+    detections_by_step = detections_by_degradation(degradation)
 
-    for better, worse in itertools.pairwise(counts):
+    for better, worse in itertools.pairwise(detections_by_step):
         assert worse < better
-    assert len(counts[-1]) < 0.9 * len(counts[0])
+    assert len(detections_by_step[-1]) < 0.9 * len(detections_by_step[0])
 
 
 @pytest.mark.parametrize("correlation_s", [0.0, 0.8, 5.0])
 @pytest.mark.parametrize("height_px", [10.0, 14.0, 25.0])
-def test_the_marginal_probability_is_the_stated_one_whatever_the_correlation(correlation_s: float, height_px: float) -> None:
+def test_the_marginal_probability_does_not_depend_on_the_correlation(correlation_s: float, height_px: float) -> None:
     """In a late frame, 3000 independent actors are detected as often as the formula says."""
     simspec = spec(actors=3000, correlation_s=correlation_s)
     expected = DetectionOdds.of(simspec).clarity(Sighting(0, 80.0, height_px, 1.0, (0, 0, 1, 1)), 0.0).detection
 
-    count = sum(number == 11 for number, _ in found(simspec, frames=12, height_px=height_px))
+    count = sum(number == 11 for number, _ in detected(simspec, frames=12, height_px=height_px))
 
     low, high = binomial(3000, expected)
     assert low <= count <= high
 
 
-def test_misses_hang_together_over_the_correlation_time_and_no_longer() -> None:
-    """Agreement of successive frames is well above chance, and back at chance after many correlation times."""
-    seen = found(spec(actors=400, correlation_s=0.8), frames=60, height_px=14.0)
+def test_misses_are_correlated_over_the_correlation_time_only() -> None:
+    """Successive frames agree well above chance; frames many correlation times apart agree at chance level."""
+    detections = detected(spec(actors=400, correlation_s=0.8), frames=60, height_px=14.0)
     table = np.zeros((60, 400), dtype=bool)
-    table[tuple(np.array(sorted(seen)).T)] = True
+    table[tuple(np.array(sorted(detections)).T)] = True
     p = table.mean()
     chance = p * p + (1.0 - p) * (1.0 - p)
 
@@ -135,16 +136,16 @@ def test_misses_hang_together_over_the_correlation_time_and_no_longer() -> None:
 
 
 def test_without_correlation_frames_are_independent() -> None:
-    """correlation_s of zero is allowed and means fresh luck in each frame."""
-    seen = found(spec(actors=400, correlation_s=0.0), frames=40, height_px=14.0)
+    """correlation_s may be zero, which means an independent draw in each frame."""
+    detections = detected(spec(actors=400, correlation_s=0.0), frames=40, height_px=14.0)
     table = np.zeros((40, 400), dtype=bool)
-    table[tuple(np.array(sorted(seen)).T)] = True
+    table[tuple(np.array(sorted(detections)).T)] = True
 
     assert (table[1:] == table[:-1]).mean() == pytest.approx(0.5, abs=0.03)
 
 
-def test_the_formula_at_its_landmarks() -> None:
-    """Half the ceiling at half_height_px, the ceiling for giants, nothing past the meteorological range (contrast threshold 0.02)."""
+def test_the_detection_formula_at_its_reference_points() -> None:
+    """Half the ceiling at half_height_px, the ceiling at a huge size, zero past the meteorological range (contrast 0.02)."""
     odds = DetectionOdds.of(spec(fog=9.0, mislabel=0.3))
     clear = DetectionOdds.of(spec(mislabel=0.3))
     visibility_m = -math.log(0.02) / (0.00012 * 81.0)
@@ -157,8 +158,8 @@ def test_the_formula_at_its_landmarks() -> None:
     assert odds.clarity(Sighting(0, visibility_m * 1.01, 1e6, 1.0, (0, 0, 1, 1)), 0.0).detection == 0.0
 
 
-def test_light_falls_through_twilight() -> None:
-    """One by day, the night's share by night, half way at the horizon, never rising as the sun sinks."""
+def test_light_decreases_through_twilight() -> None:
+    """1 by day, the night level by night, half way at the horizon, and never rising as the sun sinks."""
     levels = [light_of(math.radians(elevation), 0.25) for elevation in np.linspace(20, -20, 81)]
 
     assert (levels[0], levels[-1]) == (1.0, 0.25)
@@ -166,36 +167,36 @@ def test_light_falls_through_twilight() -> None:
     assert levels == sorted(levels, reverse=True)
 
 
-def test_absurd_parameters_neither_overflow_nor_divide_by_zero() -> None:
-    """A slope or a size beyond sense still gives probabilities."""
+def test_extreme_parameters_neither_overflow_nor_divide_by_zero() -> None:
+    """An extreme slope or size still gives a probability."""
     for slope in (1e-9, 1e6):
         for height_px in (1e-300, 1.0, 1e300):
             clarity = DetectionOdds.of(spec(slope=slope)).clarity(Sighting(0, 1.0, height_px, 1.0, (0, 0, 1, 1)), 1.0)
             assert 0.0 <= clarity.detection <= 0.98
 
 
-def test_wrong_labels_come_as_often_as_stated_and_from_the_catalogue() -> None:
-    """At the threshold of detection a share `mislabel` of the detections of a late frame is wrong; clear views are right."""
+def test_wrong_labels_occur_at_the_mislabel_rate_and_come_from_the_catalogue() -> None:
+    """At half_height_px a share `mislabel` of a late frame's labels is wrong; in clear views all labels are right."""
     simspec = spec("soldier", actors=3000, mislabel=0.25)
-    late = flown(simspec, [frame(number, 3000, height_px=14.0) for number in range(3)])[-1].detections
-    wrong = [one.class_label for one in late if one.class_label != "combatant"]
-    clear = flown(simspec, [frame(0, 3000, height_px=4000.0)])[0].detections
+    late = results_of(simspec, [camera_frame(number, 3000, height_px=14.0) for number in range(3)])[-1].detections
+    wrong = [detection.class_label for detection in late if detection.class_label != "combatant"]
+    clear = results_of(simspec, [camera_frame(0, 3000, height_px=4000.0)])[0].detections
 
     low, high = binomial(len(late), 0.25)
     assert low <= len(wrong) <= high
     assert set(wrong) == set(ASSETS["soldier"].confused_with)
-    assert {one.class_label for one in clear} == {"combatant"}
+    assert {detection.class_label for detection in clear} == {"combatant"}
 
 
 def test_a_wrong_label_persists_through_an_encounter() -> None:
-    """Successive labels of one track agree far more often than independent draws would."""
+    """Successive labels of a track agree far more often than independent draws would."""
     simspec = spec("soldier", actors=300, mislabel=0.25)
-    results = flown(simspec, [frame(number, 300, height_px=16.0) for number in range(12)])
+    results = results_of(simspec, [camera_frame(number, 300, height_px=16.0) for number in range(12)])
     pairs = [
-        (one.class_label, label)
+        (detection.class_label, label)
         for before, after in itertools.pairwise(results)
-        for one in before.detections
-        if (label := {other.track: other.class_label for other in after.detections}.get(one.track)) is not None
+        for detection in before.detections
+        if (label := {other.track: other.class_label for other in after.detections}.get(detection.track)) is not None
     ]
     wrong = [second != "combatant" for first, second in pairs if first != "combatant"]
 
@@ -203,13 +204,13 @@ def test_a_wrong_label_persists_through_an_encounter() -> None:
     assert sum(wrong) / len(wrong) > 0.7
 
 
-def test_scores_are_about_calibrated_and_lower_for_wrong_labels() -> None:
-    """In each band of scores, the share of right labels is what the scores say."""
+def test_scores_are_calibrated_and_lower_for_wrong_labels() -> None:
+    """In each band of scores, the share of right labels is within 0.08 of the mean score."""
     simspec = spec("soldier", actors=3000, mislabel=0.25, correlation_s=0.0)
-    views = [frame(number, 3000, height_px=height) for number, height in enumerate((10.0, 14.0, 18.0, 22.0))]
-    every = [one for result in flown(simspec, views) for one in result.detections]
-    score = np.array([one.score for one in every])
-    right = np.array([one.class_label == "combatant" for one in every])
+    views = [camera_frame(number, 3000, height_px=height) for number, height in enumerate((10.0, 14.0, 18.0, 22.0))]
+    every = [detection for result in results_of(simspec, views) for detection in result.detections]
+    score = np.array([detection.score for detection in every])
+    right = np.array([detection.class_label == "combatant" for detection in every])
 
     assert ((score > 0.0) & (score < 1.0)).all()
     assert score[~right].mean() < score[right].mean() - 0.15
@@ -220,24 +221,26 @@ def test_scores_are_about_calibrated_and_lower_for_wrong_labels() -> None:
 
 
 def test_scores_fall_as_the_view_gets_worse() -> None:
-    """The mean score of what is still detected is lower in fog."""
+    """The mean score of the remaining detections is lower in fog."""
 
     def mean(fog: float) -> float:
-        results = flown(spec(actors=1000, fog=fog), [frame(0, 1000, height_px=20.0, range_m=150.0)])
-        return float(np.mean([one.score for one in results[0].detections]))
+        results = results_of(spec(actors=1000, fog=fog), [camera_frame(0, 1000, height_px=20.0, range_m=150.0)])
+        return float(np.mean([detection.score for detection in results[0].detections]))
 
     assert mean(6.0) < mean(0.0) - 0.03
 
 
-def test_boxes_are_jittered_as_stated_and_stay_inside_the_picture() -> None:
-    """Edges scatter with the stated deviation; at the border boxes stay proper and inside."""
+def test_boxes_are_jittered_by_jitter_px_and_stay_inside_the_image() -> None:
+    """Edges scatter with the given standard deviation; boxes at the border stay inside and keep a positive size."""
     simspec = spec(actors=1000, jitter_px=3.0)
     wide = CameraFrame(
-        0, "front", SimTime(0), tuple(Sighting(one, 50.0, 400.0, 1.0, (100, 100, 300, 500)) for one in range(1000))
+        0, "front", SimTime(0), tuple(Sighting(index, 50.0, 400.0, 1.0, (100, 100, 300, 500)) for index in range(1000))
     )
-    tiny = CameraFrame(0, "front", SimTime(0), tuple(Sighting(one, 50.0, 400.0, 1.0, (1279, 0, 1280, 1)) for one in range(1000)))
-    edges = np.array([one.box for one in flown(simspec, [wide])[0].detections])
-    border = np.array([one.box for one in flown(simspec, [tiny])[0].detections])
+    tiny = CameraFrame(
+        0, "front", SimTime(0), tuple(Sighting(index, 50.0, 400.0, 1.0, (1279, 0, 1280, 1)) for index in range(1000))
+    )
+    edges = np.array([index.box for index in results_of(simspec, [wide])[0].detections])
+    border = np.array([index.box for index in results_of(simspec, [tiny])[0].detections])
 
     assert edges.mean(axis=0) == pytest.approx([100, 100, 300, 500], abs=0.6)
     assert edges.std(axis=0) == pytest.approx([3.0] * 4, rel=0.2)
@@ -247,37 +250,37 @@ def test_boxes_are_jittered_as_stated_and_stay_inside_the_picture() -> None:
     assert (border[:, 2:] - border[:, :2] >= 1.0 - 1e-9).all()
 
 
-def test_false_detections_come_at_their_rate_unsure_and_never_twice() -> None:
-    """With nobody in view, Poisson many per frame, low scores, labels of the catalogue, every track a new one."""
+def test_false_detections_have_their_rate_low_scores_and_new_tracks() -> None:
+    """With no actor in view, counts per frame are Poisson, labels come from the catalogue, and no track repeats."""
     simspec = spec(actors=1, false_per_frame=0.5)
-    results = flown(simspec, [CameraFrame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)])
-    false = [one for result in results for one in result.detections]
+    results = results_of(simspec, [CameraFrame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)])
+    false = [detection for result in results for detection in result.detections]
     low, high = stats.poisson.ppf([5e-10, 1.0 - 5e-10], 500.0)  # type: ignore[misc]
 
     assert low <= len(false) <= high
-    assert np.mean([one.score for one in false]) < 0.4
-    assert {one.class_label for one in false} == {asset.class_label for asset in ASSETS.values()} - {"aid_worker"}
-    assert len({one.track for one in false}) == len(false)
+    assert np.mean([detection.score for detection in false]) < 0.4
+    assert {detection.class_label for detection in false} == {asset.class_label for asset in ASSETS.values()} - {"aid_worker"}
+    assert len({detection.track for detection in false}) == len(false)
 
 
-def test_results_come_late_by_the_latency_in_order_and_once() -> None:
-    """Nothing before its time, everything at it, never again; an empty frame is a result too."""
+def test_each_result_is_due_once_after_the_latency_in_order() -> None:
+    """A result is due exactly at its time and only once; an empty frame gives a result as well."""
     simspec = spec(actors=2, latency_s=0.3)
     detector = open_detector(simspec, cast_of(simspec))
     for number in range(3):
-        detector.process(frame(number, 2 if number != 1 else 0, height_px=500.0))
+        detector.process(camera_frame(number, 2 if number != 1 else 0, height_px=500.0))
 
     assert list(detector.due(SimTime(299_999_999))) == []
     (first,) = detector.due(SimTime(300_000_000))
     assert (first.exposed.ns, first.published.ns) == (0, 300_000_000)
     later = list(detector.due(SimTime(10**10)))
-    assert [one.exposed.ns for one in later] == [PERIOD_NS, 2 * PERIOD_NS]
+    assert [result.exposed.ns for result in later] == [PERIOD_NS, 2 * PERIOD_NS]
     assert later[0].detections == ()
     assert list(detector.due(SimTime(10**11))) == []
 
 
-def test_perfect_perception_is_perfect() -> None:
-    """Whoever shows enough is reported with its box and label, surely and at once; who does not, is not."""
+def test_perfect_perception_detects_every_actor_that_is_visible_enough() -> None:
+    """A visible actor is detected at once with its true box and label and score 1; a barely visible actor is not."""
     simspec = spec("soldier", actors=3, mode="perfect", fog=9.0, concealment=1.0, false_per_frame=5.0, latency_s=1.0)
     detector = open_detector(simspec, cast_of(simspec))
     box = (10.0, 20.0, 30.0, 60.0)
@@ -288,112 +291,117 @@ def test_perfect_perception_is_perfect() -> None:
     assert result == DetectionFrame(SimTime(5), SimTime(5), (Detection("combatant", 1.0, box, "t1"),))
 
 
-def test_a_track_is_kept_over_short_gaps_and_renewed_after_long_ones() -> None:
-    """Gone for two seconds or less keeps the id; gone for longer gives a new one."""
+def test_a_track_survives_short_gaps_and_is_renewed_after_long_ones() -> None:
+    """An actor out of view for up to two seconds keeps its track id; after a longer gap it gets a new id."""
     simspec = spec(actors=1, mode="perfect")
     moments_s = [0.0, 0.2, 2.2, 4.3, 4.5]
     frames = [
-        CameraFrame(number, "front", SimTime(round(moment * 1e9)), frame(0, 1).sightings)
+        CameraFrame(number, "front", SimTime(round(moment * 1e9)), camera_frame(0, 1).sightings)
         for number, moment in enumerate(moments_s)
     ]
 
-    assert [one.detections[0].track for one in flown(simspec, frames)] == ["t1", "t1", "t1", "t2", "t2"]
+    assert [result.detections[0].track for result in results_of(simspec, frames)] == ["t1", "t1", "t1", "t2", "t2"]
 
 
-def test_nothing_in_the_detections_tells_who_is_who() -> None:
-    """Shuffling the cast changes nothing of what perfect perception says: no index, no id, no order of the cast."""
+def test_detections_do_not_reveal_the_order_of_the_cast() -> None:
+    """Shuffling the cast does not change the detections of perfect perception: they hold no index, id or order."""
     rng = np.random.default_rng(3)
-    standing = [(asset, *rng.uniform(-40, 40, 2).tolist(), 10.0) for asset in ("civilian", "soldier", "crate") for _ in range(10)]
-    shuffled = [standing[index] for index in rng.permutation(len(standing))]
+    placements = [
+        (asset, *rng.uniform(-40, 40, 2).tolist(), 10.0) for asset in ("civilian", "soldier", "crate") for _ in range(10)
+    ]
+    shuffled = [placements[index] for index in rng.permutation(len(placements))]
 
-    def said(order: Sequence[tuple[str, float, float, float]]) -> list[DetectionFrame]:
-        simspec = situation(order, camera=Camera(tilt_deg=90.0), perception=Perception(mode="perfect"))
+    def perceived(order: Sequence[tuple[str, float, float, float]]) -> list[DetectionFrame]:
+        simspec = scene_simspec(order, camera=Camera(tilt_deg=90.0), perception=Perception(mode="perfect"))
         scene = open_plain_scene(simspec)
-        return flown(simspec, [scene.observe(hovering(0, 0, 40), 0), scene.observe(hovering(20, 0, 40), 1)])
+        return results_of(simspec, [scene.observe(hovering(0, 0, 40), 0), scene.observe(hovering(20, 0, 40), 1)])
 
-    first, second = said(standing), said(shuffled)
+    first, second = perceived(placements), perceived(shuffled)
     assert len(first[0].detections) > 5
     assert rounded(first) == rounded(second)
 
 
 def rounded(results: list[DetectionFrame]) -> list[list[tuple[str, str, tuple[float, ...]]]]:
-    """Labels, tracks and boxes, free of the last bits that depend on the order of sums."""
+    """Labels, tracks and boxes, rounded because the last bits depend on the order of the sums."""
     return [
-        [(one.class_label, one.track, tuple(round(edge, 6) for edge in one.box)) for one in result.detections]
+        [
+            (detection.class_label, detection.track, tuple(round(edge, 6) for edge in detection.box))
+            for detection in result.detections
+        ]
         for result in results
     ]
 
 
-def test_degraded_tracks_count_up_from_one_and_come_surest_first() -> None:
-    """Only actors 40 to 49 are in view: tracks are t1, t2, ... in order of score."""
+def test_degraded_tracks_are_numbered_by_descending_score() -> None:
+    """Only actors 40 to 49 are in view, and their tracks are t1, t2, ... in order of score."""
     simspec = spec(actors=50)
-    view = frame(0, 50, height_px=300.0)
-    (result,) = flown(simspec, [CameraFrame(0, "front", SimTime(0), view.sightings[40:])])
-    scores = [one.score for one in result.detections]
+    view = camera_frame(0, 50, height_px=300.0)
+    (result,) = results_of(simspec, [CameraFrame(0, "front", SimTime(0), view.sightings[40:])])
+    scores = [detection.score for detection in result.detections]
 
-    assert [one.track for one in result.detections] == [f"t{number + 1}" for number in range(len(scores))]
+    assert [detection.track for detection in result.detections] == [f"t{number + 1}" for number in range(len(scores))]
     assert len(scores) > 5
     assert scores == sorted(scores, reverse=True)
 
 
-def test_the_same_seed_gives_the_same_results_and_another_seed_others() -> None:
-    """Everything that a detector says follows from the SimSpec."""
-    frames = [frame(number, 50, height_px=14.0) for number in range(20)]
+def test_results_are_reproducible_and_depend_on_the_seed() -> None:
+    """The results follow from the SimSpec alone."""
+    frames = [camera_frame(number, 50, height_px=14.0) for number in range(20)]
 
-    assert flown(spec(actors=50), frames) == flown(spec(actors=50), frames)
-    assert flown(spec(actors=50), frames) != flown(spec(actors=50, root=1), frames)
+    assert results_of(spec(actors=50), frames) == results_of(spec(actors=50), frames)
+    assert results_of(spec(actors=50), frames) != results_of(spec(actors=50, root=1), frames)
 
 
-def test_luck_does_not_depend_on_who_else_is_in_view() -> None:
-    """An actor is detected in the same frames whether or not the others are there to be seen."""
+def test_random_draws_do_not_depend_on_other_actors_in_view() -> None:
+    """An actor is detected in the same frames whether or not other actors are in view."""
     simspec = spec(actors=20)
     alone = [
-        CameraFrame(number, "front", SimTime(number * PERIOD_NS), frame(number, 20).sightings[7:8] if number >= 10 else ())
+        CameraFrame(number, "front", SimTime(number * PERIOD_NS), camera_frame(number, 20).sightings[7:8] if number >= 10 else ())
         for number in range(30)
     ]
-    crowd = [frame(number, 20) for number in range(30)]
+    crowd = [camera_frame(number, 20) for number in range(30)]
 
     def scores(frames: list[CameraFrame]) -> list[list[float]]:
-        return [sorted(one.score for one in result.detections) for result in flown(simspec, frames)[10:]]
+        return [sorted(detection.score for detection in result.detections) for result in results_of(simspec, frames)[10:]]
 
     assert any(scores(alone))
     for single, many in zip(scores(alone), scores(crowd), strict=True):
         assert set(single) <= set(many)
 
 
-def test_fog_over_a_flown_scene_costs_detections() -> None:
-    """From scene to detector: the same pass over the same people sees less in fog and less when they are concealed."""
+def test_fog_and_concealment_reduce_the_detections_of_a_pass() -> None:
+    """The same pass over the same people gives fewer detections in fog, and fewer when they are concealed."""
 
-    def seen(fog: float, concealment: float) -> int:
+    def count_detections(fog: float, concealment: float) -> int:
         people = [("soldier", 8.0 * a, 8.0 * b, 0.0) for a in range(-8, 9) for b in range(-8, 9)]
-        simspec = situation(people, concealment=concealment, environment=Environment(fog_level=fog))
+        simspec = scene_simspec(people, concealment=concealment, environment=Environment(fog_level=fog))
         scene = open_plain_scene(simspec)
         detector = open_detector(simspec, scene.cast)
         for number in range(20):
             now = SimTime(number * PERIOD_NS)
             scene.advance(now)
             detector.process(scene.observe(hovering(0.0, -60.0 + 2.0 * number, 60.0), number))
-        return sum(one.track != "" for result in detector.due(SimTime(10**12)) for one in result.detections)
+        return sum(detection.track != "" for result in detector.due(SimTime(10**12)) for detection in result.detections)
 
-    clear = seen(0.0, 0.0)
+    clear = count_detections(0.0, 0.0)
     assert clear > 200
-    assert seen(7.0, 0.0) < 0.9 * clear
-    assert seen(0.0, 1.0) < 0.7 * clear
+    assert count_detections(7.0, 0.0) < 0.9 * clear
+    assert count_detections(0.0, 1.0) < 0.7 * clear
 
 
-def test_the_largest_cast_is_seen_in_bounded_time() -> None:
-    """Five thousand in one frame are answered, all of them, and quickly."""
+def test_five_thousand_actors_in_one_frame_take_bounded_time() -> None:
+    """All five thousand are processed, within five seconds of processor time."""
     simspec = spec(actors=5000)
-    view = frame(0, 5000, height_px=500.0)
+    view = camera_frame(0, 5000, height_px=500.0)
     began = time.process_time()
-    (result,) = flown(simspec, [view])
+    (result,) = results_of(simspec, [view])
     low, high = binomial(5000, 0.98)
 
     assert low <= len(result.detections) <= high
     assert time.process_time() - began < 5.0
 
 
-def test_the_model_of_the_simspec_is_what_counts() -> None:
-    """A model with ceiling zero sees nothing at all; its defaults are those that docs/detection.md prints."""
-    assert found(spec(ceiling=0.0), height_px=1000.0) == set()
+def test_the_detector_uses_the_model_of_the_simspec() -> None:
+    """A model with ceiling zero detects nothing; the defaults are those that docs/detection.md prints."""
+    assert detected(spec(ceiling=0.0), height_px=1000.0) == set()
     assert (DetectionModel().half_height_px, DetectionModel().ceiling) == (14.0, 0.98)

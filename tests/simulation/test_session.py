@@ -1,6 +1,6 @@
 # mypy: disable-error-code=comparison-overlap
 # pytest.approx stands for a number, which its type does not say.
-"""The session: every way it can end has a name, and none of them is an exception."""
+"""A session always ends with an outcome, never with an exception."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from bench.testing import agent_manifest
 SQUARE = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))))
 
 
-def situation(**changes: object) -> SimSpec:
+def session_simspec(**changes: object) -> SimSpec:
     """A still vehicle beside one soldier, for three simulated seconds at most."""
     spec = SimSpec(
         name="session",
@@ -57,16 +57,16 @@ def situation(**changes: object) -> SimSpec:
     return spec.model_copy(update=changes)
 
 
-def fly(
+def run(
     folder: Path, manifest: AgentManifest, spec: SimSpec | None = None, clock: HostClock = HOST_CLOCK
 ) -> tuple[SessionEnd, list[Record]]:
     records: list[Record] = []
-    plan = SessionPlan(spec or situation(), manifest, folder, open_agent, folder / "scratch", records.append, clock)
+    plan = SessionPlan(spec or session_simspec(), manifest, folder, open_agent, folder / "scratch", records.append, clock)
     return run_session(plan), records
 
 
-class Hurried:
-    """A host clock on which every reading is 0.1 s after the one before: what polls it runs out of budget at once."""
+class RacingClock:
+    """A host clock on which every reading is 0.1 s after the previous one, so polling it uses up any budget at once."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -78,7 +78,7 @@ class Hurried:
 
 
 def patient_clock() -> HostClock:
-    """A host clock that runs at a hundredth of the speed: no budget of seconds is met, however loaded the host is."""
+    """A host clock that runs at a hundredth of the speed, so a loaded host exceeds no budget of seconds."""
     return HostClock(lambda: time.monotonic() / 100.0)
 
 
@@ -93,16 +93,16 @@ def patient_clock() -> HostClock:
         ("spam", Outcome.AGENT_PROTOCOL, "the agent floods its topics: more than 1,000 samples"),
     ],
 )
-def test_every_behaviour_has_its_outcome(tmp_path: Path, behaviour: str, outcome: Outcome, words: str) -> None:
-    """What an agent does wrong is named, with its own last words where it has any, and costs only its own session."""
-    end, records = fly(tmp_path, agent_manifest(behaviour), clock=patient_clock())
+def test_each_agent_behaviour_gives_its_outcome(tmp_path: Path, behaviour: str, outcome: Outcome, words: str) -> None:
+    """The reason names the agent's fault, with its last output if there is any; only its session is lost."""
+    end, records = run(tmp_path, agent_manifest(behaviour), clock=patient_clock())
     assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
     assert records[-1].topic == "/session/events"
 
 
-def test_an_agent_that_hangs_is_given_up_at_the_reply_budget(tmp_path: Path) -> None:
-    """It answers ten ticks, then none: the reply budget ends the session, by the clock that was handed in."""
-    hurried = Hurried()
+def test_a_hanging_agent_ends_the_session_at_the_reply_budget(tmp_path: Path) -> None:
+    """The agent answers ten ticks and then none, so the reply budget ends the session, by the injected clock."""
+    hurried = RacingClock()
     hung = False
 
     def now_s() -> float:
@@ -112,41 +112,43 @@ def test_an_agent_that_hangs_is_given_up_at_the_reply_budget(tmp_path: Path) -> 
         nonlocal hung
         hung = hung or (record.topic == "/clock" and record.time >= SimTime(1_000_000_000))
 
-    plan = SessionPlan(situation(), agent_manifest("hang"), tmp_path, open_agent, tmp_path / "scratch", tap, HostClock(now_s))
+    plan = SessionPlan(
+        session_simspec(), agent_manifest("hang"), tmp_path, open_agent, tmp_path / "scratch", tap, HostClock(now_s)
+    )
     end = run_session(plan)
     assert (end.outcome, end.reason) == (Outcome.AGENT_TIMEOUT, "no answer to tick 10 within 600 s")
 
 
-def test_an_agent_that_leaves_the_socket_and_lives_on_breaks_the_protocol(tmp_path: Path) -> None:
-    """Its process gets a moment to end, by the clock that was handed in; then the closed socket is the reason."""
-    spec = situation(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
-    end, _ = fly(tmp_path, agent_manifest("leaver"), spec, Hurried().clock)
+def test_an_agent_that_closes_its_socket_and_keeps_running_breaks_the_protocol(tmp_path: Path) -> None:
+    """The process gets a moment to exit, by the injected clock; then the closed socket is the reason."""
+    spec = session_simspec(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
+    end, _ = run(tmp_path, agent_manifest("leaver"), spec, RacingClock().clock)
     assert end.outcome is Outcome.AGENT_PROTOCOL
     assert "closed the tick socket" in end.reason
 
 
-def test_an_agent_that_never_connects_is_given_up(tmp_path: Path) -> None:
-    """Silence before the hello ends by the connect budget, not by patience."""
-    spec = situation(budgets=Budgets(connect_s=0.5))
+def test_an_agent_that_never_connects_ends_the_session(tmp_path: Path) -> None:
+    """Silence before the hello ends the session at the connect budget."""
+    spec = session_simspec(budgets=Budgets(connect_s=0.5))
     for behaviour in ("silent", "mute"):
-        end, _ = fly(tmp_path / behaviour, agent_manifest(behaviour), spec)
+        end, _ = run(tmp_path / behaviour, agent_manifest(behaviour), spec)
         assert end.outcome is Outcome.AGENT_NEVER_CONNECTED
         assert end.simulated_s == 0.0
 
 
 @pytest.mark.parametrize(("behaviour", "words"), [("liar", "MAVLink messages"), ("pretender", "but does not")])
-def test_claims_that_never_come_true_end_the_session(tmp_path: Path, behaviour: str, words: str) -> None:
-    """Counts that are stated must come true; the bench does not wait for ever for what an agent made up."""
-    spec = situation(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
-    end, _ = fly(tmp_path, agent_manifest(behaviour), spec, Hurried().clock)
+def test_false_claims_of_an_agent_end_the_session(tmp_path: Path, behaviour: str, words: str) -> None:
+    """Messages and subscriptions that the agent claims must arrive; the bench does not wait for them for ever."""
+    spec = session_simspec(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
+    end, _ = run(tmp_path, agent_manifest(behaviour), spec, RacingClock().clock)
     assert end.outcome is Outcome.AGENT_PROTOCOL
     assert words in end.reason
 
 
-def test_a_program_that_is_not_there_is_the_agents_failure(tmp_path: Path) -> None:
-    """A manifest that names no program says which."""
+def test_a_missing_agent_program_is_an_agent_crash(tmp_path: Path) -> None:
+    """The reason names the program that cannot be started."""
     manifest = AgentManifest(name="ghost", command=("/no/such/program",), pace=("lockstep",))
-    end, _ = fly(tmp_path, manifest)
+    end, _ = run(tmp_path, manifest)
     assert end.outcome is Outcome.AGENT_CRASHED
     assert "/no/such/program cannot be started" in end.reason
 
@@ -159,23 +161,23 @@ def test_a_program_that_is_not_there_is_the_agents_failure(tmp_path: Path) -> No
         ({"pace": Pace(tick_s=0.05)}, "not a whole number of controller steps"),
     ],
 )
-def test_what_cannot_be_flown_is_said_before_anything_starts(tmp_path: Path, changes: dict[str, object], words: str) -> None:
-    """A SimSpec that names what is not there is invalid, with the mend."""
-    end, records = fly(tmp_path, agent_manifest("idle"), situation(**changes))
+def test_an_invalid_simspec_is_refused_before_anything_starts(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    """The outcome is SETUP_INVALID, the reason names the fault, and nothing is recorded."""
+    end, records = run(tmp_path, agent_manifest("idle"), session_simspec(**changes))
     assert end.outcome is Outcome.SETUP_INVALID
     assert words in end.reason
     assert not records
 
 
 def test_a_pace_that_the_agent_cannot_follow_is_refused(tmp_path: Path) -> None:
-    """The manifest says which paces an agent can follow."""
+    """The manifest lists the paces that an agent can follow."""
     manifest = agent_manifest("idle").model_copy(update={"pace": ("realtime",)})
-    end, _ = fly(tmp_path, manifest)
+    end, _ = run(tmp_path, manifest)
     assert "cannot follow pace 'lockstep'" in end.reason
 
 
-def test_real_time_takes_its_time(tmp_path: Path) -> None:
-    """In real time, one simulated second takes one second of the host's clock; nobody has to acknowledge anything."""
+def test_a_real_time_session_lasts_as_long_as_its_simulated_time(tmp_path: Path) -> None:
+    """In real time, one simulated second takes one second of the host's clock, and the agent acknowledges no tick."""
     host_s = 0.0
 
     def sleep(span_s: float) -> None:
@@ -183,16 +185,16 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
         host_s += span_s
 
     manifest = AgentManifest(name="sleeper", command=("{python}", "-c", "import time; time.sleep(600)"), pace=("realtime",))
-    spec = situation(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=1.0))
-    end, records = fly(tmp_path, manifest, spec, HostClock(lambda: host_s, sleep))
+    spec = session_simspec(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=1.0))
+    end, records = run(tmp_path, manifest, spec, HostClock(lambda: host_s, sleep))
     assert end.outcome is Outcome.TIME_LIMIT
     assert end.wall_s == pytest.approx(0.98)
     assert sum(record.topic == "/clock" for record in records) == 50
 
 
 def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
-    """Simulated time never steps back in what is recorded, and everything needed to read the rest comes first."""
-    _, records = fly(tmp_path, agent_manifest("idle"))
+    """Recorded simulated time never steps back, and the records needed to read the others come first."""
+    _, records = run(tmp_path, agent_manifest("idle"))
     times = [record.time for record in records]
     assert times == sorted(times)
     first = [record.topic for record in records if record.time == SimTime(0)]
@@ -204,13 +206,13 @@ def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
     assert counts["/truth/view"] == 16  # at the first step, then every 0.2 s
 
 
-def test_two_sessions_say_the_same_bytes(tmp_path: Path) -> None:
-    """Same SimSpec, same agent: the same records, byte for byte, whatever ports and credentials were drawn."""
-    first, second = (fly(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
+def test_two_equal_sessions_give_the_same_records(tmp_path: Path) -> None:
+    """The same SimSpec and agent give the same records, byte for byte, whatever ports and credentials were drawn."""
+    first, second = (run(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
     assert first == second
 
 
-OBEDIENT = """
+OBEDIENT_AGENT = """
 import json, os
 from agent_adapters.client import Wanted, open_bench, read_environment
 from bench.streams import String
@@ -232,9 +234,9 @@ with open_bench("obedient", environment, [Wanted(topic, String, latched=True, de
 """
 
 
-def operated(**changes: object) -> SimSpec:
-    """Four seconds in which the operator speaks, is cut off from 1 to 2 s, and the detector is silent from 2.5 to 3 s."""
-    spec = situation(
+def operator_simspec(**changes: object) -> SimSpec:
+    """Four seconds with operator messages, an operator-link outage from 1 to 2 s, and a detector outage from 2.5 to 3 s."""
+    spec = session_simspec(
         mission=Mission(time_limit_s=4.0),
         intelligence=(Intelligence(id="first", about="target"), Intelligence(id="late", about="target", delivered_s=1.5)),
         orders=(
@@ -253,58 +255,62 @@ def operated(**changes: object) -> SimSpec:
     return SimSpec.model_validate(spec.model_copy(update={"realized": realized, **changes}).model_dump())
 
 
-def heard(records: list[Record], spec: SimSpec) -> Tape:
+def tape_from(records: list[Record], spec: SimSpec) -> Tape:
     builder = TapeBuilder(spec)
     for record in records:
         builder(record)
     return builder.tape()
 
 
-def test_the_operator_is_heard_in_time_and_after_an_outage(tmp_path: Path) -> None:
-    """Orders go out at the first tick they are due, or when the link is back, after the reports that they are about; the
-    agent has them in the very tick, its answers are recorded, and it is the same bytes again."""
+def test_operator_messages_arrive_in_time_and_after_an_outage(tmp_path: Path) -> None:
+    """Orders go out at the first tick at which they are due, or when the link is back, after the reports that they are about.
+
+    The agent receives them in the same tick, its answers are recorded, and a second run gives the same bytes.
+    """
     script = tmp_path / "obedient.py"
-    script.write_text(OBEDIENT)
+    script.write_text(OBEDIENT_AGENT)
     manifest = AgentManifest(name="obedient", command=("{python}", str(script)), pace=("lockstep",))
-    (end, first), (_, second) = (fly(tmp_path / name, manifest, operated()) for name in ("a", "b"))
+    (end, first), (_, second) = (run(tmp_path / name, manifest, operator_simspec()) for name in ("a", "b"))
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     assert first == second
-    tape = heard(first, operated())
-    assert [(one.time.s, one.value.up) for one in tape.operator_link] == [(0.0, True), (1.0, False), (2.0, True)]
-    assert [(one.time.s, one.value.id) for one in tape.intelligence] == [(0.0, "first"), (2.0, "late")]
+    tape = tape_from(first, operator_simspec())
+    assert [(message.time.s, message.value.up) for message in tape.operator_link] == [(0.0, True), (1.0, False), (2.0, True)]
+    assert [(message.time.s, message.value.id) for message in tape.intelligence] == [(0.0, "first"), (2.0, "late")]
     orders = [(pytest.approx(0.6), "wait", 0.52), (2.0, "go-on", 1.25), (2.0, "other", 1.75)]
-    assert [(one.time.s, one.value.id, one.value.issued_s) for one in tape.orders] == orders
+    assert [(message.time.s, message.value.id, message.value.issued_s) for message in tape.orders] == orders
     answers = [(order.time, order.time.s, order.value.id, order.value.kind) for order in tape.orders]
-    assert [(one.time, one.value.time_s, one.value.order, one.value.reason) for one in tape.answers] == answers
-    said = [(one.time.s, one.value.subject) for one in tape.decisions]
-    assert said == [(0.0, "first"), (0.0, "True"), (1.0, "False"), (2.0, "late"), (2.0, "True")]
+    assert [
+        (message.time, message.value.time_s, message.value.order, message.value.reason) for message in tape.answers
+    ] == answers
+    decisions = [(message.time.s, message.value.subject) for message in tape.decisions]
+    assert decisions == [(0.0, "first"), (0.0, "True"), (1.0, "False"), (2.0, "late"), (2.0, "True")]
     assert tape.malformed == {}
 
 
-def test_a_silent_detector_delivers_nothing_and_the_frames_go_on(tmp_path: Path) -> None:
-    """What it would have said in the outage is lost, not late; the camera and the truth do not notice."""
-    _, records = fly(tmp_path, agent_manifest("idle"), operated())
-    tape = heard(records, operated())
-    delivered = [one.published.s for one in tape.detections]
+def test_a_detector_outage_drops_detections_and_keeps_frames(tmp_path: Path) -> None:
+    """Detections due in the outage are lost, not delayed; camera frames and truth continue."""
+    _, records = run(tmp_path, agent_manifest("idle"), operator_simspec())
+    tape = tape_from(records, operator_simspec())
+    delivered = [frame.published.s for frame in tape.detections]
     assert not [time_s for time_s in delivered if 2.5 <= time_s <= 3.0]
     assert [time_s for time_s in delivered if time_s > 3.0]
     assert len(tape.frames) == 21
-    assert [one.exposed.s for one in tape.frames if 2.45 < one.exposed.s < 2.95] == pytest.approx([2.6, 2.8])
-    lost = {one.exposed for one in tape.frames} - {one.exposed for one in tape.detections}
-    assert sorted(one.s for one in lost if one.s < 3.5) == pytest.approx([2.4, 2.6, 2.8])
+    assert [frame.exposed.s for frame in tape.frames if 2.45 < frame.exposed.s < 2.95] == pytest.approx([2.6, 2.8])
+    lost = {frame.exposed for frame in tape.frames} - {frame.exposed for frame in tape.detections}
+    assert sorted(time.s for time in lost if time.s < 3.5) == pytest.approx([2.4, 2.6, 2.8])
 
 
 def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
-    """Once the order is delivered, a vehicle that is down and disarmed ends the session; while the link is down it is not."""
+    """Once the deactivation order is delivered, a landed and disarmed vehicle ends the session; while the link is down it does not."""
     orders = (Order(id="off", at_s=1.2, kind="deactivate"),)
-    end, records = fly(tmp_path, agent_manifest("idle"), operated(orders=orders))
+    end, records = run(tmp_path, agent_manifest("idle"), operator_simspec(orders=orders))
     assert (end.outcome, end.simulated_s) == (Outcome.COMPLETED, pytest.approx(2.1))
     assert "ordered to deactivate" in end.reason
-    assert [one.time.s for one in heard(records, operated()).orders] == [2.0]
+    assert [order.time.s for order in tape_from(records, operator_simspec()).orders] == [2.0]
 
 
-def test_the_agent_is_told_every_rule() -> None:
-    """The mission order has each rule of the SimSpec under the same name; places come as corners."""
+def test_the_mission_order_contains_every_rule() -> None:
+    """The mission order has each rule of the SimSpec under the same name; areas are given by their corners."""
     corner = {"east_m": 1.0, "north_m": 2.0}
     corners = [corner, {**corner, "east_m": 9.0}, {**corner, "north_m": 9.0}]
     stated = {
@@ -325,18 +331,18 @@ def test_the_agent_is_told_every_rule() -> None:
     }
     places = {"geofence": {"corners": corners}, "no_fly": [{"id": "school", "area": {"corners": corners}, "until_s": 40.0}]}
     rules = Rules.model_validate({**stated, **places})
-    told = mission_order(situation(rules=rules)).model_dump(mode="json")
+    order = mission_order(session_simspec(rules=rules)).model_dump(mode="json")
     assert set(stated) | set(places) == set(Rules.model_fields)
-    assert {name: told[name] for name in stated} == stated
-    assert told["geofence"] == corners
-    assert told["no_fly"] == [{"id": "school", "corners": corners, "from_s": 0.0, "until_s": 40.0}]
+    assert {name: order[name] for name in stated} == stated
+    assert order["geofence"] == corners
+    assert order["no_fly"] == [{"id": "school", "corners": corners, "from_s": 0.0, "until_s": 40.0}]
 
 
-def test_truth_and_placement_stay_off_the_air() -> None:
-    """No topic that an agent may read carries truth: the allow-list is made of the briefing's topics alone."""
+def test_truth_is_not_published_to_the_agent() -> None:
+    """No topic that an agent may read carries truth: the allow-list holds the mission information topics alone."""
     from bench.simulation._air_network import open_air_network
 
     records: list[Record] = []
-    with open_air_network(situation(), records.append, zenoh=True) as air:
+    with open_air_network(session_simspec(), records.append, zenoh=True) as air:
         topics = {recorded.topic for recorded in air._publishers}
     assert not any(topic.startswith(("/truth", "/session", "/mavlink")) for topic in topics)

@@ -22,21 +22,21 @@ from bench.simspec import (
     World,
 )
 
-Standing = tuple[str, float, float, float]
-"""Asset, east, north, heading in degrees."""
+Placement = tuple[str, float, float, float]
+"""Asset, east in metres, north in metres, heading in degrees."""
 
 
 def square(side_m: float) -> Polygon:
-    """An area round the origin."""
+    """A square area centred on the origin."""
     half = side_m / 2.0
     return Polygon(corners=tuple(Point(east_m=a * half, north_m=b * half) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))))
 
 
-def situation(
-    standing: Sequence[Standing],
+def scene_simspec(
+    placements: Sequence[Placement],
     *,
     motion: Motion | None = None,
-    moving: str = "",
+    moving_asset: str = "",
     concealment: float = 0.0,
     area: Polygon | None = None,
     camera: Camera | None = None,
@@ -44,22 +44,22 @@ def situation(
     perception: Perception | None = None,
     root: int = 0,
 ) -> SimSpec:
-    """One group for each asset that stands somewhere; members of the asset `moving` have `motion`."""
-    assets = list(dict.fromkeys(asset for asset, *_ in standing))
+    """One group for each placed asset; the members of `moving_asset` have `motion`, the others stand still."""
+    assets = list(dict.fromkeys(asset for asset, *_ in placements))
     groups = tuple(
         ActorGroup(
             id=asset,
             asset=asset,
             role=Role.CLUTTER,
-            count=sum(one[0] == asset for one in standing),
+            count=sum(placement[0] == asset for placement in placements),
             concealment=concealment,
-            motion=motion if motion is not None and asset == moving else Motion(),
+            motion=motion if motion is not None and asset == moving_asset else Motion(),
         )
         for asset in assets
     )
     placed = tuple(
         PlacedActor(id=f"a{index}", group=asset, east_m=east, north_m=north, heading_deg=heading)
-        for index, (asset, east, north, heading) in enumerate(standing)
+        for index, (asset, east, north, heading) in enumerate(placements)
     )
     return SimSpec(
         name="situation",
@@ -76,5 +76,5 @@ def situation(
 def hovering(
     east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0
 ) -> VehicleState:
-    """A vehicle that stands in the air."""
+    """A hovering vehicle at a place given in metres, with its attitude in radians."""
     return VehicleState(SimTime(0), (east_m, north_m, up_m), (0.0, 0.0, 0.0), roll_rad, pitch_rad, yaw_rad)
