@@ -1,4 +1,4 @@
-"""CDR against rosbags, against golden bytes, and against bytes that nobody should send."""
+"""CDR encoding compared with rosbags and with golden bytes; decoding of malformed bytes."""
 
 from __future__ import annotations
 
@@ -48,29 +48,31 @@ RANGES = {
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
 
 
-def values(field: Field) -> st.SearchStrategy[Any]:
+def field_values(field: Field) -> st.SearchStrategy[Any]:
     if not isinstance(field.of, str):
-        one = messages(field.of)
+        strategy = messages(field.of)
     elif field.of in RANGES:
-        one = st.integers(*RANGES[field.of])
+        strategy = st.integers(*RANGES[field.of])
     else:
-        one = {"string": TEXT, "bool": st.booleans(), "float64": st.floats(allow_nan=False)}[field.of]
+        strategy = {"string": TEXT, "bool": st.booleans(), "float64": st.floats(allow_nan=False)}[field.of]
     if field.of == "uint8" and field.count == "sequence":
         return st.binary(max_size=9)
     if field.count == "one":
-        return one
-    if field.count == "array":  # one drawn value and its place are enough to see an order
-        return one.map(lambda drawn: (drawn, *(float(n) for n in range(1, field.size))))
-    return st.lists(one, max_size=3).map(tuple)
+        return strategy
+    if (
+        field.count == "array"
+    ):  # One drawn value and the indices are enough to show a wrong order, and quicker than drawing them all.
+        return strategy.map(lambda drawn: (drawn, *(float(n) for n in range(1, field.size))))
+    return st.lists(strategy, max_size=3).map(tuple)
 
 
 def messages(kind: Any) -> st.SearchStrategy[Any]:
-    return st.builds(kind, **{one.name: values(one) for one in fields_of(kind)})
+    return st.builds(kind, **{field.name: field_values(field) for field in fields_of(kind)})
 
 
 @pytest.fixture(scope="module")
 def store() -> Typestore:
-    """Jazzy's types as rosbags has them, and vision_msgs 4.1.1 from the texts of its release."""
+    """The ROS 2 Jazzy types of rosbags, and vision_msgs 4.1.1 from the message definitions of its release."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in VISION.items():
         store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
@@ -91,31 +93,35 @@ VISION = {
 }
 
 
-def foreign(message: Any, store: Typestore) -> Any:
+def rosbags_message(message: Any, store: Typestore) -> Any:
     """The same message as an object of rosbags."""
     kind = store.types[type_name_of(type(message))]
-    return kind(**{one.name: foreign_value(getattr(message, one.name), one, store) for one in fields_of(type(message))})  # type: ignore[arg-type]
+    return kind(**{field.name: rosbags_value(getattr(message, field.name), field, store) for field in fields_of(type(message))})  # type: ignore[arg-type]
 
 
-def foreign_value(value: Any, field: Field, store: Typestore) -> Any:
+def rosbags_value(value: Any, field: Field, store: Typestore) -> Any:
     if isinstance(value, bytes):
         return np.frombuffer(value, dtype=np.uint8)
     if not isinstance(field.of, str):
-        return [foreign(one, store) for one in value] if field.count == "sequence" else foreign(value, store)
+        return (
+            [rosbags_message(element, store) for element in value] if field.count == "sequence" else rosbags_message(value, store)
+        )
     return np.array(value, dtype=np.float64) if field.count != "one" else value
 
 
 @pytest.mark.parametrize("kind", MESSAGES, ids=type_name_of)
-def test_bytes_equal_those_of_rosbags_both_ways(kind: Any, store: Typestore) -> None:
-    """Any message gives the bytes that an independent serialiser gives, in either byte order, and comes back as it was."""
+def test_encoding_and_decoding_agree_with_rosbags(kind: Any, store: Typestore) -> None:
+    """Encoding gives the bytes of an independent serialiser; decoding restores the message from either byte order."""
 
     @settings(max_examples=12, deadline=None, database=None, derandomize=True)
     @given(messages(kind))
     def check(message: Any) -> None:
         data = encode(message)
-        assert data.hex() == bytes(store.serialize_cdr(foreign(message, store), kind.TYPE)).hex()
+        assert data.hex() == bytes(store.serialize_cdr(rosbags_message(message, store), kind.TYPE)).hex()
         assert decode(kind, data) == message
-        assert decode(kind, bytes(store.serialize_cdr(foreign(message, store), kind.TYPE, little_endian=False))) == message
+        assert (
+            decode(kind, bytes(store.serialize_cdr(rosbags_message(message, store), kind.TYPE, little_endian=False))) == message
+        )
 
     check()
 
@@ -135,32 +141,32 @@ def test_time_keeps_every_nanosecond() -> None:
     assert Time.of(12_345_678_901) == Time(12, 345_678_901)
 
 
-def test_writers_padding_is_taken_and_more_is_not() -> None:
-    """Some writers pad a sample to four bytes; anything beyond that is not this message."""
+def test_padding_to_four_bytes_is_accepted_and_longer_padding_is_not() -> None:
+    """Some writers pad a sample to four bytes; a longer sample is not this message."""
     data = encode(String("hi"))
     assert decode(String, data + b"\0") == String("hi")
     assert decode(String, data + bytes(4)) is None
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0", b"\0\1\0\0", b"\0\3\0\0" + bytes(8), b"\1\1\0\0" + bytes(8)])
-def test_what_has_no_plain_cdr_header_is_none(data: bytes) -> None:
+def test_bytes_without_a_plain_cdr_header_decode_to_none(data: bytes) -> None:
     """Truncated headers and other encapsulations (parameter lists, XCDR2) are not guessed at."""
     assert decode(Clock, data) is None
 
 
 @pytest.mark.parametrize("count", [2**32 - 1, 2**31, 10**6])
 @pytest.mark.parametrize("kind", [String, UInt8MultiArray, PoseArray, Detection2DArray, CameraInfo])
-def test_hostile_lengths_are_none(kind: Any, count: int) -> None:
-    """A length that the bytes cannot hold is refused before anything of that size is made."""
+def test_hostile_lengths_decode_to_none(kind: Any, count: int) -> None:
+    """A length that exceeds the remaining bytes is refused before memory of that size is allocated."""
     data = encode(kind())
-    for at in range(4, len(data) - 3, 4):
-        forged = data[:at] + struct.pack("<I", count) + data[at + 4 :]
+    for offset in range(4, len(data) - 3, 4):
+        forged = data[:offset] + struct.pack("<I", count) + data[offset + 4 :]
         decoded = decode(kind, forged)
         assert decoded is None or len(encode(decoded)) <= len(forged)
 
 
-def test_strings_that_do_not_end_or_are_not_utf8_are_none() -> None:
-    """A string holds its closing NUL and UTF-8; an absent one (length 0) is read as empty."""
+def test_strings_without_a_nul_or_with_invalid_utf8_decode_to_none() -> None:
+    """A string is UTF-8 and ends with NUL; a string of length 0 is read as empty."""
     head = b"\0\1\0\0"
     assert decode(String, head + struct.pack("<I", 3) + b"abc") is None
     assert decode(String, head + struct.pack("<I", 3) + b"\xff\xfe\0") is None
@@ -168,35 +174,35 @@ def test_strings_that_do_not_end_or_are_not_utf8_are_none() -> None:
 
 
 @pytest.mark.parametrize("kind", MESSAGES, ids=type_name_of)
-def test_truncated_messages_are_none(kind: Any) -> None:
-    """No prefix of a message, four bytes short or more, is taken for it."""
+def test_truncated_messages_decode_to_none(kind: Any) -> None:
+    """A prefix that lacks more than four bytes does not decode as the message."""
     data = encode(kind())
     assert all(decode(kind, data[:end]) is None for end in range(len(data) - 4))
 
 
 @settings(max_examples=300, deadline=None, database=None, derandomize=True)
-@given(st.sampled_from([one.TYPE for one in MESSAGES]), st.binary(max_size=300), st.booleans())
-def test_random_bytes_never_raise(type_name: str, noise: bytes, headed: bool) -> None:
-    """Whatever comes off the wire is a message or None, and a message can be written again."""
+@given(st.sampled_from([message.TYPE for message in MESSAGES]), st.binary(max_size=300), st.booleans())
+def test_random_bytes_never_raise(type_name: str, noise: bytes, with_header: bool) -> None:
+    """Any bytes decode to a message or None, and a decoded message can be encoded again."""
     kind = message_class(type_name)
     assert kind is not None
-    decoded = decode(kind, (b"\0\1\0\0" if headed else b"") + noise)
+    decoded = decode(kind, (b"\0\1\0\0" if with_header else b"") + noise)
     assert decoded is None or isinstance(encode(decoded), bytes)
 
 
 @settings(max_examples=200, deadline=None, database=None, derandomize=True)
 @given(messages(Detection2DArray), st.data())
 def test_flipped_bytes_never_raise(message: Detection2DArray, draw: st.DataObject) -> None:
-    """A good message with a byte changed is a message or None."""
+    """A valid message with one changed byte decodes to a message or None."""
     data = bytearray(encode(message))
-    at = draw.draw(st.integers(0, len(data) - 1))
-    data[at] ^= draw.draw(st.integers(1, 255))
+    offset = draw.draw(st.integers(0, len(data) - 1))
+    data[offset] ^= draw.draw(st.integers(1, 255))
     decoded = decode(Detection2DArray, bytes(data))
     assert decoded is None or isinstance(decoded, Detection2DArray)
 
 
-def test_values_that_do_not_fit_are_the_callers_error() -> None:
-    """Encoding is our own side: a wrong value is an error with the type's name; an unknown type name likewise."""
+def test_encoding_values_out_of_range_raises() -> None:
+    """A value out of range raises an error that names the message type; an unknown type raises as well."""
     with pytest.raises(ValueError, match="sensor_msgs/msg/NavSatStatus"):
         encode(NavSatStatus(status=1000))
     with pytest.raises(ValueError, match="Odometry"):
@@ -209,8 +215,8 @@ def test_values_that_do_not_fit_are_the_callers_error() -> None:
 
 @pytest.mark.parametrize("frame_id", ["", "m", "map", "odom", "base_link"])
 @pytest.mark.parametrize("count", [0, 1, 7])
-def test_pose_arrays_from_numbers_are_the_same_bytes(count: int, frame_id: str) -> None:
-    """The array path and the object path agree at every alignment, both ways."""
+def test_pose_arrays_from_numpy_give_the_same_bytes(count: int, frame_id: str) -> None:
+    """The array functions and the message classes agree at every alignment, for encoding and decoding."""
     numbers = np.arange(count * 7, dtype=np.float64).reshape(count, 7)
     poses = tuple(Pose(Point(*row[:3]), Quaternion(*row[3:])) for row in numbers.tolist())
     stamp = Time(3, 4)
@@ -222,8 +228,8 @@ def test_pose_arrays_from_numbers_are_the_same_bytes(count: int, frame_id: str) 
     assert np.array_equal(np.hstack(decoded[1:]), numbers)
 
 
-def test_pose_arrays_without_attitude_have_the_identity() -> None:
-    """Foot points have no attitude of their own."""
+def test_pose_arrays_without_attitude_have_the_identity_attitude() -> None:
+    """Foot points have no attitude, so each pose gets the identity quaternion."""
     decoded = decode(PoseArray, encode_pose_array(Time(), "map", np.ones((2, 3))))
     assert decoded is not None
     assert decoded.poses == (Pose(Point(1.0, 1.0, 1.0)),) * 2
@@ -232,20 +238,20 @@ def test_pose_arrays_without_attitude_have_the_identity() -> None:
 @settings(max_examples=300, deadline=None, database=None, derandomize=True)
 @given(st.binary(max_size=200), st.integers(0, 3))
 def test_random_pose_arrays_never_raise(noise: bytes, count: int) -> None:
-    """The array path takes exactly what the object path takes."""
+    """decode_pose_array accepts exactly the bytes that decode accepts, except big-endian ones."""
     base = encode_pose_array(Time(1, 2), "map", np.zeros((count, 3)))
     for data in (noise, b"\0\1\0\0" + noise, base[: len(noise)], base + noise):
-        fast, slow = decode_pose_array(data), decode(PoseArray, data)
-        if fast is not None:
-            assert slow is not None
-            assert len(slow.poses) == len(fast[1])
-        elif slow is not None:
-            assert data[1] == 0  # big endian is left to the object path
+        arrays, message = decode_pose_array(data), decode(PoseArray, data)
+        if arrays is not None:
+            assert message is not None
+            assert len(message.poses) == len(arrays[1])
+        elif message is not None:
+            assert data[1] == 0  # only `decode` reads big endian
 
 
-def test_every_field_of_every_class_is_on_the_wire() -> None:
-    """The table is the classes: nothing declared is forgotten, nothing nested unknown."""
+def test_every_field_of_every_message_class_is_serialised() -> None:
+    """The field table lists every dataclass field, and every nested type is a known message."""
     known = set(MESSAGES)
     for kind in MESSAGES:
-        assert [one.name for one in fields_of(kind)] == [one.name for one in fields(kind)]  # type: ignore[arg-type]
+        assert [field.name for field in fields_of(kind)] == [field.name for field in fields(kind)]  # type: ignore[arg-type]
         assert set(dependencies(kind)) <= known

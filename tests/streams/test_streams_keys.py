@@ -1,4 +1,4 @@
-"""The texts of the wire, against the worked example of the contract."""
+"""Zenoh keys, liveliness tokens and attachments, compared with the worked example of the wire contract."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ TOKEN = (
 )
 
 
-def test_tokens_and_key_are_those_of_the_worked_example() -> None:
-    """Tools see a node and its endpoint by exactly these texts."""
+def test_tokens_and_key_equal_the_worked_example() -> None:
+    """ROS 2 tools discover a node and its endpoints by exactly these tokens."""
     assert node_token(7, ZID, 0, "/vehicle_1", "sim") == f"@ros2_lv/7/{ZID}/0/0/NN/%/%vehicle_1/sim"
     assert endpoint_token(7, ZID, (0, 3), "MP", ("/vehicle_1", "sim"), TOPIC, TYPE, SENSOR_DATA) == TOKEN
     key = f"7/vehicle_1/camera/front/image_raw/compressed/sensor_msgs::msg::dds_::CompressedImage_/{HASH}"
     assert data_key(7, TOPIC, TYPE) == key
 
 
-def test_root_namespace_is_one_percent_sign() -> None:
-    """No chunk of a token may be empty."""
+def test_the_root_namespace_is_a_percent_sign() -> None:
+    """A token must not have an empty chunk."""
     assert node_token(7, ZID, 0, "/", "agent") == f"@ros2_lv/7/{ZID}/0/0/NN/%/%/agent"
 
 
-def test_gid_and_attachment_are_those_of_the_worked_example() -> None:
-    """XXH3-128 of the token, in rmw_zenoh's order of bytes."""
+def test_gid_and_attachment_equal_the_worked_example() -> None:
+    """The GID is the XXH3-128 of the token in rmw_zenoh's byte order."""
     gid = endpoint_gid(TOKEN)
     assert gid.hex() == "69691635998920aace0414dceff92d98"
     attachment = write_attachment(1, 1_700_000_000_123_456_789, gid)
@@ -52,26 +52,26 @@ def test_gid_and_attachment_are_those_of_the_worked_example() -> None:
         (QoS(depth=42), "::,:,:,:,,"),
     ],
 )
-def test_qos_texts(qos: QoS, text: str) -> None:
-    """The profiles as rmw_zenoh writes them; what equals its default is left out."""
+def test_qos_profiles_are_written_as_rmw_zenoh_writes_them(qos: QoS, text: str) -> None:
+    """Fields that equal their default are left out."""
     assert qos.text == text
 
 
 @settings(max_examples=200, database=None, derandomize=True)
 @given(st.binary(max_size=40))
-def test_other_attachments_are_none(data: bytes) -> None:
-    """Whatever is not 33 bytes with a positive number and a 16-byte id is no attachment."""
-    good = len(data) == 33 and data[16] == 16 and int.from_bytes(data[:8], "little", signed=True) > 0
-    assert (read_sequence(data) is not None) == good
+def test_malformed_attachments_are_none(data: bytes) -> None:
+    """An attachment has 33 bytes, a positive sequence number and a 16-byte GID."""
+    well_formed = len(data) == 33 and data[16] == 16 and int.from_bytes(data[:8], "little", signed=True) > 0
+    assert (read_sequence(data) is not None) == well_formed
 
 
 @pytest.mark.parametrize("sequence", [0, -1])
-def test_numbers_start_at_one(sequence: int) -> None:
-    """A number below one is malformed."""
+def test_sequence_numbers_below_one_are_malformed(sequence: int) -> None:
+    """Sequence numbers start at 1."""
     assert read_sequence(write_attachment(sequence, 0, bytes(16))) is None
 
 
 @pytest.mark.parametrize("name", ["", "/", "clock", "/a//b", "/a/", "/*", "/a/**", "/@adv", "/a$*", "/a?b", "/1a", "/a\n"])
-def test_no_other_text_becomes_part_of_a_key(name: str) -> None:
-    """Wildcards and verbatim chunks in a name would open the allow-list."""
+def test_names_with_wildcards_or_invalid_chunks_are_refused(name: str) -> None:
+    """A wildcard or a verbatim chunk in a name would widen the allow-list."""
     assert not is_name(name)

@@ -1,4 +1,4 @@
-"""Publishers and subscriptions: the numbers that lockstep stands on."""
+"""Publishers and subscriptions: the sequence numbers on which lockstep depends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bench.streams import AirPlan, Clock, QoS, Router, String, Subscription, Tim
 from bench.streams._keys import write_attachment
 from bench.streams._node import INBOX_BYTES
 
-BUDGET_S = 10.0  # never waited out when all is well
+BUDGET_S = 10.0  # only reached when a test fails
 PLAN = AirPlan(
     domain=1,
     agent_reads=(("/clock", Clock.TYPE), ("/mission", String.TYPE)),
@@ -29,30 +29,30 @@ def router() -> Iterator[Router]:
         yield router
 
 
-def arrive(subscription: Subscription, *sequences: int) -> None:
+def deliver(subscription: Subscription, *sequences: int) -> None:
     for sequence in sequences:
         subscription.take_in(encode(String(str(sequence))), write_attachment(sequence, 0, bytes(16)))
 
 
-def test_an_inbox_counts_what_it_gets() -> None:
-    """Received, highest and lost are what the numbers say; a first number above 1 (a late subscriber) loses nothing."""
+def test_an_inbox_counts_received_and_lost_samples() -> None:
+    """Gaps in the sequence count as lost; a first number above 1 (a late subscriber) does not."""
     inbox = Subscription("/a", String, capacity=10)
-    arrive(inbox, 4, 5, 8)
+    deliver(inbox, 4, 5, 8)
     assert (inbox.highest, inbox.received, inbox.lost) == (8, 3, 2)
     assert [sample.sequence for sample in inbox.take()] == [4, 5, 8]
     assert inbox.take() == []
 
 
-def test_a_full_inbox_keeps_what_came_first() -> None:
-    """A flood cannot push out what was said before it, and is counted; `highest` goes on, so that nobody waits in vain."""
+def test_a_full_inbox_keeps_the_oldest_samples() -> None:
+    """Overflowing samples are dropped and counted; `highest` still rises, so a waiter is not left waiting."""
     inbox = Subscription("/a", String, capacity=2)
-    arrive(inbox, 1, 2, 3, 4)
+    deliver(inbox, 1, 2, 3, 4)
     assert [sample.message() for sample in inbox.take()] == [String("1"), String("2")]
     assert (inbox.overflowed, inbox.highest, inbox.received) == (2, 4, 4)
 
 
-def test_a_few_huge_samples_fill_an_inbox_too() -> None:
-    """What waits is bounded in bytes; once it is taken there is room again."""
+def test_an_inbox_is_bounded_in_bytes() -> None:
+    """A few huge samples fill an inbox; taking them makes room again."""
     inbox = Subscription("/a", String, capacity=4096)
     huge = bytes(INBOX_BYTES // 2)
     for sequence in (1, 2, 3):
@@ -63,22 +63,22 @@ def test_a_few_huge_samples_fill_an_inbox_too() -> None:
 
 
 @pytest.mark.parametrize("attachment", [None, b"", bytes(33), b"x" * 33])
-def test_samples_without_a_proper_attachment_are_counted_and_dropped(attachment: bytes | None) -> None:
-    """What has no number cannot be part of a lockstep."""
+def test_samples_with_a_malformed_attachment_are_counted_and_dropped(attachment: bytes | None) -> None:
+    """A sample without a sequence number cannot take part in lockstep."""
     inbox = Subscription("/a", String, capacity=2)
     inbox.take_in(encode(String("x")), attachment)
     assert (inbox.malformed, inbox.received, inbox.take()) == (1, 0, [])
 
 
-def test_a_sample_of_other_bytes_has_no_message() -> None:
-    """The attachment is good, the payload is not: the sample is there, its message is None."""
+def test_a_sample_with_an_invalid_payload_has_no_message() -> None:
+    """With a valid attachment and an invalid payload, the sample is kept and its message is None."""
     inbox = Subscription("/a", String, capacity=2)
     inbox.take_in(b"noise", write_attachment(1, 0, bytes(16)))
     assert [sample.message() for sample in inbox.take()] == [None]
 
 
-def test_waiting_ends_with_the_number_or_the_budget() -> None:
-    """True as soon as the number is there, also when it is there already; False when the budget is used up."""
+def test_waiting_ends_when_the_number_arrives_or_the_budget_is_used_up() -> None:
+    """wait() is True once the number has arrived, also if it arrived earlier; it is False when the budget is used up."""
     inbox = Subscription("/a", String, capacity=9)
     assert inbox.wait(0, 0.0)
     assert not inbox.wait(1, 0.0)
@@ -92,49 +92,49 @@ def test_waiting_ends_with_the_number_or_the_budget() -> None:
     thread = threading.Thread(target=wait)
     thread.start()
     assert waiting.wait(BUDGET_S)
-    arrive(inbox, 1, 2)
+    deliver(inbox, 1, 2)
     thread.join(BUDGET_S)
     assert outcome == [True]
 
 
-def test_a_thousand_ticks_in_step(router: Router) -> None:
-    """Each side holds exactly what the other says it has sent, a thousand times over, with nothing lost."""
+def test_a_thousand_lockstep_ticks_lose_nothing(router: Router) -> None:
+    """In each of 1000 ticks, each side receives exactly what the other side has sent."""
     clock = router.node("bench").publisher("/clock", Clock)
     status = router.node("ear").subscribe("/agent/status", String)
     with open_client(router.access, "agent") as node:
-        heard, said = node.subscribe("/clock", Clock), node.publisher("/agent/status", String)
+        ticks, reports = node.subscribe("/clock", Clock), node.publisher("/agent/status", String)
         while not clock.matched:
             threading.Event().wait(0.001)
         for tick in range(1, 1001):
             clock.put(Clock(Time.of(tick)))
-            assert heard.wait(tick, BUDGET_S)
-            assert [sample.message().clock.ns for sample in heard.take()] == [tick]
-            said.put(String(str(tick)))
+            assert ticks.wait(tick, BUDGET_S)
+            assert [sample.message().clock.ns for sample in ticks.take()] == [tick]
+            reports.put(String(str(tick)))
             assert status.wait(tick, BUDGET_S)
             assert [sample.message().data for sample in status.take()] == [str(tick)]
-        assert (heard.lost, status.lost) == (0, 0)
+        assert (ticks.lost, status.lost) == (0, 0)
 
 
-def test_publishers_know_whether_anybody_listens(router: Router) -> None:
-    """Unheard topics need no encoding; latched ones count as heard, for they are kept for those to come."""
+def test_publishers_know_whether_they_have_subscribers(router: Router) -> None:
+    """A topic without subscribers needs no encoding; a latched topic counts as matched, because it is kept for later ones."""
     publisher = router.node("bench").publisher("/mission", String)
     assert not publisher.matched
     assert router.node("keeper").publisher("/mission", String, QoS(latched=True, depth=1)).matched
 
 
 def test_a_publisher_returns_the_bytes_that_it_sent(router: Router) -> None:
-    """The recording holds the bytes of the wire."""
-    ear = router.node("ear").subscribe("/mission", String)
+    """The recording stores the bytes that went over the network."""
+    subscription = router.node("ear").subscribe("/mission", String)
     publisher = router.node("bench").publisher("/mission", String)
     data = publisher.put(String("go"))
-    assert ear.wait(1, BUDGET_S)
-    assert [sample.data for sample in ear.take()] == [data]
+    assert subscription.wait(1, BUDGET_S)
+    assert [sample.data for sample in subscription.take()] == [data]
     assert publisher.sequence == 1
     assert decode(String, data) == String("go")
 
 
-def test_a_latched_subscriber_meets_a_late_publisher(router: Router) -> None:
-    """An agent that starts before the mission is published gets it once it is."""
+def test_a_latched_subscriber_receives_from_a_later_publisher(router: Router) -> None:
+    """An agent that starts before the mission is published receives it later."""
     with open_client(router.access, "early") as node:
         mission = node.subscribe("/mission", String, latched=True)
         router.node("bench").latched("/mission", String).put(String("go"))
@@ -142,8 +142,8 @@ def test_a_latched_subscriber_meets_a_late_publisher(router: Router) -> None:
         assert [sample.message() for sample in mission.take()] == [String("go")]
 
 
-def test_a_latched_topic_outlives_the_callers_interest() -> None:
-    """Nobody has to hold the node or the publisher: what was latched is there for as long as the router."""
+def test_a_latched_topic_lives_as_long_as_the_router() -> None:
+    """The caller need not keep a reference to the node or the publisher."""
     with open_router(PLAN) as router:
         router.node("bench").latched("/mission", String).put(String("go"))
         gc.collect()
@@ -153,14 +153,14 @@ def test_a_latched_topic_outlives_the_callers_interest() -> None:
 
 
 @pytest.mark.parametrize(("name", "namespace"), [("a/b", "/"), ("", "/"), ("a", "drone"), ("a", "/*"), ("**", "/")])
-def test_names_that_would_break_the_graph_are_refused(router: Router, name: str, namespace: str) -> None:
-    """Names become chunks of tokens."""
+def test_invalid_node_names_and_namespaces_are_refused(router: Router, name: str, namespace: str) -> None:
+    """A name becomes a chunk of a liveliness token, so it must not contain separators or wildcards."""
     with pytest.raises(SetupError, match="no ROS 2 node name"):
         router.node(name, namespace)
 
 
-def test_topics_are_full_names(router: Router) -> None:
-    """There is no guessing of namespaces: a relative name is a fault with its mend."""
+def test_relative_topic_names_are_refused(router: Router) -> None:
+    """The bench does not guess namespaces; the error asks for the full name."""
     with pytest.raises(SetupError, match="write it in full"):
         router.node("bench").publisher("mission", String)
 
@@ -180,8 +180,8 @@ with open_client(access, "agent") as node:
 """
 
 
-def test_an_agent_in_a_process_of_its_own_keeps_step(router: Router) -> None:
-    """The same over a real process boundary, as every agent is run."""
+def test_lockstep_works_with_an_agent_in_another_process(router: Router) -> None:
+    """Agents run in their own process, so lockstep is tested across a process boundary."""
     clock = router.node("bench").publisher("/clock", Clock)
     status = router.node("ear").subscribe("/agent/status", String)
     command = [sys.executable, "-c", AGENT, router.access.locator]
@@ -200,7 +200,7 @@ def test_an_agent_in_a_process_of_its_own_keeps_step(router: Router) -> None:
     assert [sample.message().data for sample in status.take()] == [str(tick) for tick in range(1, 101)]
 
 
-def test_the_package_stays_light_for_agents() -> None:
-    """An agent imports the streams alone: neither ROS nor scientific packages, nor other rooms of the bench, come along."""
+def test_importing_streams_does_not_import_heavy_packages() -> None:
+    """An agent that imports bench.streams loads neither ROS nor scientific packages."""
     code = "import sys, bench.streams; print(sorted({name.split('.')[0] for name in sys.modules} & {'rosbags', 'scipy', 'mcap'}))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -1,4 +1,4 @@
-"""docs/streams.md names the topics of the contracts."""
+"""docs/streams.md agrees with the code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_the_page_lists_every_topic_of_the_air_network() -> None:
         assert f"| `{topic}` |" in PAGE
 
 
-def test_the_page_has_the_right_bytes() -> None:
-    """The example for other languages is what the bench would send."""
+def test_the_encoding_example_of_the_page_is_correct() -> None:
+    """The bytes that the page shows for other languages are the bytes that the bench sends."""
     assert "00010000 03000000 686900" in PAGE
     assert encode(String("hi")).hex() == "00010000 03000000 686900".replace(" ", "")

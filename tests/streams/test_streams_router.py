@@ -1,9 +1,9 @@
 # mypy: disable-error-code=func-returns-value
-# `collect(...) or condition` reads what came and then looks at it, in one expression that `until` can repeat.
-"""The air network's allow-list, tried from outside: what an agent may do works, and nothing else does.
+# `collect(...) or condition` reads the new tokens and then checks them, in one expression that `wait_until` can repeat.
+"""The allow-list of the air network, tested from an agent's side: permitted operations work, all others fail.
 
-Nothing here waits for silence. Zenoh keeps the order of what goes over one link, so a permitted sample sent after the attempts
-is the proof that the attempts have been dealt with when it arrives.
+No test waits for silence. Zenoh keeps the order of samples on a link, so when a permitted sample that was sent after the attempts
+arrives, the router has processed the attempts.
 """
 
 from __future__ import annotations
@@ -40,20 +40,24 @@ from bench.streams import (
 )
 from bench.streams._keys import write_attachment
 
-TEXT, TICKS = String.TYPE, Clock.TYPE
+STRING_TYPE, CLOCK_TYPE = String.TYPE, Clock.TYPE
 PLAN = AirPlan(
     domain=7,
-    agent_reads=(("/clock", TICKS), ("/d/mission", TEXT)),
-    agent_writes=(("/d/agent/reports", TEXT),),
+    agent_reads=(("/clock", CLOCK_TYPE), ("/d/mission", STRING_TYPE)),
+    agent_writes=(("/d/agent/reports", STRING_TYPE),),
 )
-READ, LATCHED, WRITE = data_key(7, "/clock", TICKS), data_key(7, "/d/mission", TEXT), data_key(7, "/d/agent/reports", TEXT)
-SECRET = data_key(7, "/truth/actors", TEXT)
+READ, LATCHED, WRITE = (
+    data_key(7, "/clock", CLOCK_TYPE),
+    data_key(7, "/d/mission", STRING_TYPE),
+    data_key(7, "/d/agent/reports", STRING_TYPE),
+)
+SECRET = data_key(7, "/truth/actors", STRING_TYPE)
 DETECTIONS = data_key(7, "/d/detections", "vision_msgs/msg/Detection2DArray")
-BUDGET_S = 10.0  # never waited out when all is well
+BUDGET_S = 10.0  # only reached when a test fails
 
 
 class Bench:
-    """The bench's side of one air network, with a watcher on all that the router passes."""
+    """The bench's side of an air network, with a subscriber to every key that the router passes on."""
 
     def __init__(self, router: Router) -> None:
         self.router = router
@@ -64,13 +68,13 @@ class Bench:
         self.mission = self.node.latched("/d/mission", String, depth=3)
         self.reports = self.node.subscribe("/d/agent/reports", String)
 
-    def seen(self) -> dict[str, bytes]:
+    def payloads_by_key(self) -> dict[str, bytes]:
         """The last payload on every key that reached the router since the last call."""
         return {str(sample.key_expr): sample.payload.to_bytes() for sample in drain(self.watcher)}
 
 
 class Agent:
-    """One permitted agent, used as a fence."""
+    """A permitted agent whose samples serve as fences."""
 
     def __init__(self, bench: Bench, node: RosNode) -> None:
         self.bench = bench
@@ -78,16 +82,16 @@ class Agent:
         self.session: zenoh.Session = node._session
         self.reports: Publisher = node.publisher("/d/agent/reports", String)
         self.clock: Subscription = node.subscribe("/clock", Clock)
-        bench.reports.highest = 0  # every agent numbers its own samples
-        self.said()  # so that the router knows of the subscription
+        bench.reports.highest = 0  # each agent numbers its samples from 1
+        self.flush_sent()  # so that the router knows the subscription
 
-    def said(self) -> None:
-        """Return when the router has dealt with all that this session has sent."""
+    def flush_sent(self) -> None:
+        """Return when the router has processed everything that this session has sent."""
         self.reports.put(String("fence"))
         assert self.bench.reports.wait(self.reports.sequence, BUDGET_S)
 
-    def heard(self) -> None:
-        """Return when this session has received all that the bench has sent to it."""
+    def flush_received(self) -> None:
+        """Return when this session has received everything that the bench has sent to it."""
         self.bench.clock.put(Clock(Time(1)))
         assert self.clock.wait(self.bench.clock.sequence, BUDGET_S)
 
@@ -99,8 +103,8 @@ def drain(subscriber: Any) -> list[zenoh.Sample]:
     return samples
 
 
-def until(condition: Any) -> bool:
-    """Poll a state of the network that nothing announces."""
+def wait_until(condition: Any) -> bool:
+    """Poll until the condition holds; False after BUDGET_S. For network state that has no notification."""
     deadline = time.monotonic() + BUDGET_S
     while not condition():
         if time.monotonic() > deadline:
@@ -119,13 +123,13 @@ def bench() -> Iterator[Bench]:
 def agent(bench: Bench) -> Iterator[Agent]:
     with open_client(bench.router.access, "agent") as node:
         agent = Agent(bench, node)
-        bench.seen()
+        bench.payloads_by_key()
         yield agent
 
 
 @contextmanager
 def raw_session(access: AirAccess, mode: str = "client", auth: dict[str, str] | None = None) -> Iterator[zenoh.Session]:
-    """A session of an agent's own making, with whatever credentials."""
+    """A Zenoh session opened without the bench's client, with any credentials."""
     settings: dict[str, Any] = {
         "mode": mode,
         "connect": {"endpoints": [access.locator], "timeout_ms": 300, "exit_on_failure": True},
@@ -139,8 +143,8 @@ def raw_session(access: AirAccess, mode: str = "client", auth: dict[str, str] | 
         yield session
 
 
-def test_the_agent_reads_and_writes_what_its_plan_names(bench: Bench, agent: Agent) -> None:
-    """The permitted keys carry data both ways, unchanged."""
+def test_the_agent_can_read_and_write_the_topics_of_its_plan(bench: Bench, agent: Agent) -> None:
+    """Permitted keys carry data unchanged in both directions."""
     agent.reports.put(String("found"))
     assert bench.reports.wait(agent.reports.sequence, BUDGET_S)
     assert [sample.message() for sample in bench.reports.take()][-1] == String("found")
@@ -150,107 +154,117 @@ def test_the_agent_reads_and_writes_what_its_plan_names(bench: Bench, agent: Age
     assert agent.clock.take()[-1].message() == Clock(Time(5))
 
 
-def test_a_late_joiner_gets_what_is_latched(bench: Bench) -> None:
-    """A subscriber that comes after the fact gets the last samples with the numbers that they were sent with."""
+def test_a_late_subscriber_receives_latched_samples(bench: Bench) -> None:
+    """A late subscriber receives the last samples, with their original sequence numbers."""
     for text in "abcde":
         bench.mission.put(String(text))
     with open_client(bench.router.access, "late") as node:
         mission = node.subscribe("/d/mission", String, latched=True, depth=3)
         assert mission.wait(5, BUDGET_S)
-        assert [(one.sequence, one.message().data) for one in mission.take()] == [(3, "c"), (4, "d"), (5, "e")]
+        assert [(sample.sequence, sample.message().data) for sample in mission.take()] == [(3, "c"), (4, "d"), (5, "e")]
         bench.mission.put(String("f"))
         assert mission.wait(6, BUDGET_S)
         assert (mission.received, mission.lost) == (4, 0)
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "pattern",
     ["**", "7/**", "*/truth/**", SECRET, "7/tru$*/**", "7/d/**", DETECTIONS, "@/**", "*/*/*/*/*", f"{READ}/**", "@ros2_lv/**"],
 )
-def test_no_wider_subscription_hears_anything(bench: Bench, agent: Agent, asked: str) -> None:
-    """A key or pattern that is not on the list hears neither secrets nor, by a wider pattern, anything."""
-    wide: Any = agent.session.declare_subscriber(asked)
-    agent.said()
+def test_a_subscription_outside_the_allow_list_receives_nothing(bench: Bench, agent: Agent, pattern: str) -> None:
+    """A key or pattern that is not on the list receives no sample, whatever pattern the bench publishes on."""
+    wide: Any = agent.session.declare_subscriber(pattern)
+    agent.flush_sent()
     for key in (SECRET, DETECTIONS, "7/**", "**"):
         bench.session.put(key, b"secret")
-    agent.heard()
+    agent.flush_received()
     assert b"secret" not in [sample.payload.to_bytes() for sample in drain(wide)]
 
 
 @pytest.mark.parametrize("pattern", ["7/**", "**", "7/*/**"])
-def test_a_permitted_subscription_hears_its_own_key_alone(bench: Bench, agent: Agent, pattern: str) -> None:
-    """What the bench puts on a pattern that covers the permitted key does not slip through it."""
-    own: Any = agent.session.declare_subscriber(READ)
-    agent.said()
+def test_a_permitted_subscription_receives_only_its_key(bench: Bench, agent: Agent, pattern: str) -> None:
+    """A sample that is put on a pattern covering the permitted key does not reach the agent."""
+    subscriber: Any = agent.session.declare_subscriber(READ)
+    agent.flush_sent()
     bench.session.put(pattern, b"secret")
-    agent.heard()
-    assert b"secret" not in [sample.payload.to_bytes() for sample in drain(own)]
+    agent.flush_received()
+    assert b"secret" not in [sample.payload.to_bytes() for sample in drain(subscriber)]
 
 
 @pytest.mark.parametrize(
     "key", [READ, LATCHED, SECRET, DETECTIONS, "7/**", "**", "7/d/agent/*/**", f"{WRITE}/more", WRITE.replace("7/", "8/", 1)]
 )
 def test_no_other_key_can_be_written(bench: Bench, agent: Agent, key: str) -> None:
-    """Puts, publishers and deletes beyond the list reach nobody, least of all under the bench's own topics."""
+    """Puts, publishers and deletes outside the list do not reach the router's other clients."""
     attachment = write_attachment(1, 0, bytes(16))
     agent.session.put(key, b"forged", attachment=attachment)
     agent.session.declare_publisher(key).put(b"forged", attachment=attachment)
     agent.session.delete(key)
-    agent.said()
-    assert set(bench.seen()) == {WRITE}
+    agent.flush_sent()
+    assert set(bench.payloads_by_key()) == {WRITE}
 
 
 def test_permitted_keys_cannot_be_deleted(bench: Bench, agent: Agent) -> None:
-    """Only puts are allowed, so a deletion of the agent's own key is not seen either."""
+    """Only puts are allowed, so the deletion of a permitted key does not get through either."""
     malformed = bench.reports.malformed
     agent.session.delete(WRITE)
-    agent.said()
+    agent.flush_sent()
     assert bench.reports.malformed == malformed
 
 
-@pytest.mark.parametrize("asked", [SECRET, "**", "7/**", "@/**", "@/*/router", "@/router/local/**"])
-def test_queries_are_answered_by_nobody(bench: Bench, agent: Agent, asked: str) -> None:
-    """No store, no administration space: the answer is empty, at once, though the bench holds an answer.
+@pytest.mark.parametrize("selector", [SECRET, "**", "7/**", "@/**", "@/*/router", "@/router/local/**"])
+def test_queries_of_the_agent_get_no_answer(bench: Bench, agent: Agent, selector: str) -> None:
+    """The agent reaches neither storages nor the administration space; the empty answer comes at once.
 
-    A Zenoh session answers questions about itself to itself; that is not the bench's to refuse.
+    A Zenoh session answers queries about itself locally; the bench cannot refuse those.
     """
-    own = f"@/{agent.session.zid()}/"
-    with bench.session.declare_queryable(asked if "@" not in asked else SECRET, lambda query: query.reply(SECRET, b"secret")):
-        keys = [str(reply.ok.key_expr) for reply in agent.session.get(asked, timeout=BUDGET_S) if reply.ok is not None]
-    assert [key for key in keys if not key.startswith(own)] == []
+    own_admin_space = f"@/{agent.session.zid()}/"
+    with bench.session.declare_queryable(
+        selector if "@" not in selector else SECRET, lambda query: query.reply(SECRET, b"secret")
+    ):
+        keys = [str(reply.ok.key_expr) for reply in agent.session.get(selector, timeout=BUDGET_S) if reply.ok is not None]
+    assert [key for key in keys if not key.startswith(own_admin_space)] == []
 
 
 @pytest.mark.parametrize("key", ["**", SECRET, READ, f"{LATCHED}/@adv/**"])
-def test_the_agent_cannot_answer_for_the_bench(bench: Bench, agent: Agent, key: str) -> None:
-    """A queryable of the agent's is never asked, so it cannot forge history for others."""
-    asked: list[str] = []
-    with agent.session.declare_queryable(key, lambda query: asked.append(str(query.key_expr))):
-        agent.said()
+def test_the_agent_cannot_answer_queries(bench: Bench, agent: Agent, key: str) -> None:
+    """A queryable of the agent receives no query, so the agent cannot forge history for others."""
+    queries: list[str] = []
+    with agent.session.declare_queryable(key, lambda query: queries.append(str(query.key_expr))):
+        agent.flush_sent()
         replies = list(bench.session.get(key, timeout=BUDGET_S, target=zenoh.QueryTarget.ALL))
-    assert asked == []
+    assert queries == []
     assert all(b"forged" not in reply.ok.payload.to_bytes() for reply in replies if reply.ok)
 
 
-def test_the_graph_shows_what_is_there(bench: Bench, agent: Agent) -> None:
-    """Both sides see each other's nodes and endpoints, as `ros2 topic list` would."""
-    seen: Any = agent.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
-    agent.heard()
+def test_both_sides_see_the_ros_graph(bench: Bench, agent: Agent) -> None:
+    """Each side sees the other's nodes and endpoints, as `ros2 topic list` would show them."""
+    agent_view: Any = agent.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
+    agent.flush_received()
     tokens: list[str] = []
-    assert until(lambda: tokens.extend(str(one.key_expr) for one in drain(seen)) or any("NN/%/%/bench" in one for one in tokens))
-    assert until(lambda: tokens.extend(str(one.key_expr) for one in drain(seen)) or any("%d%mission" in one for one in tokens))
-    ours: Any = bench.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
-    agent.said()
-    names = [str(one.key_expr) for one in drain(ours)]
-    assert any("/NN/%/%/agent" in one for one in names)
-    assert any("/MP/%/%/agent/%d%agent%reports/" in one for one in names)
+    assert wait_until(
+        lambda: (
+            tokens.extend(str(token.key_expr) for token in drain(agent_view)) or any("NN/%/%/bench" in token for token in tokens)
+        )
+    )
+    assert wait_until(
+        lambda: (
+            tokens.extend(str(token.key_expr) for token in drain(agent_view)) or any("%d%mission" in token for token in tokens)
+        )
+    )
+    bench_view: Any = bench.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
+    agent.flush_sent()
+    names = [str(token.key_expr) for token in drain(bench_view)]
+    assert any("/NN/%/%/agent" in token for token in names)
+    assert any("/MP/%/%/agent/%d%agent%reports/" in token for token in names)
 
 
-def test_an_agent_that_leaves_leaves_the_graph(bench: Bench) -> None:
-    """Its tokens go with its session."""
+def test_an_agent_disappears_from_the_graph_when_its_session_closes(bench: Bench) -> None:
+    """The liveliness tokens of a session are deleted when it closes."""
     watch: Any = bench.session.liveliness().declare_subscriber("@ros2_lv/7/*/*/*/NN/%/%/visitor")
     with open_client(bench.router.access, "visitor"):
-        assert until(lambda: any(one.kind == zenoh.SampleKind.PUT for one in drain(watch)))
-    assert until(lambda: any(one.kind == zenoh.SampleKind.DELETE for one in drain(watch)))
+        assert wait_until(lambda: any(token.kind == zenoh.SampleKind.PUT for token in drain(watch)))
+    assert wait_until(lambda: any(token.kind == zenoh.SampleKind.DELETE for token in drain(watch)))
 
 
 @pytest.mark.parametrize(
@@ -263,16 +277,16 @@ def test_an_agent_that_leaves_leaves_the_graph(bench: Bench) -> None:
         f"{LATCHED}/@adv/pub/a/1/_",
     ],
 )
-def test_the_agent_cannot_pose_in_the_graph(bench: Bench, agent: Agent, token: str) -> None:
-    """It cannot show itself as a publisher of what the bench publishes, nor elsewhere than in its domain."""
+def test_the_agent_cannot_forge_graph_tokens(bench: Bench, agent: Agent, token: str) -> None:
+    """It cannot appear as a publisher of the bench's topics, nor in another domain."""
     watch: Any = bench.session.liveliness().declare_subscriber(token)
     with agent.session.liveliness().declare_token(token):
-        agent.said()
+        agent.flush_sent()
         assert drain(watch) == []
 
 
-def test_without_the_credentials_nobody_comes_in(bench: Bench) -> None:
-    """No credentials, a wrong password, another name and another session's credentials are refused."""
+def test_wrong_credentials_are_refused(bench: Bench) -> None:
+    """Missing credentials, a wrong password, another user name and another session's credentials are refused."""
     access = bench.router.access
     for auth in (None, {"user": access.user, "password": "x"}, {"user": "router", "password": access.password}):
         with pytest.raises(zenoh.ZError), raw_session(access, auth=auth):
@@ -284,33 +298,33 @@ def test_without_the_credentials_nobody_comes_in(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("mode", ["peer", "router"])
-def test_posing_as_peer_or_router_changes_nothing(bench: Bench, agent: Agent, mode: str) -> None:
-    """Good credentials in another mode meet the same list."""
+def test_peer_and_router_modes_meet_the_same_allow_list(bench: Bench, agent: Agent, mode: str) -> None:
+    """Valid credentials in another Zenoh mode give no more rights."""
     access = bench.router.access
     with raw_session(access, mode, {"user": access.user, "password": access.password}) as session:
         wide: Any = session.declare_subscriber("**")
         session.put(READ, b"forged")
         session.put(SECRET, b"forged")
-        # Of this session nothing permitted may come through in router mode; closing it is its last word instead.
+        # In router mode not even a permitted sample of this session may come through, so closing it serves as the fence.
         bench.session.put(SECRET, b"secret")
-        agent.heard()
-        heard = [sample.payload.to_bytes() for sample in drain(wide)]
-    agent.said()
-    assert b"secret" not in heard
-    assert b"forged" not in bench.seen().values()
+        agent.flush_received()
+        payloads = [sample.payload.to_bytes() for sample in drain(wide)]
+    agent.flush_sent()
+    assert b"secret" not in payloads
+    assert b"forged" not in bench.payloads_by_key().values()
 
 
 def test_oversized_samples_stop_at_the_router(bench: Bench, agent: Agent) -> None:
-    """A document over the limit reaches nobody, and its number shows as lost."""
+    """A document over the limit is not delivered, and its sequence number counts as lost."""
     lost = bench.reports.lost
-    agent.said()
+    agent.flush_sent()
     agent.reports.put(String("x" * (MAX_DOCUMENT_BYTES + 1)))
-    agent.said()
+    agent.flush_sent()
     assert bench.reports.lost == lost + 1
 
 
 def test_the_rate_limit_holds_back_a_flood() -> None:
-    """With a limit by the wall clock, of a flood of samples few arrive."""
+    """With a wall-clock rate limit of 0.01 Hz, a single sample of a thousand arrives."""
     plan = AirPlan(7, PLAN.agent_reads, PLAN.agent_writes, agent_limit_hz=0.01)
     with open_router(plan) as router, open_client(router.access, "agent") as node:
         reports = router.node("bench").subscribe("/d/agent/reports", String)
@@ -322,7 +336,7 @@ def test_the_rate_limit_holds_back_a_flood() -> None:
 
 
 def test_the_first_sample_of_a_new_agent_arrives(bench: Bench) -> None:
-    """An agent that publishes at once, waiting for no match, is heard from its first sample on."""
+    """When an agent publishes at once, without waiting for a match, its first sample is not lost."""
     for _ in range(20):
         bench.reports.take()
         bench.reports.highest = 0
@@ -331,30 +345,30 @@ def test_the_first_sample_of_a_new_agent_arrives(bench: Bench) -> None:
             publisher.put(String("first"))
             publisher.put(String("second"))
             assert bench.reports.wait(2, BUDGET_S)
-        assert [one.sequence for one in bench.reports.take()] == [1, 2]
+        assert [sample.sequence for sample in bench.reports.take()] == [1, 2]
 
 
 def test_no_password_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file that Zenoh reads the credentials from is private, and gone before the router is handed over."""
+    """The file from which Zenoh reads the credentials is private, and it is deleted before the router is yielded."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     modes: list[int] = []
-    opened = zenoh.open
+    zenoh_open = zenoh.open
 
-    def look(config: zenoh.Config) -> zenoh.Session:
+    def open_and_note_modes(config: zenoh.Config) -> zenoh.Session:
         modes.extend(stat.S_IMODE(path.stat().st_mode) for path in tmp_path.rglob("*"))
-        return opened(config)
+        return zenoh_open(config)
 
-    monkeypatch.setattr(zenoh, "open", look)
+    monkeypatch.setattr(zenoh, "open", open_and_note_modes)
     with open_router(PLAN) as router:
         assert sorted(modes) == [0o600, 0o700]
         assert list(tmp_path.iterdir()) == []
         assert router.access.password not in repr(router.access)
 
 
-def test_a_taken_port_is_said_and_a_free_one_found() -> None:
-    """A port asked for and taken is the user's to mend; port 0 finds another; closing frees it at once."""
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+def test_a_port_in_use_is_a_setup_error() -> None:
+    """A configured port that is in use raises SetupError; closing the other listener frees the port at once."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
         plan = AirPlan(7, PLAN.agent_reads, PLAN.agent_writes, port=port)
         with pytest.raises(SetupError, match=f"cannot listen on 127.0.0.1:{port}"), open_router(plan):
             pytest.fail("opened on a taken port")
@@ -362,27 +376,27 @@ def test_a_taken_port_is_said_and_a_free_one_found() -> None:
         assert router.access.locator == f"tcp/127.0.0.1:{port}"
 
 
-def test_port_0_goes_on_when_somebody_was_quicker(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_port_0_retries_when_another_process_takes_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
     """Between finding a free port and listening on it, another process may take it."""
-    with socket.create_server(("127.0.0.1", 0)) as taken, socket.create_server(("127.0.0.1", 0)) as free:
-        ports = [taken.getsockname()[1], free.getsockname()[1]]
+    with socket.create_server(("127.0.0.1", 0)) as listener, socket.create_server(("127.0.0.1", 0)) as free:
+        ports = [listener.getsockname()[1], free.getsockname()[1]]
         free.close()
-        offered = iter(ports)
-        monkeypatch.setattr("bench.streams._router._free_port", lambda _: next(offered))
+        port_offers = iter(ports)
+        monkeypatch.setattr("bench.streams._router._free_port", lambda _: next(port_offers))
         with open_router(PLAN) as router:
             assert router.access.locator == f"tcp/127.0.0.1:{ports[1]}"
 
 
-def test_what_is_no_topic_or_type_is_reported_all_at_once() -> None:
-    """A pattern in the plan would open the list: it is refused, together with every other fault."""
-    plan = AirPlan(7, agent_reads=(("/**", TEXT), ("/a", "std_msgs/msg/Strong")), agent_writes=(("reports", TEXT),))
+def test_all_invalid_topics_and_types_are_reported_together() -> None:
+    """A pattern in the plan would widen the allow-list, so it is refused, together with every other fault."""
+    plan = AirPlan(7, agent_reads=(("/**", STRING_TYPE), ("/a", "std_msgs/msg/Strong")), agent_writes=(("reports", STRING_TYPE),))
     with pytest.raises(SetupError) as caught, open_router(plan):
         pytest.fail("opened")
     assert len(caught.value.faults) == 3
 
 
-def test_no_router_is_a_lost_link() -> None:
-    """A client without a router ends in one sentence, not in Zenoh's words."""
+def test_a_client_without_a_router_raises_link_lost() -> None:
+    """The message says what to do instead of repeating Zenoh's error."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with (
@@ -393,11 +407,11 @@ def test_no_router_is_a_lost_link() -> None:
 
 
 def test_a_router_opens_in_milliseconds() -> None:
-    """Every session opens one: the quickest of five takes less than 50 ms."""
+    """Every session opens a router; the quickest of five takes less than 50 ms."""
 
-    def once() -> float:
-        begun = time.perf_counter()
+    def opening_time_s() -> float:
+        start_s = time.perf_counter()
         with open_router(PLAN):
-            return time.perf_counter() - begun
+            return time.perf_counter() - start_s
 
-    assert min(once() for _ in range(5)) < 0.05
+    assert min(opening_time_s() for _ in range(5)) < 0.05

@@ -1,4 +1,4 @@
-"""The message table against what ROS 2 installations publish about the same types."""
+"""Message types, compared with the hashes and definitions of ROS 2 installations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rosbags.typesys.store import Typestore
 
 from bench.streams import MESSAGES, Clock, String, message_class, schema_text, type_hash, type_name_of
 
-# Listed from ROS 2 installations and by upstream's own generator; the same from Iron to Lyrical.
+# From ROS 2 installations and from the upstream generator; the hashes are the same from Iron to Lyrical.
 GOLDEN = {
     "std_msgs/msg/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     "rosgraph_msgs/msg/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
@@ -33,13 +33,13 @@ def jazzy() -> Typestore:
 
 
 @pytest.mark.parametrize("type_name", GOLDEN)
-def test_hashes_are_those_of_ros_2_installations(type_name: str) -> None:
-    """A wrong hash would mean silence on the wire, not an error."""
+def test_type_hashes_equal_those_of_ros_2_installations(type_name: str) -> None:
+    """With a wrong hash, endpoints would not match, without any error."""
     assert type_hash(type_name) == "RIHS01_" + GOLDEN[type_name]
 
 
-def test_hashes_of_all_standard_types_equal_those_of_rosbags(jazzy: Typestore) -> None:
-    """What the golden table does not list is checked against an independent implementation on the upstream texts."""
+def test_type_hashes_of_standard_types_equal_those_of_rosbags(jazzy: Typestore) -> None:
+    """Types that the golden table does not list are checked against an independent implementation."""
     standard = [name for name in TYPE_NAMES if not name.startswith("vision_msgs/")]
     assert len(standard) > 25
     assert {name: type_hash(name) for name in standard} == {name: jazzy.hash_rihs01(name) for name in standard}
@@ -47,7 +47,7 @@ def test_hashes_of_all_standard_types_equal_those_of_rosbags(jazzy: Typestore) -
 
 @pytest.mark.parametrize("type_name", TYPE_NAMES)
 def test_schema_text_describes_the_same_fields(type_name: str, jazzy: Typestore) -> None:
-    """The schema in a recording, read by another's parser, gives the type with the same hash."""
+    """The schema text of a recording, read by the parser of rosbags, gives the same type hash."""
     text = schema_text(type_name)
     main, *parts = text.split("=" * 80 + "\n")
     store = get_typestore(Stores.EMPTY)
@@ -59,14 +59,14 @@ def test_schema_text_describes_the_same_fields(type_name: str, jazzy: Typestore)
 
 
 @pytest.mark.parametrize("type_name", TYPE_NAMES)
-def test_schema_text_is_taken_by_the_reader_of_recordings(type_name: str) -> None:
-    """mcap-ros2-support, which reads our recordings in Python, builds a decoder from the schema."""
+def test_mcap_ros2_support_accepts_the_schema_text(type_name: str) -> None:
+    """mcap-ros2-support, which reads recordings in Python, can build a decoder from the schema."""
     short = type_name.replace("/msg/", "/")
     assert short in generate_dynamic(short, schema_text(type_name))
 
 
-def test_types_are_found_by_name() -> None:
-    """Recordings name types as text; unknown names give None, and other classes no name."""
+def test_message_classes_are_found_by_type_name() -> None:
+    """An unknown type name gives None; a class that is no message class raises TypeError."""
     assert message_class("std_msgs/msg/String") is String
     assert message_class("std_msgs/msg/Strong") is None
     assert type_name_of(Clock) == "rosgraph_msgs/msg/Clock"
