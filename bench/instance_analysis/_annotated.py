@@ -40,6 +40,7 @@ def annotated_yaml(result: BaseSimSpec) -> str:
         f"{line}  {comments[number]}\n" if number in comments else f"{line}\n"
         for number, line in enumerate(text.splitlines(), start=1)
     )
+    # The comments are inserted as text, so the file is read back to prove that none of them broke it.
     assert SimSpec.model_validate(parse_text(written)[0]) == result.simspec
     return written
 
@@ -79,6 +80,7 @@ def _member(path: str, member: Any, index: int) -> str:
 
 def _comment(receipt: Receipt) -> str:
     quote = re.sub(r"\s+", " ", receipt.quote)
+    # A comment is one line; `rebar prose --json` has the whole quote.
     if len(quote) > LONGEST_QUOTE:
         quote = quote[: LONGEST_QUOTE - 3] + "..."
     word = "" if receipt.source == "prose" else f"{receipt.source} "

@@ -123,6 +123,7 @@ class Draft:
         """Index of the reading chosen in advance. Without an answer the question stays open and the first reading is used."""
         self._question_count += 1
         if self._question_count <= len(self.answers):
+            # Answers are matched by order, because the same text always asks the same questions in the same order.
             chosen = self.answers[self._question_count - 1]
             if 1 <= chosen <= len(readings):
                 return chosen - 1
@@ -137,11 +138,13 @@ class Draft:
     def put(self, path: FieldPath, value: Any, span: Span | None, note: str = "") -> None:
         """Set a field. Two different statements about one field become a question."""
         previous = self.entries.get(path)
+        # Only two statements of the text can contradict each other: a default gives way without a question.
         if previous is not None and previous.span is not None and span is not None and previous.value != value:
             readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
             conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
             if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
                 return
+            # The range belonged to the reading that was not chosen.
             self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
         if span is not None or previous is None:
             self.entries[path] = DraftField(value, span, note)
@@ -169,6 +172,7 @@ class Draft:
             name = (
                 "-".join(str(varied) for varied in path[-3:] if varied not in ("actors", "placement")).replace("_", "-").lower()
             )
+            # A field has one range: the later statement about it holds.
             where = dotted(path)
             self.ranges = [varied for varied in self.ranges if where not in varied.paths]
             self.ranges.append(VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
@@ -200,6 +204,8 @@ class Draft:
             if field_path in paths
         }
         whole = {path: int(high) if isinstance(self.entries[path].value, int) else high for path, high in ends.items() if high}
+        # The document holds the lower ends. The upper ends are checked one at a time, so that a fault names its
+        # field.
         simspec = validate_document(self.document(), SimSpec, source="prose")
         for path, high in whole.items():
             validate_document(self.document({path: high}), SimSpec, source=f"prose, {dotted(path)} at {high:g}")

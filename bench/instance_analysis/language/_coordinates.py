@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from bench.simspec import Origin
 
 _NUMBER = r"[-+−]?\d{1,9}(?:\.\d{1,9})?"
-_S, _SS = r"\s{0,3}", r"\s{1,3}"  # bounded, so that no text takes more than a few steps at each of its characters
+# Bounded, so that no text takes more than a few steps at each of its characters.
+_S, _SS = r"\s{0,3}", r"\s{1,3}"
 _MINUTES = rf"{_S}\d{{1,2}}(?:\.\d{{1,9}})?{_S}['′](?:{_S}\d{{1,2}}(?:\.\d{{1,9}})?{_S}(?:\"|″|''))?"
 _DEGREES = rf"\d{{1,3}}(?:\.\d{{1,9}})?(?:{_S}°(?:{_MINUTES})?)?"
 _M = rf"(?:{_S}m\b|{_S}met(?:re|er)s?\b)?"
@@ -31,7 +32,8 @@ NAMED = (
     r"|\d{1,2}(?![\d.,]*\s?(?:[a-z%°×²/-]|\d)))\b"
 )
 """A piece of ground with a name of its own, as `sector Alpha`."""
-_A, _E2 = 6378137.0, 6.69437999014e-3  # WGS84
+# WGS84: semi-major axis in metres, and the square of the first eccentricity.
+_A, _E2 = 6378137.0, 6.69437999014e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,7 @@ def coordinates_of(text: str) -> Coordinates:
     if lower.lstrip().startswith("lat"):
         latitude, longitude = (float(figure) for figure in re.findall(r"-?\d+(?:\.\d+)?", lower))
         return Coordinates(latitude, longitude, degrees=True)
+    # `120 east 40 north` has no unit and no sign: the words give both axes and signs.
     if flat := re.fullmatch(r"(\S+?)\s*(east|west)[\s,]*(\S+?)\s*(north|south)", lower):
         east, north = (float(flat[1]) * (-1 if flat[2] == "west" else 1), float(flat[3]) * (-1 if flat[4] == "south" else 1))
         return Coordinates(east, north)
@@ -74,6 +77,7 @@ def local_m(place: Coordinates, origin: Origin) -> tuple[float, float]:
     if not place.degrees:
         return place.first, place.second
     latitude, longitude = math.radians(origin.latitude_deg), math.radians(origin.longitude_deg)
+    # Through earth-centred coordinates: exact at any distance and latitude.
     there = _earth_centred_m(math.radians(place.first), math.radians(place.second), origin.altitude_m)
     here = _earth_centred_m(latitude, longitude, origin.altitude_m)
     x, y, z = (a - b for a, b in zip(there, here, strict=True))

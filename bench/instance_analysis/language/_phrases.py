@@ -38,6 +38,7 @@ PHRASES = (
     *("clear", "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground", "when"),
 )
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
+# Keeps the search linear in the length of the text. Chosen, not measured.
 MAX_PHRASE_WORDS = 24
 CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", "but", "because", "if", "though"})
 """Words that begin another clause: no phrase goes on past them."""
@@ -113,6 +114,7 @@ def _skipped(word: Word) -> bool:
 @cache
 def _grammar() -> Lark:
     text = resources.files(__package__).joinpath("grammar.lark").read_text(encoding="utf-8")
+    # LALR, because its interactive parser says after each word which kinds may follow; the lexer is not used.
     return Lark(text, parser="lalr", lexer="basic", start=["quantity", *PHRASES])
 
 
@@ -139,13 +141,15 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
             if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL_RULES:
                 break
             if rule == "quantity" and index > begin and word.text.lower() not in QUANTITY_FILLERS:
-                break  # in `six, by our count - 25 m away` nothing is 6 to 25
+                # In `six, by our count - 25 m away` nothing is 6 to 25.
+                break
             continue
         if not word.meanings and rule in TOLERANT_RULES and unknown < MAX_UNKNOWN_WORDS and _skipped(word):
             unknown += 1
             continue
         if rule == "quantity" and index > begin and word.text.lower() in ("a", "an", "single", "a single", "the single"):
-            break  # `60 m to a radar` is no range
+            # `60 m to a radar` is no range.
+            break
         following: list[_State] = []
         for state, tokens in states:
             taken = state.choices()  # type: ignore[no-untyped-call]
@@ -161,8 +165,10 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
                 following.append((branch, (*tokens, token)))
         if not following:
             break
+        # Each word may have several meanings, so the number of states could double with every word.
         states, comma = following[:16], False
         for state, tokens in states:
+            # Not the first match but the longest: the search goes on after a phrase is complete.
             if "$END" not in state.choices():  # type: ignore[no-untyped-call]
                 continue
             try:
@@ -254,6 +260,7 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     if len(kinds) != 1:
         return None
     values = [number * (unit[1] if unit else 1.0) for number, unit in zip(numbers, filled, strict=True)]
+    # `3 ft` is 0.9144 m, and not 0.9144000000000001.
     values = [round(value, 9) for value in values]
     if by:
         return Quantity("DIM", values[0], values[1]) if kinds == {"LENGTH"} else None
@@ -288,6 +295,7 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
         best: tuple[str, Tree[Token], int] | None = None
         for rule in PHRASES if words[index].meanings else ():
             match = longest_match(rule, words, index)
+            # Longer phrases win; of two equally long ones the earlier rule of PHRASES.
             if match and (best is None or match[1] > best[2]) and not (rule == "field" and _unfit(match[0], words)):
                 best = (rule, *match)
         if best is None:
@@ -333,7 +341,8 @@ def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool
         and not after.comma
         and any(item.kind in _COUNTED for item in after.meanings)
     ):
-        return not kinds & {"NUMBER", "PERCENT"}  # `below were thirty civilians`
+        # `below were thirty civilians`.
+        return not kinds & {"NUMBER", "PERCENT"}
     return not fits and (strange or fed or words[at].text.lower().endswith(" within"))
 
 
@@ -343,7 +352,8 @@ def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
         if isinstance(child, Token):
             index = int(str(child).split(":")[0])
             word, value = words[index], _meaning(child, words).value
-            if child.type == "FIELD":  # one word may be of several fields; the quantity's kind decides
+            # One word may name several fields; the kind of the quantity decides.
+            if child.type == "FIELD":
                 value = tuple(part.value for part in word.meanings if part.kind == "FIELD")
             parts.append(Part(child.type, value, word.span))
         elif str(child.data) in ("ref", "state", "more"):
@@ -351,6 +361,7 @@ def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
         else:
             parts += _phrase(str(child.data), child, words).parts
     if rule == "place" and [part.kind for part in parts if isinstance(part, Part)] == ["AT", "ORIGIN"]:
-        parts[1] = Part("POINT", Coordinates(0.0, 0.0), parts[1].span)  # `at the origin`
+        # `at the origin`.
+        parts[1] = Part("POINT", Coordinates(0.0, 0.0), parts[1].span)
     spans = [part.span for part in parts]
     return Phrase(rule, tuple(parts), Span(min(s.start for s in spans), max(s.end for s in spans)))

@@ -22,7 +22,8 @@ def corrected_spelling(text: str, vocabulary: Vocabulary, corrections: dict[str,
             for candidate in sorted(vocabulary.single)
             if len(candidate) >= MIN_CORRECTED_LETTERS
             and abs(len(candidate) - len(lower)) <= most
-            and len(letters.symmetric_difference(candidate)) <= 2 * most  # an edit changes two letters at the most
+            # One edit changes at most two letters, which rules out most candidates before the slow comparison.
+            and len(letters.symmetric_difference(candidate)) <= 2 * most
             and (distance := edit_distance(lower, candidate, most)) <= most
         }
         best = [candidate for candidate, distance in distances.items() if distance == min(distances.values())]
@@ -48,6 +49,7 @@ def edit_distance(a: str, b: str, most: int) -> int:
             if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
                 cost = min(cost, earlier[j - 2] + 1)
             row.append(cost)
+        # Distances never fall from row to row, so nothing below can be near enough any more.
         if min(row) > most:
             return most + 1
     return row[-1]

@@ -49,6 +49,7 @@ _PATTERN = re.compile(
 )
 
 
+# Chosen, not measured: editors and mail programs break lines between 65 and 80 characters.
 FULL_LINE_CHARACTERS = 60
 """Characters from which on a line may have been broken because it was full."""
 _ITEM = re.compile(r"\s*(?:[-*•–]\s|\d+[.)]\s)")
@@ -166,6 +167,7 @@ def _meanings_of(match: re.Match[str]) -> tuple[Meaning, ...]:
 def _clock(text: str) -> TimeOfDay | None:
     lower = text.lower().replace(".", "")
     digits = re.findall(r"\d+", lower)
+    # Military notation: `1430Z`.
     if len(digits) == 1 and len(digits[0]) == 4:
         digits = [digits[0][:2], digits[0][2:]]
     hour, minute = int(digits[0]), int(digits[1]) if len(digits) > 1 else 0
@@ -200,6 +202,7 @@ def _date(text: str) -> dt.date | None:
         parts = re.findall(r"[a-z]+|\d+", re.sub(r"(\d)(st|nd|rd|th)", r"\1", text.lower()).replace(" of ", " "))
         month = next(part for part in parts if part.isalpha())
         day, year = (int(part) for part in parts if part.isdigit())
+        # Months may be abbreviated to three letters.
         return dt.date(year, 1 + next(i for i, name in enumerate(MONTHS) if name.startswith(month)), day)
     except ValueError:
         return None
@@ -208,6 +211,7 @@ def _date(text: str) -> dt.date | None:
 def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, corrections: dict[str, str]) -> tuple[Word, int]:
     run = list(itertools.takewhile(lambda match: match.lastgroup in PHRASE_GROUPS, raw[index : index + vocabulary.longest]))
     texts = [corrected_spelling(match.group().rstrip("."), vocabulary, corrections) for match in run]
+    # The longest phrase first, so that a `military truck` is not read as a truck.
     for length in range(len(run), 0, -1):
         phrase = " ".join(texts[:length])
         span = Span(run[0].start(), run[length - 1].end())
@@ -232,7 +236,8 @@ def _articles(words: list[Word]) -> Iterator[Word]:
             word.text.lower() == "around" and index > 0 and (word.comma or words[index - 1].text.lower() in ("and", "with", "of"))
         )
         if is_about and index + 1 < len(words) and any(meaning.kind == "NUM" for meaning in words[index + 1].meanings):
-            yield replace(word, meanings=(), filler=True)  # `some 100 metres`, `two trucks and around twenty villagers`
+            # `some 100 metres`, `two trucks and around twenty villagers`.
+            yield replace(word, meanings=(), filler=True)
             continue
         if word.text in ("a", "an"):
             following = next(

@@ -133,6 +133,7 @@ class Vocabulary:
                     source for source in meanings if source.kind not in known or source.kind == "FIELD"
                 )
         fillers = {word.lower() for source in documents for word in source.fillers}
+        # A user's vocabulary may give a meaning to a word that the bench ignores.
         self.fillers = frozenset(fillers - set(self.meanings))
         self.longest = max(len(phrase.split()) for phrase in (*self.meanings, *self.fillers))
         self.single = frozenset(word for phrase in self.meanings for word in phrase.split() if word.isalpha())
@@ -148,6 +149,7 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     shipped = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
     documents = [read_document(shipped, VocabularyDocument, source="vocabulary.yaml")]
     if extra is not None:
+        # First, because of two meanings of one kind the earlier document's holds.
         documents.insert(0, load_document(extra, VocabularyDocument))
     faults = [
         fault

@@ -65,7 +65,8 @@ def provider_of(model: str, url: str | None) -> str:
         return COMPATIBLE
     try:
         infer_provider_class(name)
-    except ValueError:  # the colon belongs to the model's name, as in qwen3:8b
+    # The colon belongs to the model's name, as in qwen3:8b.
+    except ValueError:
         return COMPATIBLE
     except ImportError as error:
         extra = re.search(r"pydantic-ai-slim\[[a-z-]+\]", str(error))
@@ -115,6 +116,7 @@ async def _run(
         name="prose",
         output_type=PromptedOutput(Proposal),
         instructions=brief,
+        # A retry sends the judge's faults back, so the first answer and the retries together are the rounds.
         retries={"output": MAX_ROUNDS - 1, "tools": 0},
         model_settings=ModelSettings(temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0),
     )
@@ -189,8 +191,10 @@ def _model_for(door: ModelConnection, client: httpx2.AsyncClient) -> Model:
 
 
 def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
-    if "/" in name:  # a gateway, whose address the class of the provider behind it does not know
+    # A gateway: the class of the provider behind it does not know the gateway's address.
+    if "/" in name:
         return infer_provider(name)
+    # Not every provider takes a client; those that do not keep their own, and lose the limit on the answer's size.
     known = infer_provider_class(name)
     takes_client = name not in OTHER_CLIENTS and "http_client" in inspect.signature(known.__init__).parameters
     return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]
@@ -204,9 +208,11 @@ class _TrafficFilter:
         self.refused = ""
 
     async def request(self, request: httpx2.Request) -> None:
-        request.headers["Accept-Encoding"] = "identity"  # so that bytes on the wire are bytes in memory
+        # Bytes on the wire are then bytes in memory, so the limit on an answer holds for both.
+        request.headers["Accept-Encoding"] = "identity"
         if self._door.provider == COMPATIBLE:
             needed = _NEEDED_HEADERS | ({"authorization"} if self._door.key else set())
+            # The OpenAI client adds headers about its version and the operating system, which a server does not need.
             for name in set(request.headers) - needed:
                 del request.headers[name]
 

@@ -108,6 +108,7 @@ def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: S
     """
     provider = endpoint.provider
     draft, corrected = draft_of(text, vocabulary, answers)
+    # A question may change what has been read, and a model must not decide it.
     if draft.questions or draft.faults:
         return ProposedResult(result=finished(draft, corrected), model=endpoint.model, provider=provider, rounds=0)
     verifier = _Verifier(draft, vocabulary)
@@ -148,6 +149,7 @@ class _Verifier:
 
     def verify(self, proposal: Proposal) -> str:
         self.accepted, self.refused = {}, []
+        # A model may repeat itself without end. 200 is chosen, not measured.
         for field in proposal.fields[:MAX_FIELDS]:
             path = _path(field.path)
             spans = list(_occurrences(field.quote, self._draft.text))
@@ -174,9 +176,11 @@ class _Verifier:
         entry = self._draft.entries.get(path)
         if entry is not None and entry.span is not None and entry.value != field.value:
             return f"the description has been read as {entry.value!r} here, from {self._draft.quote(entry.span)!r}; that holds"
+        # In Python a bool is an int, but a yes or no has no number in the text.
         if isinstance(field.value, int | float) and not isinstance(field.value, bool):
             numbers = [item for span in spans for item in self._numbers(span)]
             return _wrong_number(str(path[-1]), float(field.value), field.quote, numbers)
+        # Such a quote supports any value, so it supports none.
         if field.quote.strip() == self._draft.text.strip():
             return "the quote is the whole description; quote the words that say this"
         if path[-1] == "asset":
@@ -193,6 +197,7 @@ class _Verifier:
             after = self._draft.text[word.span.end : span.end]
             for meaning in word.meanings:
                 if isinstance(meaning.value, Quantity):
+                    # A range supports both of its ends. For a single number they are the same.
                     for number in dict.fromkeys((meaning.value.low, meaning.value.high)):
                         yield _StatedNumber(meaning.value.kind, number, after)
                         if meaning.value.kind == "COUNT" and isinstance(per_area, float | int):
@@ -236,6 +241,7 @@ def _within(inner: Span, outer: Span) -> bool:
 def _occurrences(quote: str, text: str) -> Iterator[Span]:
     """Exact occurrences of a quote in the text, in whole words; none for a quote without a word."""
     if re.search(r"\w", quote):
+        # Without the edges the quote `5 m` would be found in `45 m`.
         edged = (
             (r"(?<!\w)" if re.match(r"\w", quote) else "") + re.escape(quote) + (r"(?!\w)" if re.search(r"\w$", quote) else "")
         )
@@ -252,11 +258,13 @@ def _wrong_number(name: str, value: float, quote: str, numbers: Sequence[_Stated
 def _invalid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> str:
     """What is wrong with the SimSpec that has the proposed fields; empty when nothing is."""
     tried = Draft(draft.text, ())
+    # The name is set only when the reading is finished, but a SimSpec without one is invalid.
     tried.entries = {("name",): DraftField("prose", None)} | draft.entries | accepted
     try:
         tried.checked()
     except SetupError as error:
         return str(error)[:500] if accepted else ""
+    # A path such as `mission.altitude_m.x` treats a number as a mapping.
     except (TypeError, AttributeError):
         return "a path leads through what has no fields, or ends before them"
     return ""
@@ -266,6 +274,7 @@ def _largest_valid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> dict[
     """The fields that keep the SimSpec valid, added one by one; the fields of a list member are added together."""
     wholes: dict[FieldPath, dict[FieldPath, DraftField]] = {}
     for path, entry in accepted.items():
+        # A list member with only some of its fields may be invalid although all of them together are valid.
         wholes.setdefault(path[:2] if path[0] in LISTS else path, {})[path] = entry
     valid: dict[FieldPath, DraftField] = {}
     for whole in wholes.values():

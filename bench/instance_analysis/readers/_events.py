@@ -12,6 +12,7 @@ from ._intelligence import IntelligenceReader
 
 TIMES = {"AT": "at", "AFTER": "at", "FROM": "at", "FOR": "lasting", "OF": "lasting", "WITHIN": "within", "UNTIL": "until"}
 """What a time is by the word before it."""
+# Readings that are offered for `for how long?`. Chosen, not measured.
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
 
 
@@ -50,6 +51,7 @@ class EventReader:
     def finish(self) -> None:
         """Ask for the time of every event that has none anywhere in the text."""
         for event, phrase in self._timeless:
+            # A phrase without a time repeats an event of its kind that has one elsewhere in the text.
             if (event.part, event.kind) not in self._timed:
                 self._happens(event, phrase, _timing_of(phrase))
 
@@ -60,6 +62,7 @@ class EventReader:
             at_s = [0.0, 60.0][self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])]
         self._timed.add((event.part, event.kind))
         kind = event.kind
+        # `resume` ends the order before it: a hold, or a silence.
         if phrase.first("ORDER") and kind == "resume" and self._last == "stop_reporting":
             kind = "resume_reporting"
         base = self._begin(event.part, kind, at_s, phrase)
@@ -68,6 +71,7 @@ class EventReader:
             lasting = DURATION_CHOICES_S[
                 self._draft.ask(phrase.span, "for how long?", [f"{choice:g} s" for choice in DURATION_CHOICES_S])
             ]
+        # An order has no duration in a SimSpec, so `for 60 s` becomes a second order.
         if event.kind == "stop_reporting" and lasting is not None:
             self._begin(event.part, "resume_reporting", at_s + lasting, phrase)
         if lasting is not None and event.part != "orders" and event.kind != "battery_drop":
@@ -81,6 +85,7 @@ class EventReader:
 
     def _begin(self, part: str, kind: str, at_s: float, phrase: Phrase) -> FieldPath:
         number = self._numbers[part] = self._numbers.get(part, -1) + 1
+        # Orders have ids, because an agent answers them by id; failures and outages are plain lists.
         key: str | int = f"{kind.replace('_', '-')}-{number + 1}" if part == "orders" else number
         base: FieldPath = (*part.split("."), key)
         self._last = kind

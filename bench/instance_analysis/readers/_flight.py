@@ -50,6 +50,7 @@ class FlightReader:
         assert isinstance(given.value, Quantity)
         quantity, fields = given.value, [words for words in word.value if isinstance(words, FieldWords)]
         fitting = [words for words in fields if _fits(words, quantity)]
+        # COUNT is a number without a unit.
         if not fitting and quantity.kind == "COUNT":
             field = fields[0]
             if field.kind in ("ANGLE", "PERCENT"):

@@ -57,7 +57,8 @@ class GroundReader:
     def mention(self, phrase: Phrase) -> GroundPiece:
         """The area that a phrase names. It becomes the current one."""
         part = next((name_part for kind in KINDS for name_part in phrase.every(kind)), None)
-        if part is None:  # `inside it`
+        # `inside it` names no area.
+        if part is None:
             return self.current or self.world
         if part.kind == "AREAWORD" and self.current is not None and self._is_the_current(part.span):
             piece = self.current

@@ -75,6 +75,7 @@ class GroupRegister:
         assert part is not None
         assert isinstance(part.value, tuple)
         quote = self.draft.quote(part.span)
+        # `a truck ...; the vehicle` means the truck, because only one of the word's readings was mentioned.
         known = [name for name in part.value if name in self.kinds.values()]
         if len(known) == 1 and self._definite(part.span):
             return known[0], part.span
@@ -82,6 +83,7 @@ class GroupRegister:
             f"{self.vocabulary.assets[candidate].asset} ({self.vocabulary.assets[candidate].role})" for candidate in part.value
         ]
         if self._definite(part.span):
+            # `the vehicle` may also be the drone.
             readings.append("the drone under test")
         chosen = self.draft.ask(part.span, f"what is meant by {quote!r}?", readings)
         return (str(part.value[chosen]) if chosen < len(part.value) else ""), part.span
@@ -106,15 +108,18 @@ class GroupRegister:
             self.subject_is_mission = True
             return []
         counts, none = phrase.every("COUNT"), phrase.first("NONE")
-        count = counts[-1] if counts else None  # `a squad of nine`
+        # The last number counts: `a squad of nine`.
+        count = counts[-1] if counts else None
         known = [group for group, asset in self.kinds.items() if asset == name]
         if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
             if count is not None and len(known) == 1 and known[0] in self._uncounted:
-                self._recount(known[0], phrase, count, span)  # `aid workers ...; the 6 aid workers`
+                # `aid workers ...; the 6 aid workers`.
+                self._recount(known[0], phrase, count, span)
             return self.choose_one(known, span)
         if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
             several = [group for group in known if group in self.plural]
-            if several:  # near a crate, where there are crates: near some member
+            # `near a crate`, where the text has crates, means near some member of that group.
+            if several:
                 return self.choose_one(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             return []
@@ -150,6 +155,7 @@ class GroupRegister:
     def _new(self, phrase: Phrase, name: str, span: Span, count: Part | None) -> str:
         words = self.vocabulary.assets[name]
         number = 1 + sum(1 for other in self.kinds.values() if other == name)
+        # Ids are the words of the vocabulary, so that a reader recognizes the groups in the SimSpec.
         group = name if number == 1 else f"{name}-{number}"
         self.kinds[group] = name
         put = self.draft.put
@@ -208,6 +214,7 @@ class GroupRegister:
                 low if self.draft.ask(bound.span.joined(where), "no upper bound is given; how many?", readings) == 0 else 2 * low
             )
         elif phrase.first("WITHIN") and quantity.single:
+            # `up to 10`.
             low = 0.0
         if high > 1:
             self.plural.add(group)
@@ -243,6 +250,7 @@ class GroupRegister:
     def ref(self, phrase: Phrase) -> list[RelationTarget]:
         """The targets of a relation: groups, the vehicle's home, or a place. The same words always resolve to the same targets."""
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
+        # Resolving may ask a question or create a group, which must happen once for each phrase.
         if ref.span not in self.referents:
             self.referents[ref.span] = self._resolve(ref, indoors=phrase.rule == "inside")
         return self.referents[ref.span]
@@ -271,6 +279,7 @@ class GroupRegister:
 
     def _them(self, span: Span, *, indoors: bool = False) -> list[str]:
         others = [group for group in self.kinds if group not in self.subject]
+        # `it` means a group of one member, `them` one of several, where such groups exist.
         single = self.draft.quote(span).lower() in ("it", "him", "her")
         if indoors:
             others = [group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED] or others
@@ -278,6 +287,7 @@ class GroupRegister:
         if not fitting:
             self.draft.unread(span, "nothing before it that it could refer to", expressible=True)
             return []
+        # A group of the same sentence goes before all earlier ones.
         recent = [group for group in fitting if group in self.mentioned]
         return recent if len(recent) == 1 else self.choose_one(fitting, span)
 

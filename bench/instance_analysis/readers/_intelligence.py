@@ -33,7 +33,8 @@ class IntelligenceReader:
             self._candidate_groups += self._groups.subject
             return
         if self._groups.in_sentence and self._groups.subject != self._report_groups and len(self._groups.subject) == 1:
-            spoken = f"{self._groups.subject[0]}-sighting"  # `the radar has priority 2, the soldiers have priority 1`
+            # `the radar has priority 2, the soldiers have priority 1`.
+            spoken = f"{self._groups.subject[0]}-sighting"
             if ("intelligence", spoken, "id") in self._draft.entries:
                 self._report = spoken
         path: FieldPath = ("intelligence", self._report, name)
@@ -69,6 +70,7 @@ class IntelligenceReader:
 
     def on(self, group: str, span: Span) -> str:
         """Id of the report on a group; creates the report when there is none."""
+        # One report for each group: the prose has no words that tell two reports on a group apart.
         report = f"{group}-sighting"
         if ("intelligence", report, "id") not in self._draft.entries:
             self._draft.put(("intelligence", report, "id"), report, span)

@@ -105,6 +105,7 @@ class PlaceReader:
     def steps(self, phrase: Phrase) -> tuple[float, float]:
         """Metres east and north of `120 m east and 40 m south`."""
         east = north = 0.0
+        # Rounded, because the sine of 180 degrees is not exactly 0 in floating point.
         for length, direction in zip(phrase.every("LENGTH"), phrase.every("DIR"), strict=True):
             assert isinstance(length.value, Quantity)
             assert isinstance(direction.value, float | int)
@@ -178,6 +179,7 @@ class PlaceReader:
         count = self._draft.entries.get(("actors", group, "count"))
         point, note = self.point(place), self._converted(place)
         if count is None or count.value != 1 or any(f"actors[{group}].count" in varied.paths for varied in self._draft.ranges):
+            # A SimSpec has coordinates only for a group of one.
             self._draft.remark(span, "several members cannot stand at one point: they stand near it")
             number = len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
             self._draft.put((*base, "distances", number, "point"), point, span, note)

@@ -316,7 +316,8 @@ class TextReader:
         if not {"that", "which", "who"}.intersection(word.text.lower().split()) or not isinstance(last, Phrase):
             return
         if last.rule == "group":
-            self.joined = []  # `soldiers and civilians, who walk`: the civilians
+            # `soldiers and civilians, who walk`: the civilians.
+            self.joined = []
         elif last.rule in RoadReader.RULES:
             self.topic = "road"
         elif last.refs:
@@ -390,10 +391,12 @@ class TextReader:
             if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
                 self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
                 for item in phrase.refs:
-                    self.groups.ref(item)  # who is named is there, whatever is said of it
+                    # A group that is named exists, even if the statement about it cannot be read.
+                    self.groups.ref(item)
             return
         if phrase.rule == "inside" and phrase.first("AREAWORD"):
-            return  # the area of interest, where everybody is
+            # The area of interest, where every group is.
+            return
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(joined)]

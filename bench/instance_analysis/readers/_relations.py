@@ -17,6 +17,7 @@ from ._places import PlaceReader
 from ._traits import length_of
 
 DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
+# Readings that are offered for `far from`. Chosen, not measured.
 FAR_CHOICES_M = (100.0, 200.0, 300.0)
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
@@ -60,7 +61,9 @@ class RelationReader:
         base: FieldPath = ("actors", group, "placement")
         low, high = round(low, 6), None if high is None else round(high, 6)
         defaulted = span if note != "default" else None
+        # `near the radar, 20 to 40 m from it` states one relation, not two.
         self._closer(base, other, note)
+        # A placement has one `near`, to a group or home. Everything else goes into its list of distances.
         if isinstance(other, Coordinates) or every or (*base, "near", "of") in self._draft.entries:
             where: FieldPath = (*base, "distances", self._rows(base))
             if isinstance(other, str):
@@ -96,6 +99,7 @@ class RelationReader:
         if not phrase.refs:
             self._draft.unread(phrase.span, "the text does not say from what")
             return
+        # A minimum holds for every member of the other group, a maximum for the nearest one.
         self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
 
     def far(self, group: str, phrase: Phrase) -> None:
@@ -142,7 +146,8 @@ class RelationReader:
     def exact(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))
         self._distance(group, phrase, low, high, note=note)
-        if due := phrase.first("DUE"):  # `70 m from home, due east`
+        # `70 m from home, due east`.
+        if due := phrase.first("DUE"):
             direction = DIRECTIONS[self._draft.quote(due.span).lower().split()[-1]]
             self.towards(group, self._groups.ref(phrase), direction, phrase.span)
 
@@ -152,7 +157,8 @@ class RelationReader:
 
     def mean(self, group: str, phrase: Phrase) -> None:
         length, of = length_of(self._draft, phrase), self._groups.ref(phrase.refs[-1])
-        if len(phrase.refs) > 1:  # `the mean distance of the civilians to the radar`
+        # `the mean distance of the civilians to the radar` names its own subject.
+        if len(phrase.refs) > 1:
             group = next((target for target in self._groups.ref(phrase.refs[0]) if isinstance(target, str)), group)
         groups = [target for target in of if isinstance(target, str)]
         if not groups:
@@ -173,6 +179,7 @@ class RelationReader:
 
     def towards(self, group: str, of: list[str | Coordinates], direction: float, span: Span) -> None:
         """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth between these."""
+        # `northeast` is more precise than `north`, so its sector is half as wide.
         half = 45.0 if direction % 90 == 0 else 22.5
         base: FieldPath = ("actors", group, "placement", "bearing")
         if of and of[0] == group:
@@ -253,9 +260,11 @@ class RelationReader:
     def between(self, group: str, phrase: Phrase) -> None:
         ends: list[str | Coordinates] = [end for ref in phrase.refs for end in self._groups.ref(ref)]
         if phrase.first("BETWEENTHEM"):
+            # `between them` means the group named last before the subject.
             ends = [*[end for end in self._groups.kinds if end != group][-1:]]
         names = [end for end in ends if isinstance(end, str) and end != group]
         if len(names) == 1 and len(ends) == 1 and names[0] in self._groups.plural:
+            # `between the houses` means between two members of one group.
             names *= 2
         if len(names) != 2 or len(ends) > 2:
             self._draft.unread(phrase.span, "`between` needs two groups, or a group of several")

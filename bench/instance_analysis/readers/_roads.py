@@ -303,6 +303,7 @@ def _crossing(first: Sequence[Point], second: Sequence[Point]) -> Point | None:
     r = (b["east_m"] - a["east_m"], b["north_m"] - a["north_m"])
     s = (d["east_m"] - c["east_m"], d["north_m"] - c["north_m"])
     cross = r[0] * s[1] - r[1] * s[0]
+    # Parallel roads.
     if abs(cross) < 1e-9:
         return None
     share = ((c["east_m"] - a["east_m"]) * s[1] - (c["north_m"] - a["north_m"]) * s[0]) / cross

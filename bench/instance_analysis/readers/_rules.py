@@ -75,10 +75,13 @@ class RuleReader:
 
     def _put_windows(self) -> None:
         end = self._draft.entries.get(("mission", "time_limit_s"))
+        # A window without an end lasts until the mission does.
         limit = float(end.value) if end else Mission().time_limit_s
         open_s = sorted((low, limit if high is None else high, span) for low, high, span in self._windows) or None
         for low, high, span in self._silences:
             top = limit if high is None else high
+            # Without stated windows reports are allowed all the time, so a silence cuts a hole into the whole
+            # mission.
             windows = open_s if open_s is not None else [(0.0, limit, span)]
             open_s = [part for window in windows for part in _without(window, low, top, span)]
         for number, (low, high, span) in enumerate(open_s or []):
@@ -90,6 +93,7 @@ class RuleReader:
         if height is None or height.span is None or ("rules", "max_altitude_m") in self._draft.entries:
             return
         highs = [varied.high for varied in self._draft.ranges if "mission.altitude_m" in varied.paths]
+        # A range of heights must stay below the ceiling at its upper end too.
         top = max([height.value, *(varied for varied in highs if varied is not None)])
         usual = Rules().max_altitude_m
         if top > usual:

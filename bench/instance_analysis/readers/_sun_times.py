@@ -20,6 +20,7 @@ def sun_moment(
     The day is the one whose solar noon lies on the date in UTC; midnight is the one after it.
     """
     begin = dt.datetime.combine(day, dt.time(), dt.UTC)
+    # By trying all minutes: the formula of the sun's position has no inverse.
     noon = min(
         (begin + dt.timedelta(minutes=m) for m in range(1440)),
         key=lambda at: sun_at(at, latitude_deg, longitude_deg).hours_from_noon,

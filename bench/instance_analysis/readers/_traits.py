@@ -45,6 +45,7 @@ class TraitReader:
         base: FieldPath = ("actors", group, "motion")
         kind = self._draft.entries.get((*base, "kind"))
         length = length_of(self._draft, phrase)
+        # `within 30 m` after `walking` bounds the walk; otherwise it is a distance.
         if kind is None or kind.value != "wander":
             self._refine(group, length, phrase.span)
             return
@@ -56,7 +57,8 @@ class TraitReader:
         before = self._draft.entries.get(path)
         if given is not None and isinstance(given.value, Quantity):
             if before is not None and before.span is not None and not re.search(r"\d", self._draft.quote(before.span)):
-                self._draft.forget(path)  # `hidden so well that its concealment is 0.8`
+                # A number replaces a word: `hidden so well that its concealment is 0.8`.
+                self._draft.forget(path)
             self._draft.vary(path, given.value.low, given.value.high, phrase.span, unit=None)
         elif word := phrase.first("CONCEAL"):
             self._draft.put(path, word.value, phrase.span)
@@ -66,6 +68,7 @@ def put_speed(draft: Draft, group: str, quantity: Quantity, span: Span) -> None:
     """Set a stated speed; it replaces the default speed of a word such as `driving`."""
     path: FieldPath = ("actors", group, "motion", "speed_mps")
     before = draft.entries.get(path)
+    # Two stated speeds are a contradiction, which `vary` asks about. A word's default is not.
     if before is not None and before.note == DEFAULT_SPEED_NOTE:
         del draft.entries[path]
     draft.vary(path, quantity.low, quantity.high, span, unit="m/s")
@@ -79,7 +82,8 @@ def put_motion(draft: Draft, group: str, part: Part, speed: Part | None) -> None
     if before is None or before.value in ("still", "wander") or part.value.kind == "still":
         draft.put((*base, "kind"), part.value.kind, part.span)
     elif speed is None:
-        return  # `patrols between ..., moving`
+        # `patrols between ..., moving`: the general word adds nothing.
+        return
     if speed is not None and isinstance(speed.value, Quantity):
         put_speed(draft, group, speed.value, speed.span)
     elif part.value.speed_mps is not None and (*base, "speed_mps") not in draft.entries:

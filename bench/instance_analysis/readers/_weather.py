@@ -47,6 +47,7 @@ class WeatherReader:
         paths = list(dict.fromkeys(path for path, _, _ in states))
         for path in paths:
             level = first[1] if path == first[0] else 0.0
+            # The base SimSpec holds the first choice; the design varies the rest.
             self._draft.put(tuple(path.split(".")), level, phrase.span, "first of several")
         if len(paths) == 1:
             levels = tuple(level for _, level, _ in states)
@@ -70,6 +71,7 @@ class WeatherReader:
         path: FieldPath = ("environment", "wind", "speed_mps")
         for span in self._winds_without_speed:
             if path not in self._draft.entries:
+                # The vocabulary's speeds of these words, after the Beaufort scale.
                 readings = ["3 m/s, light", "6 m/s, moderate", "12 m/s, strong"]
                 chosen = self._draft.ask(span, "how strong is the wind?", readings)
                 self._draft.put(path, [3.0, 6.0, 12.0][chosen], span)
@@ -108,6 +110,7 @@ class WeatherReader:
             return path, count.value.low, count.value.high
         if word.value.level is not None:
             return path, word.value.level, word.value.level
+        # Light, moderate and heavy in the vocabulary, and the levels of other weather in the same phrase.
         levels = sorted({2.0, 4.0, 7.0, *before})
         names = {2.0: "light", 4.0: "moderate", 7.0: "heavy"}
         readings = [f"level {candidate:g}" + (f", {names[candidate]}" if candidate in names else "") for candidate in levels]
@@ -151,6 +154,7 @@ class WeatherReader:
         share = 1.0
         if speed.kind == "COUNT":
             units = {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444}
+            # `gusts 15` may be metres per second or knots, which differ by a factor of two.
             share = units[[*units][self._draft.ask(phrase.span, "in which unit?", [*units])]]
         path: FieldPath = ("environment", "wind", "turbulence_mps")
         low, high = (round(speed_value * share, 6) for speed_value in (speed.value.low, speed.value.high))
