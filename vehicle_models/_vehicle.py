@@ -291,6 +291,10 @@ class Aircraft(ABC):
             self._failures.active,
         )
 
+    def commands(self) -> frozenset[int]:
+        """Numbers of the MAVLink commands that the flight controller carries out, with the equipment of this vehicle."""
+        return self._controller.commands()
+
     def changed_parameters(self) -> Mapping[str, float]:
         """What a client or the SimSpec has set, by name."""
         return self._controller.changed_parameters()

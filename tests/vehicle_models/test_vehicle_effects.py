@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from vehicle_client import NAN, Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from vehicle_models import open_wing, open_x500
-from vehicle_models.controller import AUTOPILOTS, WING_AUTOPILOTS
+from vehicle_models.documentation import PARAMETER_SECTIONS, parameters_read
 
 HERE = 2**31 - 1
 ROOT = Path(__file__).resolve().parents[2]
@@ -683,33 +682,8 @@ def test_the_wing_does_what_the_parameter_says(client_of: Callable[..., Client],
 
 # The page.
 
-SECTIONS = {**AUTOPILOTS, "wing": WING_AUTOPILOTS["px4"]}
 EFFECTS = {"px4": PX4, "ardupilot": ARDUPILOT, "wing": WING}
 ROW = re.compile(r"\| `(\w+)` \| ([-\d.]+) \| (.+) \| (\S+|not shown) \|")
-
-
-def read_by_the_code() -> dict[str, set[str]]:
-    """Names of parameters that the code looks up, by section of the page."""
-    names_by_section: dict[str, set[str]] = {name: set() for name in SECTIONS}
-    known = {name: {parameter.name for parameter in SECTIONS[name].parameters.definitions} for name in SECTIONS}
-    for path in (ROOT / "vehicle_models").rglob("*.py"):
-        looked_up = {
-            node.slice.value
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, str)
-        }
-        if path.parent.name == "px4_wing":
-            names_by_section["wing"] |= looked_up & known["wing"]
-            continue
-        for name in ("px4", "ardupilot"):
-            if path.parent.name == name or not {"px4", "ardupilot"} & set(path.parts):
-                names_by_section[name] |= looked_up & known[name]
-    for name in ("px4", "ardupilot"):
-        autopilot = SECTIONS[name]
-        named = (autopilot.parameters.system_id, autopilot.safety.failure_parameter, autopilot.safety.fence.enable_parameter)
-        names_by_section[name] |= {parameter for parameter in named if parameter}
-        names_by_section[name] |= {f"SR0_{suffix}" for suffix in autopilot.telemetry.stream_parameters}
-    return names_by_section
 
 
 def on_the_page() -> dict[str, dict[str, tuple[float, str]]]:
@@ -725,12 +699,12 @@ def on_the_page() -> dict[str, dict[str, tuple[float, str]]]:
 
 def test_the_page_lists_every_parameter_that_the_code_reads() -> None:
     """A parameter that comes to have an effect gets a row, and one that loses it loses the row."""
-    assert {name: set(rows) for name, rows in on_the_page().items()} == read_by_the_code()
+    assert {name: set(rows) for name, rows in on_the_page().items()} == parameters_read()
 
 
 def test_the_page_has_the_defaults() -> None:
     for section, rows in on_the_page().items():
-        defaults = {parameter.name: parameter.default for parameter in SECTIONS[section].parameters.definitions}
+        defaults = {parameter.name: parameter.default for parameter in PARAMETER_SECTIONS[section].parameters.definitions}
         assert {name: default for name, (default, _) in rows.items()} == {name: defaults[name] for name in rows}
 
 

@@ -307,6 +307,10 @@ class Controller:
                 return
             self._arming.disarm(FlightEvent.CRASHED)
 
+    def commands(self) -> frozenset[int]:
+        """Numbers of the commands that a service carries out; the policy answers all others."""
+        return self._commands.carried_out()
+
     def changed_parameters(self) -> dict[str, float]:
         """Parameters that differ from their defaults."""
         return self._context.parameters.changed()

@@ -29,6 +29,10 @@ class Commands:
     def add(self, commands: Mapping[int, CommandHandler]) -> None:
         self._table.update(commands)
 
+    def carried_out(self) -> frozenset[int]:
+        """Numbers of the commands that were added."""
+        return frozenset(self._table)
+
     def handlers(self) -> Mapping[str, MessageHandler]:
         return {"COMMAND_LONG": self._run_long, "COMMAND_INT": self._run_int, "COMMAND_CANCEL": self._cancel}
 
