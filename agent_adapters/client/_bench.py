@@ -20,8 +20,10 @@ from ._ticks import TickLine, open_tick_line
 if TYPE_CHECKING:
     from bench.streams import Publisher, RosNode, Sample, Subscription
 
-ARRIVAL_S = 10.0  # host time for what a tick states to come in
-SILENCE_S = 30.0  # host time without a clock, in the realtime pace, after which the session is taken for gone
+# Host time for what a tick states to come in. Chosen, not measured.
+ARRIVAL_S = 10.0
+# Host time without a clock, in the realtime pace, after which the session is taken for gone. Chosen, not measured.
+SILENCE_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,7 @@ class Bench:
         self._node = node
         self._publishers: dict[str, Publisher] = {}
         self._subscriptions: dict[str, Subscription] = {}
+        # Sorted, because the order of subscriptions is the order of the samples in a Moment.
         for topic_wanted in sorted(wanted, key=lambda topic_wanted: topic_wanted.topic):
             if node is None:
                 raise SetupError(Fault("REBAR_ZENOH", "is not set, but this agent subscribes", "set zenoh: true in its manifest"))
@@ -82,6 +85,7 @@ class Bench:
 
     def _by_ticks(self, name: str, address: tuple[str, int]) -> Iterator[Moment]:
         with open_tick_line(address) as line:
+            # Only now, when links are bound and topics subscribed: the bench starts to publish after the hello.
             line.hello(name, tuple(self._subscriptions))
             while True:
                 message = line.next()
@@ -110,6 +114,7 @@ class Bench:
         due = advanced = time.monotonic()
         last = SimTime(-1)
         while True:
+            # An agent that is late skips the moments it missed, instead of acting on them in a burst.
             due = max(due + tick_s, time.monotonic())
             time.sleep(max(0.0, due - time.monotonic()))
             for link in self.links.values():

@@ -99,9 +99,11 @@ def _cut(data: bytes, frames: list[MavlinkFrame]) -> tuple[bytes, int]:
         if magic == MAVLINK_2:
             if end - at < 12:
                 break
+            # MAVLink 2: a header of 10 bytes, a checksum of 2, and a signature of 13 on signed frames.
             length = data[at + 1] + (25 if data[at + 2] & SIGNED else 12)
             identity = int.from_bytes(data[at + 7 : at + 10], "little"), data[at + 5], data[at + 6]
         elif magic == MAVLINK_1:
+            # MAVLink 1: a header of 6 bytes and a checksum of 2.
             length = data[at + 1] + 8
             identity = data[at + 5], data[at + 3], data[at + 4]
         else:
@@ -128,10 +130,12 @@ class _Datagrams:
             data, sender = self._socket.recvfrom(65536)
         except (TimeoutError, BlockingIOError):
             return None
-        except ConnectionRefusedError:  # an earlier datagram found nobody; they may come yet
+        # An ICMP answer to an earlier datagram: nobody was bound to the peer's port then, which may change.
+        except ConnectionRefusedError:
             return None
         if self._peer is None:
             self._peer = sender
+        # A second sender would break the count of messages on which lockstep relies.
         return data if sender == self._peer else b""
 
     def send(self, data: bytes) -> bool:
@@ -196,9 +200,11 @@ def _open_socket(kind: str, address: tuple[str, int], timeout_s: float) -> socke
     try:
         if kind == "tcp":
             link_socket = socket.create_connection(address, timeout_s)
+            # Small frames must not wait for Nagle's algorithm: the other side waits for each of them.
             link_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             return link_socket
         link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        # The kernel drops datagrams that find the buffer full, and a dropped frame ends a lockstep session.
         link_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
         if kind in ("udpin", "udp"):
             link_socket.bind(address)

@@ -10,7 +10,8 @@ from bench.errors import LinkLost
 
 from ._protocol import MAX_LINE_BYTES, End, Tick, ack_line, hello_line, read_line
 
-SILENCE_S = 600.0  # the bench may take long to start a heavy world; it never falls silent for good without closing
+# The bench may take long to start a heavy world; it never falls silent for good without closing.
+SILENCE_S = 600.0
 
 
 class TickLine:
@@ -32,6 +33,7 @@ class TickLine:
         """
         while True:
             try:
+                # One byte more than allowed, so that a line that is too long can be told from one that just fits.
                 line = self._lines.readline(MAX_LINE_BYTES + 1)
             except OSError as error:
                 raise LinkLost(f"the session's clock is gone: {error}") from error
@@ -64,6 +66,7 @@ def open_tick_line(address: tuple[str, int], timeout_s: float = 10.0) -> Iterato
     except OSError as error:
         raise LinkLost(f"the session's clock at {address[0]}:{address[1]} does not answer: {error}") from error
     with connection:
+        # A tick and its acknowledgement are one small packet each; Nagle's algorithm would delay every round.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.settimeout(SILENCE_S)
         line = TickLine(connection)

@@ -21,12 +21,17 @@ class Ordered(Exception):
 class Situation:
     """What an order meets. Texts are reasons, empty where there is none."""
 
-    over: bool = False  # the mission has ended
+    # The mission has ended.
+    over: bool = False
     landing: bool = False
-    failsafe: str = ""  # the autopilot flies by itself
-    unheard: bool = False  # nothing comes from the autopilot
-    homeward: str = ""  # why there is no choice but to go home: battery, time
-    about: str = ""  # what speaks against doing it to the target or sub-area that it is about
+    # Why the autopilot flies by itself.
+    failsafe: str = ""
+    # Nothing comes from the autopilot.
+    unheard: bool = False
+    # Why there is no choice but to go home: battery or time.
+    homeward: str = ""
+    # What speaks against doing it to the target or sub-area that it is about.
+    about: str = ""
 
 
 class Orders:

@@ -58,7 +58,8 @@ class Control:
             self._orders.heed()
             yield
         asked_s = vehicle.mode_heard_s
-        while vehicle.mode_heard_s <= asked_s and not vehicle.silent:  # until it has said what it does
+        # Until the autopilot has said what it does now: the mode from before the silence may be stale.
+        while vehicle.mode_heard_s <= asked_s and not vehicle.silent:
             yield
         self.aim_here()
 
@@ -93,11 +94,13 @@ class Control:
         """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
         vehicle = self._vehicle
         self._log.decide("retake", "", f"the autopilot left offboard control: {vehicle.reason}")
+        # With a low battery the autopilot may have good reason to fly home, even if it does not name a failsafe.
         if vehicle.battery_fraction <= self._min_battery:
             raise TurnBack("the autopilot took control and keeps it")
         if vehicle.setpoint is None:
             self.aim_here()
-        yield from vehicle.pause(0.6)  # PX4 wants to see setpoints first
+        # PX4 accepts offboard mode only while setpoints are arriving.
+        yield from vehicle.pause(0.6)
         if not (yield from vehicle.change_mode(OFFBOARD)):
             raise TurnBack("the autopilot took control and keeps it")
 

@@ -33,6 +33,7 @@ class Reports:
     def opens(self, now_s: float, until_s: float) -> bool:
         """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at any time."""
         if self._orders.silenced_for_good:
+            # An order to abort or to deactivate is never taken back, other than one to stop reporting.
             return False
         return not self._windows or any(window.until_s > now_s and window.from_s < until_s for window in self._windows)
 
@@ -45,6 +46,7 @@ class Reports:
     ) -> TargetReport:
         """Report a target, with the decisions behind it. What is said twice has an id of its own and names the first."""
         number = self._counts[subject] = self._counts.get(subject, 0) + 1
+        # The id of a TargetReport has at most 64 characters: 54, `-target`, and two digits with their hyphen.
         report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")
         evidence = tuple(round(moment_s, 3) for moment_s in target.exposures)
         confidence = round(target.confidence, 4)

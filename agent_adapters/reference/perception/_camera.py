@@ -14,7 +14,8 @@ from ._pose import VehiclePose
 
 # Beyond this, flat ground and the pose are not to be trusted for placing anything. Chosen, not measured.
 MAX_RANGE_M = 400.0
-_OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: an optical frame that looks straight ahead
+# x, y, z, w: an optical frame that looks straight ahead.
+_OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,7 @@ class GroundCamera:
         forward, leftward, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
         if not self.level:
             forward, leftward, up = _untilted(forward, leftward, up, pose)
+        # At or above the horizon: the ray never meets the ground.
         if up >= -1e-6:
             return None
         scale = (pose.height_m - height_m) / -up
@@ -69,6 +71,7 @@ class GroundCamera:
         up = np.broadcast_to(-poses[:, 2][:, None], forward.shape)
         a = self.axes
         x, y, z = (a[0][i] * forward + a[1][i] * leftward + a[2][i] * up for i in range(3))
+        # Places behind the camera are masked below; the floor only keeps their division finite.
         depth = np.maximum(z, 1e-6)
         u, v = self.fx * x / depth + self.cx, self.fy * y / depth + self.cy
         inside: NDArray[np.bool_] = (z > 0.0) & (u >= 0) & (u < self.width_px) & (v >= 0) & (v < self.height_px)
@@ -92,6 +95,8 @@ def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float,
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if norm < 1e-9:
         x, y, z, w = _OPTICAL_IN_FORWARD
+        # A quaternion of zeros states no mount; straight ahead is the camera that needs no rotation but the optical
+        # one.
         norm = 1.0
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     return (

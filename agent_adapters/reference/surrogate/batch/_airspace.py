@@ -128,6 +128,7 @@ class SurrogateAirspace:
     @cached_property
     def _route_lengths_m(self) -> Floats:
         """Lengths of the shortest ways between nodes."""
+        # All pairs once: the same rules serve every mission of a batch.
         lengths_m: Floats = floyd_warshall(self._node_distances_m)
         return lengths_m
 
@@ -158,9 +159,11 @@ class SurrogateAirspace:
         heapq.heapify(queue)
         while queue:
             so_far_m, node = heapq.heappop(queue)
+            # A queue entry that a shorter way has overtaken: heapq cannot lower a key, so stale entries stay in it.
             if so_far_m > best[node]:
                 continue
             through_m = so_far_m + self._node_distances_m[node]
+            # The tolerance keeps ways of equal length from replacing each other over rounding errors.
             for neighbour in np.flatnonzero(through_m < best - 1e-9):
                 best[neighbour], previous[neighbour] = through_m[neighbour], node
                 heapq.heappush(queue, (float(through_m[neighbour]), int(neighbour)))
@@ -206,6 +209,7 @@ class SurrogateAirspaces:
 
 def _block(corners: Sequence[Place], margin_m: float) -> Floats:
     """The convex hull of these corners, wider by at least `margin_m` on every side."""
+    # The ring is drawn around the circle, so that the margin is kept at the middle of its sides too.
     reach_m = margin_m / math.cos(math.pi / SIDES)
     turns = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
     ring_m = reach_m * np.stack((np.cos(turns), np.sin(turns)), axis=1)
