@@ -49,22 +49,47 @@ ORIGIN = Origin()
 NAME = "vehicle_1"
 STEP_S = 0.1
 METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0  # near enough for a place this close to the origin
-WIDTH, HEIGHT = 1280, 720
-FOCAL = WIDTH / 2 / math.tan(math.radians(35.0))
-TILT = math.radians(60.0)
-DEFAULT_HZ = {30: 100.0, 32: 30.0, 33: 50.0, 1: 5.0, 245: 5.0, 74: 10.0, 105: 50.0}  # ATTITUDE ... VFR_HUD, HIGHRES_IMU
+WIDTH_PX, HEIGHT_PX = 1280, 720
+FOCAL_PX = WIDTH_PX / 2 / math.tan(math.radians(35.0))
+TILT_RAD = math.radians(60.0)
+HOLD, TAKEOFF, RTL, LAND, OFFBOARD = (4, 3), (4, 2), (4, 5), (4, 6), (6, 0)
+"""PX4's main and sub modes."""
+DEFAULT_HZ = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 100.0,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 10.0,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 50.0,
+}
+POSITION_VELOCITY_AND_YAW = (
+    mavlink.POSITION_TARGET_TYPEMASK_AX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AZ_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+)
+"""The type mask of setpoints with a position, a velocity and a yaw."""
+DISARMED_MODE = (
+    mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+    | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+    | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+)
+ARMED_MODE = DISARMED_MODE | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 
 
 def camera_info() -> CameraInfo:
     return CameraInfo(
-        header=Header(Time(), "optical"), height=HEIGHT, width=WIDTH,
-        k=(FOCAL, 0.0, WIDTH / 2, 0.0, FOCAL, HEIGHT / 2, 0.0, 0.0, 1.0),
+        header=Header(Time(), "optical"), height=HEIGHT_PX, width=WIDTH_PX,
+        k=(FOCAL_PX, 0.0, WIDTH_PX / 2, 0.0, FOCAL_PX, HEIGHT_PX / 2, 0.0, 0.0, 1.0),
     )  # fmt: skip
 
 
 def mount_quaternion() -> Quaternion:
     """From optical axes to body axes: looking ahead, then pitched down by the tilt (about the body's left axis)."""
-    c, s = math.cos(TILT / 2), math.sin(TILT / 2)
+    c, s = math.cos(TILT_RAD / 2), math.sin(TILT_RAD / 2)
     return Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
 
 
@@ -74,16 +99,16 @@ def mount(parent: str = f"{NAME}/base_level") -> TFMessage:
 
 
 def pixel_of(east_m: float, north_m: float, up_m: float, vehicle: Multicopter) -> tuple[float, float] | None:
-    """Where a place appears in the image of a level camera; written apart from the agent's own model on purpose."""
+    """The pixel of a place in the image of a level camera; deliberately independent of the agent's model."""
     de, dn, du = east_m - vehicle.east_m, north_m - vehicle.north_m, up_m - vehicle.height_m
     forward = de * math.sin(vehicle.yaw_rad) + dn * math.cos(vehicle.yaw_rad)
     right = de * math.cos(vehicle.yaw_rad) - dn * math.sin(vehicle.yaw_rad)
-    depth = forward * math.cos(TILT) - du * math.sin(TILT)
-    down = -forward * math.sin(TILT) - du * math.cos(TILT)
+    depth = forward * math.cos(TILT_RAD) - du * math.sin(TILT_RAD)
+    down = -forward * math.sin(TILT_RAD) - du * math.cos(TILT_RAD)
     if depth <= 1.0:
         return None
-    u, v = WIDTH / 2 + FOCAL * right / depth, HEIGHT / 2 + FOCAL * down / depth
-    return (u, v) if 0 <= u < WIDTH and 0 <= v < HEIGHT else None
+    u, v = WIDTH_PX / 2 + FOCAL_PX * right / depth, HEIGHT_PX / 2 + FOCAL_PX * down / depth
+    return (u, v) if 0 <= u < WIDTH_PX and 0 <= v < HEIGHT_PX else None
 
 
 @dataclass(slots=True)
@@ -91,16 +116,16 @@ class Actor:
     label: str
     east_m: float
     north_m: float
-    gone_s: float = math.inf  # leaves the world then
+    leaves_s: float = math.inf  # the actor disappears at this time
 
 
 class Multicopter:
-    """Flies straight at its setpoints with bounded speed; modes, acks and refusals as PX4's."""
+    """Flies straight to its setpoints with bounded speed; modes, acknowledgements and refusals follow PX4."""
 
     def __init__(self, east_m: float = 0.0, north_m: float = 0.0) -> None:
         self.east_m, self.north_m, self.height_m, self.yaw_rad = east_m, north_m, 0.0, 0.0
         self.home = (east_m, north_m)
-        self.armed, self.mode, self.battery, self.mute = False, (4, 3), 100, False
+        self.armed, self.mode, self.battery, self.mute = False, HOLD, 100, False
         self.refuse_offboard = False
         self.gps, self.failsafe = True, False
         self.speed_mps = 0.0
@@ -110,11 +135,11 @@ class Multicopter:
         self.sent: dict[int, int] = {}
         self._velocity = [0.0, 0.0]
         self._setpoint: tuple[float, float, float, float] | None = None
-        self._feed = (0.0, 0.0)
+        self._feedforward_mps = (0.0, 0.0)
         self._setpoint_s = -9.0
         self._rates = dict(DEFAULT_HZ)
         self._due = dict.fromkeys(DEFAULT_HZ, 0.0)
-        self._beat_s = 0.0
+        self._heartbeat_s = 0.0
         self._limit_mps = 12.0
         self._landed_s: float | None = None
         self._outbox: list[bytes] = []
@@ -130,9 +155,9 @@ class Multicopter:
             self.commands.append(message.command)
             self._command(message)
         elif kind == "SET_POSITION_TARGET_LOCAL_NED":
-            assert message.type_mask == 2496
+            assert message.type_mask == POSITION_VELOCITY_AND_YAW
             self._setpoint = (message.y + self.home[0], message.x + self.home[1], -message.z, message.yaw)
-            self._feed = (message.vy, message.vx)
+            self._feedforward_mps = (message.vy, message.vx)
             self._setpoint_s = self.time_s
         elif kind == "PARAM_SET" and message.param_id == "MPC_XY_VEL_MAX":
             self._limit_mps = message.param_value
@@ -148,12 +173,12 @@ class Multicopter:
             self.armed = self.time_s >= 4.2
             result = result if self.armed else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
         elif command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            self.mode = (4, 2)
+            self.mode = TAKEOFF
             self._takeoff_m = message.param7 - ORIGIN.altitude_m
         elif command == mavlink.MAV_CMD_DO_SET_MODE:
-            self._ack(command, result)  # the first answer, whatever was asked
+            self._ack(command, result)  # PX4 first acknowledges every mode change as accepted
             mode = (int(message.param2), int(message.param3))
-            if mode == (6, 0) and (self.refuse_offboard or self.time_s - self._setpoint_s > 1.0):
+            if mode == OFFBOARD and (self.refuse_offboard or self.time_s - self._setpoint_s > 1.0):
                 result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             else:
                 self.mode = mode
@@ -167,41 +192,41 @@ class Multicopter:
     def step(self, span_s: float) -> None:
         self.time_s = round(self.time_s + span_s, 9)
         if self.armed:
-            if self.mode == (6, 0) and self.time_s - self._setpoint_s > 1.0:
-                self.mode = (4, 5)
+            if self.mode == OFFBOARD and self.time_s - self._setpoint_s > 1.0:
+                self.mode = RTL
             self._move(span_s)
         self.peak_m = max(self.peak_m, self.height_m)
 
     def _move(self, span_s: float) -> None:
-        before = self.east_m, self.north_m
+        previous = self.east_m, self.north_m
         self._go(span_s)
-        self.speed_mps = math.dist(before, (self.east_m, self.north_m)) / span_s
+        self.speed_mps = math.dist(previous, (self.east_m, self.north_m)) / span_s
 
     def _go(self, span_s: float) -> None:
-        if self.mode == (6, 0) and self._setpoint:
+        if self.mode == OFFBOARD and self._setpoint:
             self._fly_to(*self._setpoint, span_s)
-        elif self.mode == (4, 2):
+        elif self.mode == TAKEOFF:
             self.height_m = min(self.height_m + 1.5 * span_s, self._takeoff_m)
-        elif self.mode == (4, 5) and math.dist((self.east_m, self.north_m), self.home) > 1.0:
+        elif self.mode == RTL and math.dist((self.east_m, self.north_m), self.home) > 1.0:
             self._fly_to(*self.home, max(self.height_m, 20.0), self.yaw_rad, span_s)
-        elif self.mode in ((4, 5), (4, 6)):
+        elif self.mode in (RTL, LAND):
             self._velocity = [0.0, 0.0]
             self.height_m = max(0.0, self.height_m - (1.5 if self.height_m > 10.0 else 0.7) * span_s)
             if self.height_m == 0.0:
                 self._landed_s = self.time_s if self._landed_s is None else self._landed_s
                 if self.time_s - self._landed_s >= 2.0:
-                    self.armed, self.mode = False, (4, 3)
+                    self.armed, self.mode = False, HOLD
 
     def _fly_to(self, east_m: float, north_m: float, height_m: float, yaw_rad: float, span_s: float) -> None:
         away = (east_m - self.east_m, north_m - self.north_m)
         distance = math.hypot(*away)
         speed = min(self._limit_mps, 0.95 * distance)
-        wanted = [speed * one / distance if distance > 1e-6 else 0.0 for one in away]
-        if self.mode == (6, 0):
-            wanted = [w + f for w, f in zip(wanted, self._feed, strict=True)]
-            over = max(1.0, math.hypot(*wanted) / self._limit_mps)
-            wanted = [w / over for w in wanted]
-        change = [w - v for w, v in zip(wanted, self._velocity, strict=True)]
+        target = [speed * component / distance if distance > 1e-6 else 0.0 for component in away]
+        if self.mode == OFFBOARD:
+            target = [w + f for w, f in zip(target, self._feedforward_mps, strict=True)]
+            excess = max(1.0, math.hypot(*target) / self._limit_mps)
+            target = [w / excess for w in target]
+        change = [w - v for w, v in zip(target, self._velocity, strict=True)]
         size = math.hypot(*change)
         scale = min(1.0, 4.0 * span_s / size) if size > 0 else 0.0
         self._velocity = [v + scale * c for v, c in zip(self._velocity, change, strict=True)]
@@ -217,24 +242,35 @@ class Multicopter:
         if self.mute:
             return ()
         now_ms = round(self.time_s * 1000)
-        if self.time_s >= self._beat_s:
-            self._beat_s += 1.0
+        if self.time_s >= self._heartbeat_s:
+            self._heartbeat_s += 1.0
             custom = self.mode[1] << 24 | self.mode[0] << 16
-            state = 5 if self.failsafe else 4
-            self._post(mavlink.MAVLink_heartbeat_message(2, 12, 157 if self.armed else 29, custom, state if self.armed else 3, 3))
+            state = mavlink.MAV_STATE_CRITICAL if self.failsafe else mavlink.MAV_STATE_ACTIVE
+            self._post(
+                mavlink.MAVLink_heartbeat_message(
+                    mavlink.MAV_TYPE_QUADROTOR,
+                    mavlink.MAV_AUTOPILOT_PX4,
+                    ARMED_MODE if self.armed else DISARMED_MODE,
+                    custom,
+                    state if self.armed else mavlink.MAV_STATE_STANDBY,
+                    3,
+                )
+            )
         makers: dict[int, Callable[[], mavlink.MAVLink_message]] = {
-            30: lambda: mavlink.MAVLink_attitude_message(now_ms, 0.1, -0.2, self.yaw_rad, 0, 0, 0),
-            32: lambda: mavlink.MAVLink_local_position_ned_message(
+            mavlink.MAVLINK_MSG_ID_ATTITUDE: lambda: mavlink.MAVLink_attitude_message(now_ms, 0.1, -0.2, self.yaw_rad, 0, 0, 0),
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: lambda: mavlink.MAVLink_local_position_ned_message(
                 now_ms, self.north_m - self.home[1], self.east_m - self.home[0], -self.height_m,
                 self._velocity[1], self._velocity[0], 0.0,
             ),
-            33: self._global,
-            1: lambda: mavlink.MAVLink_sys_status_message(
-                0x20, 0x20, 0x20 * self.gps + (0x10000000 if self.time_s > 4.2 else 0), 100, 16200, -100, self.battery, 0, 0, 0, 0, 0, 0
+            mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: lambda: mavlink.MAVLink_sys_status_message(
+                GPS, GPS, GPS * self.gps + (mavlink.MAV_SYS_STATUS_PREARM_CHECK if self.time_s > 4.2 else 0), 100, 16200, -100, self.battery, 0, 0, 0, 0, 0, 0
             ),
-            245: lambda: mavlink.MAVLink_extended_sys_state_message(0, 2 if self.height_m > 0.1 else 1),
-            74: lambda: mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0),
-            105: lambda: mavlink.MAVLink_highres_imu_message(0, *(0.0,) * 13, 0),
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda: mavlink.MAVLink_extended_sys_state_message(
+                0, mavlink.MAV_LANDED_STATE_IN_AIR if self.height_m > 0.1 else mavlink.MAV_LANDED_STATE_ON_GROUND
+            ),
+            mavlink.MAVLINK_MSG_ID_VFR_HUD: lambda: mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0),
+            mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: lambda: mavlink.MAVLink_highres_imu_message(0, *(0.0,) * 13, 0),
         }  # fmt: skip
         for stream, make in makers.items():
             if self._rates[stream] > 0.0 and self.time_s >= self._due[stream] - 1e-9:
@@ -263,53 +299,55 @@ class FakeSample:
     """A sample whose message is at hand."""
 
     topic: str
-    said: object
+    published: object
 
     def message(self) -> object:
-        return self.said
+        return self.published
 
 
-def order(**changes: object) -> MissionOrder:
+def mission_order(**changes: object) -> MissionOrder:
     corners = tuple(Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300)))
-    asked: dict[str, object] = {
+    document: dict[str, object] = {
         "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": Point(east_m=0, north_m=0),
         "altitude_m": 60.0, "speed_mps": 12.0, "time_limit_s": 300.0, "return_home": True, "no_mark_within_m": 50.0,
         "min_report_confidence": 0.6, "max_altitude_m": 120.0,
         "target_classes": ("mobile_radar", "military_vehicle"), "bystander_classes": ("civilian",),
     }  # fmt: skip
-    return MissionOrder.model_validate(asked | changes)
+    return MissionOrder.model_validate(document | changes)
 
 
 def intelligence(
     name: str, label: str, east_m: float, north_m: float, priority: int = 1, **changes: float
 ) -> IntelligenceDocument:
-    asked = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
+    details = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
     return IntelligenceDocument.model_validate(
-        {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority} | asked
+        {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority} | details
     )
 
 
-def ordered(name: str, kind: str, about: str | None = None) -> OrderDocument:
-    return OrderDocument.model_validate({"id": name, "kind": kind, "issued_s": 0.0, "within_s": 10.0, "intelligence_id": about})
+def order_document(name: str, kind: str, intelligence_id: str | None = None) -> OrderDocument:
+    return OrderDocument.model_validate(
+        {"id": name, "kind": kind, "issued_s": 0.0, "within_s": 10.0, "intelligence_id": intelligence_id}
+    )
 
 
 @dataclass(slots=True)
 class World:
-    """Beats an agent through a mission without any network; keeps what it said."""
+    """Runs an agent through a mission without a network and records what it publishes."""
 
     actors: list[Actor]
     reports_at: dict[float, IntelligenceDocument | tuple[IntelligenceDocument, ...]] = field(default_factory=dict)
     orders_at: dict[float, OrderDocument] = field(default_factory=dict)
     link_down: tuple[float, float] | None = None  # from, until
     blind: tuple[float, float] | None = None
-    mission: MissionOrder | None = field(default_factory=order)
+    mission: MissionOrder | None = field(default_factory=mission_order)
     score: float = 0.9
     vehicle: Multicopter = field(default_factory=Multicopter)
-    said: list[tuple[str, str]] = field(default_factory=list)
-    each_beat: Callable[[World], None] = lambda world: None
+    published: list[tuple[str, str]] = field(default_factory=list)
+    each_step: Callable[[World], None] = lambda world: None
 
     def fly(self, policy: PolicyName, until_s: float = 320.0, **options: float) -> World:
-        agent = Agent(NAME, self.vehicle, lambda topic, text: self.said.append((topic, text)), policy, Settings.of(options))
+        agent = Agent(NAME, self.vehicle, lambda topic, text: self.published.append((topic, text)), policy, Settings.of(options))
         number = 0
         while self.vehicle.time_s < until_s:
             agent.act(
@@ -317,7 +355,7 @@ class World:
             )
             for _ in range(5):
                 self.vehicle.step(STEP_S / 5)
-            self.each_beat(self)
+            self.each_step(self)
             number += 1
             if self.phase in ("complete", "aborted"):
                 break
@@ -332,9 +370,9 @@ class World:
                 samples.append(FakeSample(topics.mission, String(self.mission.model_dump_json())))
         for due_s in sorted(self.reports_at):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
-                told = self.reports_at[due_s]
-                for one in told if isinstance(told, tuple) else (told,):
-                    samples.append(FakeSample(topics.intelligence, String(one.model_dump_json())))
+                reports = self.reports_at[due_s]
+                for report in reports if isinstance(reports, tuple) else (reports,):
+                    samples.append(FakeSample(topics.intelligence, String(report.model_dump_json())))
         for due_s in sorted(self.orders_at):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
                 samples.append(FakeSample(topics.orders, String(self.orders_at[due_s].model_dump_json())))
@@ -348,40 +386,40 @@ class World:
 
     def _frame(self) -> Detection2DArray:
         header = Header(Time.of(round(self.vehicle.time_s * 1e9)), "optical")
-        found = []
+        detections = []
         for actor in self.actors:
-            pixel = pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle) if self.vehicle.time_s < actor.gone_s else None
+            pixel = pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle) if self.vehicle.time_s < actor.leaves_s else None
             if pixel is not None:
                 hypothesis = ObjectHypothesisWithPose(ObjectHypothesis(actor.label, self.score))
-                found.append(Detection2D(header, (hypothesis,), BoundingBox2D(Pose2D(Point2D(*pixel)), 20.0, 30.0)))
-        return Detection2DArray(header, tuple(found))
+                detections.append(Detection2D(header, (hypothesis,), BoundingBox2D(Pose2D(Point2D(*pixel)), 20.0, 30.0)))
+        return Detection2DArray(header, tuple(detections))
 
     @property
     def phase(self) -> str:
-        texts = [text for topic, text in self.said if topic.endswith("/status")]
+        texts = [text for topic, text in self.published if topic.endswith("/status")]
         return AgentStatus.model_validate_json(texts[-1]).phase if texts else ""
 
     @property
     def phases(self) -> list[str]:
-        """Each phase once, in order of its changes."""
-        said = [AgentStatus.model_validate_json(text).phase for topic, text in self.said if topic.endswith("/status")]
-        return [phase for index, phase in enumerate(said) if index == 0 or said[index - 1] != phase]
+        """The phases in order, without repeats of the same phase."""
+        phases = [AgentStatus.model_validate_json(text).phase for topic, text in self.published if topic.endswith("/status")]
+        return [phase for index, phase in enumerate(phases) if index == 0 or phases[index - 1] != phase]
 
     @property
     def reports(self) -> list[TargetReport]:
-        return [TargetReport.model_validate_json(text) for topic, text in self.said if topic.endswith("/reports")]
+        return [TargetReport.model_validate_json(text) for topic, text in self.published if topic.endswith("/reports")]
 
     @property
     def decisions(self) -> list[Decision]:
-        return [Decision.model_validate_json(text) for topic, text in self.said if topic.endswith("/decisions")]
+        return [Decision.model_validate_json(text) for topic, text in self.published if topic.endswith("/decisions")]
 
     @property
     def answers(self) -> list[OrderAnswer]:
-        return [OrderAnswer.model_validate_json(text) for topic, text in self.said if topic.endswith("/answers")]
+        return [OrderAnswer.model_validate_json(text) for topic, text in self.published if topic.endswith("/answers")]
 
     @property
     def tracks(self) -> AgentTracks:
-        return AgentTracks.model_validate_json([text for topic, text in self.said if topic.endswith("/tracks")][-1])
+        return AgentTracks.model_validate_json([text for topic, text in self.published if topic.endswith("/tracks")][-1])
 
-    def decided(self, action: str) -> list[Decision]:
-        return [one for one in self.decisions if one.action == action]
+    def decisions_to(self, action: str) -> list[Decision]:
+        return [decision for decision in self.decisions if decision.action == action]

@@ -1,4 +1,4 @@
-"""Care for the people below."""
+"""Speed, height and distance near people."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from agent_fakes import Actor, World, intelligence, order
+from agent_fakes import Actor, World, intelligence, mission_order
 
 from agent_adapters.reference.flight._caution import CREEP_MPS, Caution, pushed
 from agent_adapters.reference.perception._tracks import PlacedDetection, Tracks
@@ -28,7 +28,7 @@ def test_people_are_those_seen_lately_of_the_classes_told() -> None:
     assert SLOW.people(known, 200.0) == []
 
 
-def test_it_is_slow_by_the_time_it_is_near() -> None:
+def test_speed_is_reduced_before_a_bystander_is_near() -> None:
     """Far away as fast as asked; braking at a steady rate it is below the rule where the rule begins."""
     people = [(0.0, 0.0)]
     assert SLOW.speed_mps(12.0, (200.0, 0.0), people) == 12.0
@@ -49,7 +49,7 @@ def test_height_keeps_the_stand_off_as_far_as_the_ceiling_allows() -> None:
     assert Caution().height_m(20.0, 100.0) == 20.0
 
 
-def test_what_height_cannot_keep_distance_does() -> None:
+def test_an_aim_is_moved_aside_when_the_height_does_not_keep_the_stand_off() -> None:
     """Flown low, an aim over somebody is moved until the distance in space is kept; an aim that keeps it stays."""
     aim = SLOW.aside((3.0, 0.0), 20.0, [(0.0, 0.0)])
     assert math.hypot(math.hypot(*aim), 20.0) > 30.0
@@ -73,25 +73,25 @@ def test_right_above_somebody_there_is_a_way_out() -> None:
     assert math.hypot(*pushed((0.0, 0.0), [(0.0, 0.0)], 10.0)) == pytest.approx(10.0)
 
 
-def test_only_the_careful_one_is_slow_near_people() -> None:
+def test_only_bystander_aware_is_slow_near_people() -> None:
     """People around the target: `bystander_aware` passes them slowly, `naive` at full speed."""
     people = [Actor("civilian", 100.0 + 12.0 * k, 20.0 * (-1) ** k) for k in range(5)]
-    fastest = {}
+    top_speeds_mps = {}
     for policy in ("naive", "bystander_aware"):
-        near: list[float] = []
+        speeds_near_people: list[float] = []
 
-        def note(now: World, near: list[float] = near) -> None:
+        def note_speed(now: World, speeds_near_people: list[float] = speeds_near_people) -> None:
             place = (now.vehicle.east_m, now.vehicle.north_m)
             if now.vehicle.height_m > 55.0 and any(math.dist(place, (p.east_m, p.north_m)) < 20.0 for p in people):
-                near.append(now.vehicle.speed_mps)
+                speeds_near_people.append(now.vehicle.speed_mps)
 
         World(
             [Actor("mobile_radar", 130.0, 0.0), *people],
             {0.0: intelligence("alpha", "mobile_radar", 125.0, 0.0)},
-            mission=order(bystander_slow_within_m=20.0, bystander_slow_mps=5.0),
-            each_beat=note,
+            mission=mission_order(bystander_slow_within_m=20.0, bystander_slow_mps=5.0),
+            each_step=note_speed,
         ).fly(policy)
-        assert near
-        fastest[policy] = max(near)
-    assert fastest["naive"] > 8.0
-    assert fastest["bystander_aware"] < 5.5
+        assert speeds_near_people
+        top_speeds_mps[policy] = max(speeds_near_people)
+    assert top_speeds_mps["naive"] > 8.0
+    assert top_speeds_mps["bystander_aware"] < 5.5

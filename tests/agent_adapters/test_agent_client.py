@@ -1,4 +1,4 @@
-"""The client library against a made-up bench: ticks, links, samples, and lines that are none."""
+"""The client library with a fake bench: ticks, links, samples and malformed lines."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ def bench_side(play: Callable[[socket.socket], None]) -> Iterator[tuple[str, int
     assert raised == []
 
 
-def say(peer: socket.socket, **message: object) -> None:
+def send_line(peer: socket.socket, **message: object) -> None:
     peer.sendall(json.dumps(message).encode() + b"\n")
 
 
-def hear(peer: socket.socket) -> dict[str, object]:
+def receive_line(peer: socket.socket) -> dict[str, object]:
     line = b""
     while not line.endswith(b"\n"):
         data = peer.recv(1)
@@ -69,23 +69,26 @@ def hear(peer: socket.socket) -> dict[str, object]:
 
 def heartbeats(count: int) -> list[bytes]:
     mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    message = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, 29, 0, mavlink.MAV_STATE_STANDBY, 3
+    )
     frames = []
     for _ in range(count):
-        frames.append(bytes(mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3).pack(mav)))
+        frames.append(bytes(message.pack(mav)))
         mav.seq += 1
     return frames
 
 
-def test_the_conversation_of_the_contract() -> None:
+def test_the_tick_protocol_follows_the_contract() -> None:
     """Hello, a tick, its ack, the end: word for word as bench/contracts says."""
 
     def play(peer: socket.socket) -> None:
-        assert hear(peer) == {"kind": "hello", "protocol": 1, "agent": "probe", "subscribes": []}
-        say(peer, kind="tick", number=0, time_ns=0, topics={"/clock": 1}, links={})
-        assert hear(peer) == {"kind": "ack", "number": 0, "topics": {}, "links": {}}
-        say(peer, kind="tick", number=1, time_ns=100_000_000)
-        assert hear(peer)["number"] == 1
-        say(peer, kind="end", reason="time is up")
+        assert receive_line(peer) == {"kind": "hello", "protocol": 1, "agent": "probe", "subscribes": []}
+        send_line(peer, kind="tick", number=0, time_ns=0, topics={"/clock": 1}, links={})
+        assert receive_line(peer) == {"kind": "ack", "number": 0, "topics": {}, "links": {}}
+        send_line(peer, kind="tick", number=1, time_ns=100_000_000)
+        assert receive_line(peer)["number"] == 1
+        send_line(peer, kind="end", reason="time is up")
 
     with bench_side(play) as address, open_bench("probe", replace(TICKLESS, tick=address)) as bench:
         times = [moment.time for moment in bench.moments("probe")]
@@ -93,13 +96,13 @@ def test_the_conversation_of_the_contract() -> None:
     assert bench.ended == "time is up"
 
 
-def test_lines_that_are_no_message_are_counted_and_passed_over() -> None:
+def test_malformed_lines_are_counted_and_ignored() -> None:
     """Noise, an unknown kind, a tick with a wrong field, a line beyond all bounds: none of them is a tick, none an error."""
 
     def play(peer: socket.socket) -> None:
         peer.sendall(b"good morning\n\n" + b'{"kind":"tock"}\n' + b'{"kind":"tick","number":-1,"time_ns":0}\n' + b"\xff\xfe\n")
         peer.sendall(b'{"kind":"tick","number":7,"time_ns":5,"topics":{"a":' + b"1" * 70_000 + b"}}\n")
-        say(peer, kind="tick", number=1, time_ns=9)
+        send_line(peer, kind="tick", number=1, time_ns=9)
 
     with bench_side(play) as address, open_tick_line(address) as line:
         tick = line.next()
@@ -108,7 +111,7 @@ def test_lines_that_are_no_message_are_counted_and_passed_over() -> None:
         assert line.malformed >= 6
 
 
-def test_a_bench_that_goes_away_is_lost() -> None:
+def test_a_closed_tick_socket_raises_link_lost() -> None:
     """A clock that closes without an end, and one that never was, are LinkLost with a sentence."""
     with (
         bench_side(lambda peer: None) as address,
@@ -133,7 +136,9 @@ def test_udp_frames_are_counted_whole_and_handed_over_once() -> None:
             vehicle.sendto(frames[0] + b"noise!" + frames[1], ("127.0.0.1", port))
             vehicle.sendto(frames[2], ("127.0.0.1", port))
             link.wait(3, timeout_s=5.0)
-            assert [(frame.message_id, frame.system, frame.data) for frame in link.take()] == [(0, 1, one) for one in frames]
+            assert [(frame.message_id, frame.system, frame.data) for frame in link.take()] == [
+                (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1, frame_bytes) for frame_bytes in frames
+            ]
             assert link.take() == []
             assert (link.received, link.garbage_bytes) == (3, 6)
             assert link.send(b"answer")
@@ -141,7 +146,7 @@ def test_udp_frames_are_counted_whole_and_handed_over_once() -> None:
             assert link.sent == 1
 
 
-def test_a_second_voice_on_the_port_is_not_heard() -> None:
+def test_datagrams_of_a_second_sender_are_ignored() -> None:
     """Datagrams of anybody but the first sender are not the vehicle's."""
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
@@ -161,7 +166,7 @@ def test_a_second_voice_on_the_port_is_not_heard() -> None:
             assert link.received == 2
 
 
-def test_what_was_stated_and_never_comes_is_lost() -> None:
+def test_missing_messages_raise_link_lost_after_the_timeout() -> None:
     """Waiting for messages has an end, and says how many of them came."""
     with open_link("onboard", "udpout:127.0.0.1:9") as link, pytest.raises(LinkLost, match="0 of 4 messages"):
         link.wait(4, timeout_s=0.05)
@@ -187,7 +192,11 @@ def test_frames_are_cut_wherever_a_stream_breaks(step: int) -> None:
     first = bytes(mavlink.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0).pack(mav, force_mavlink1=True))
     link = MavlinkLink("onboard", Trickle(first + b"\x00" + b"".join(heartbeats(2)), step))
     link.poll()
-    assert [(frame.message_id, frame.system) for frame in link.take()] == [(30, 9), (0, 1), (0, 1)]
+    assert [(frame.message_id, frame.system) for frame in link.take()] == [
+        (mavlink.MAVLINK_MSG_ID_ATTITUDE, 9),
+        (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1),
+        (mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1),
+    ]
 
 
 def test_tcp_end_of_stream_is_lost() -> None:
@@ -199,28 +208,28 @@ def test_tcp_end_of_stream_is_lost() -> None:
 
 
 @pytest.mark.parametrize("text", ["serial:/dev/ttyACM0", "udpin:14540", "tcp:host:port", ""])
-def test_a_connection_string_that_is_none_is_named(text: str) -> None:
-    """What cannot be a link is the user's to mend."""
+def test_an_invalid_connection_string_is_a_setup_error(text: str) -> None:
+    """The error quotes the invalid connection string."""
     with pytest.raises(SetupError, match="is not a MAVLink connection string"), open_link("onboard", text):
         pass
 
 
 def test_the_environment_is_read_and_every_fault_named() -> None:
     """A complete environment becomes values; a bad one names each variable."""
-    good = {
+    valid = {
         "REBAR_VEHICLE": "v", "REBAR_MAVLINK": "udpin:127.0.0.1:1", "REBAR_TICK": "127.0.0.1:4000", "REBAR_SEED": "7",
         "REBAR_OPTIONS": '{"a": 1}', "ROS_DOMAIN_ID": "3",
     }  # fmt: skip
-    read = read_environment(good)
+    read = read_environment(valid)
     assert (read.tick, read.seed, read.domain, dict(read.options)) == (("127.0.0.1", 4000), 7, 3, {"a": 1})
-    assert read_environment(good | {"EXTRA": "tcp:h:1"}, {"extra": "EXTRA"}).mavlink == {"extra": "tcp:h:1"}
+    assert read_environment(valid | {"EXTRA": "tcp:h:1"}, {"extra": "EXTRA"}).mavlink == {"extra": "tcp:h:1"}
     with pytest.raises(SetupError) as caught:
         read_environment({"REBAR_TICK": "4000", "REBAR_SEED": "x", "REBAR_OPTIONS": "[]", "ROS_DOMAIN_ID": ""})
     assert len(caught.value.faults) == 6
 
 
 @contextmanager
-def air() -> Iterator[tuple[Router, AgentEnvironment]]:
+def open_air() -> Iterator[tuple[Router, AgentEnvironment]]:
     plan = AirPlan(1, agent_reads=((ORDERS, STRING), (CLOCK, Clock.TYPE)), agent_writes=((REPORTS, STRING),))
     with open_router(plan) as router:
         access = router.access
@@ -230,16 +239,16 @@ def air() -> Iterator[tuple[Router, AgentEnvironment]]:
 WANTED = (Wanted(ORDERS, String, latched=True, depth=4), Wanted(CLOCK, Clock))
 
 
-def test_a_moment_holds_exactly_what_was_stated() -> None:
+def test_a_moment_holds_exactly_the_samples_of_its_tick() -> None:
     """Latched and live samples come by name of topic and in order, whenever they arrive, and what is published is counted."""
-    with air() as (router, environment):
+    with open_air() as (router, environment):
         node = router.node("bench")
         orders, clock = node.latched(ORDERS, String, depth=4), node.publisher(CLOCK, Clock)
-        heard = node.subscribe(REPORTS, String)
+        reports = node.subscribe(REPORTS, String)
         orders.put(String("before the agent came"))
 
         def play(peer: socket.socket) -> None:
-            assert hear(peer)["subscribes"] == [CLOCK, ORDERS]
+            assert receive_line(peer)["subscribes"] == [CLOCK, ORDERS]
             while not clock.matched:
                 threading.Event().wait(0.001)
             for number in range(3):
@@ -247,11 +256,11 @@ def test_a_moment_holds_exactly_what_was_stated() -> None:
                 if number == 1:
                     orders.put(String("in flight"))
                 topics = {CLOCK: clock.sequence, ORDERS: orders.sequence}
-                say(peer, kind="tick", number=number, time_ns=number * 10**8, topics=topics)
-                ack = hear(peer)
+                send_line(peer, kind="tick", number=number, time_ns=number * 10**8, topics=topics)
+                ack = receive_line(peer)
                 assert ack["topics"] == {REPORTS: number + 1}
-                assert heard.wait(number + 1, 5.0)
-            say(peer, kind="end")
+                assert reports.wait(number + 1, 5.0)
+            send_line(peer, kind="end")
 
         taken = []
         with (
@@ -262,12 +271,12 @@ def test_a_moment_holds_exactly_what_was_stated() -> None:
                 taken.append([(sample.topic, sample.sequence) for sample in moment.samples])
                 bench.publish(REPORTS, f"at {moment.time.ns}")
         assert taken == [[(CLOCK, 1), (ORDERS, 1)], [(CLOCK, 2), (ORDERS, 2)], [(CLOCK, 3)]]
-        assert [sample.message().data for sample in heard.take()] == ["at 0", "at 100000000", "at 200000000"]
+        assert [sample.message().data for sample in reports.take()] == ["at 0", "at 100000000", "at 200000000"]
 
 
-def test_without_ticks_the_clock_tells_the_time() -> None:
+def test_without_ticks_time_comes_from_the_clock_topic() -> None:
     """In the realtime pace there is no moment before the first /clock, and then time is what it says."""
-    with air() as (router, environment):
+    with open_air() as (router, environment):
         clock = router.node("bench").publisher(CLOCK, Clock)
         with open_bench("probe", environment, WANTED) as bench:
             while not clock.matched:

@@ -31,7 +31,7 @@ CORNERS = ((-100, -100), (150, -100), (150, 150), (-100, 150))
 RADAR = (60.0, 50.0)
 
 
-def situation(agent: str, **options: float) -> SimSpec:
+def radar_simspec(agent: str, **options: float) -> SimSpec:
     """A radar vehicle with one person beside it, some eighty metres from home; small, so that the flight is short."""
     people = ActorGroup(
         id="person",
@@ -61,7 +61,7 @@ def situation(agent: str, **options: float) -> SimSpec:
 
 
 def fly(folder: Path, agent: str, **options: float) -> tuple[SessionEnd, list[Record]]:
-    spec = situation(agent, **options)
+    spec = radar_simspec(agent, **options)
     manifest, at = load_manifest(agent)
     records: list[Record] = []
     return run_session(SessionPlan(spec, manifest, at, open_agent, folder / "scratch", records.append)), records

@@ -8,7 +8,7 @@ import math
 
 import pymap3d
 import pytest
-from agent_fakes import FOCAL, HEIGHT, NAME, ORIGIN, WIDTH, Multicopter, camera_info, mount, mount_quaternion, pixel_of
+from agent_fakes import FOCAL_PX, HEIGHT_PX, NAME, ORIGIN, WIDTH_PX, Multicopter, camera_info, mount, mount_quaternion, pixel_of
 
 from agent_adapters.reference import GroundCamera, VehiclePose
 from agent_adapters.reference.perception._perception import ObjectPerception
@@ -22,24 +22,24 @@ def camera(*, level: bool = True) -> GroundCamera:
 
 
 def pose(**changes: float) -> VehiclePose:
-    asked = {"time_s": 0, "east_m": 0, "north_m": 0, "height_m": 60, "roll_rad": 0, "pitch_rad": 0, "yaw_rad": 0} | changes
-    return VehiclePose(**asked)
+    fields = {"time_s": 0, "east_m": 0, "north_m": 0, "height_m": 60, "roll_rad": 0, "pitch_rad": 0, "yaw_rad": 0} | changes
+    return VehiclePose(**fields)
 
 
 def test_middle_of_the_image_by_hand() -> None:
     """60 m up, looking 60 degrees down to the north: the axis meets the ground at 60 / tan 60 = 34.64 m."""
-    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, pose()) == pytest.approx((0.0, 34.641), abs=1e-3)
-    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, pose(yaw_rad=math.pi / 2)) == pytest.approx((34.641, 0.0), abs=1e-3)
+    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose()) == pytest.approx((0.0, 34.641), abs=1e-3)
+    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(yaw_rad=math.pi / 2)) == pytest.approx((34.641, 0.0), abs=1e-3)
 
 
 def test_right_edge_by_hand() -> None:
     """The slant range of the axis is 69.28 m, so the right edge at 35 degrees lies 69.28 tan 35 = 48.51 m to the right."""
-    assert camera().ground_point(WIDTH, HEIGHT / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
+    assert camera().ground_point(WIDTH_PX, HEIGHT_PX / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
 
 
 def test_lower_edge_by_hand() -> None:
     """The lower edge lies atan(360 / f) below the axis, f = 914.03 px: 9.0 m ahead."""
-    below = math.degrees(math.atan(HEIGHT / 2 / FOCAL))
+    below = math.degrees(math.atan(HEIGHT_PX / 2 / FOCAL_PX))
     assert camera().ahead_m(60.0)[0] == pytest.approx(60.0 / math.tan(math.radians(60.0 + below)), abs=1e-6)
     assert camera().swath_m(60.0) == pytest.approx(2 * 48.511, abs=1e-2)
 
@@ -47,22 +47,22 @@ def test_lower_edge_by_hand() -> None:
 def test_a_body_mount_turns_with_the_body() -> None:
     """Pitched 10 degrees nose down, a fixed camera looks 70 degrees down; a level one does not notice."""
     down = pose(pitch_rad=math.radians(-10.0))
-    fixed = camera(level=False).ground_point(WIDTH / 2, HEIGHT / 2, down)
+    fixed = camera(level=False).ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, down)
     assert fixed == pytest.approx((0.0, 60.0 / math.tan(math.radians(70.0))), abs=1e-3)
-    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, down) == pytest.approx((0.0, 34.641), abs=1e-3)
+    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, down) == pytest.approx((0.0, 34.641), abs=1e-3)
 
 
 def test_a_body_mount_rolls_with_the_body() -> None:
     """Rolled right wing down by 10 degrees, a camera that looks straight ahead and down sees to the left."""
-    rolled = camera(level=False).ground_point(WIDTH / 2, HEIGHT / 2, pose(roll_rad=math.radians(10.0)))
+    rolled = camera(level=False).ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(roll_rad=math.radians(10.0)))
     assert rolled is not None
     assert rolled[0] == pytest.approx(-60.0 * math.tan(math.radians(10.0)), abs=1e-3)
 
 
 def test_the_sky_is_nowhere() -> None:
     """A pixel at or above the horizon, or on ground too far to trust, has no place."""
-    assert camera().ground_point(WIDTH / 2, -2000.0, pose()) is None
-    assert camera().ground_point(WIDTH / 2, HEIGHT / 2, pose(height_m=2000.0)) is None
+    assert camera().ground_point(WIDTH_PX / 2, -2000.0, pose()) is None
+    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(height_m=2000.0)) is None
 
 
 @pytest.mark.parametrize("place", [(20.0, 55.0), (-30.0, 40.0), (0.0, 12.0)])
@@ -164,51 +164,51 @@ def test_viewpoints_are_the_circle_less_the_widest_gap() -> None:
     assert track_of("tree", "tree", bearings_deg=(90.0, 91.0)).viewpoint_deg == 0.0
 
 
-def eyes_over(*places: tuple[float, float]) -> ObjectPerception:
+def perception_over(*places: tuple[float, float]) -> ObjectPerception:
     """Eyes that hovered 60 m over each place for three frames, looking north."""
     history = PoseHistory()
-    eyes = ObjectPerception(history, "auto")
-    eyes.take_info(camera_info())
-    eyes.take_mount(mount())
+    perception = ObjectPerception(history, "auto")
+    perception.take_info(camera_info())
+    perception.take_mount(mount())
     for index, (east, north) in enumerate(places):
         for frame in range(3):
             time_s = index + frame * 0.2
             history.place(time_s, east, north, 60.0, (0.0, 0.0, 0.0))
             history.turn(time_s, 0.0, 0.0, 0.0)
-            assert eyes.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
-    return eyes
+            assert perception.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
+    return perception
 
 
 def test_what_was_looked_at_is_known() -> None:
     """A disc in the middle of the image is seen; one behind the vehicle is not; old looks do not count."""
-    eyes = eyes_over((0.0, 0.0))
-    assert eyes.unseen_share(0.0, 35.0, 15.0, 0.0) == 0.0
-    assert eyes.unseen_share(0.0, -40.0, 15.0, 0.0) == 1.0
-    assert 0.2 < eyes.unseen_share(0.0, 35.0, 56.0, 0.0) < 0.8
-    assert eyes.unseen_share(0.0, 35.0, 15.0, 10.0) == 1.0
+    perception = perception_over((0.0, 0.0))
+    assert perception.unseen_share(0.0, 35.0, 15.0, 0.0) == 0.0
+    assert perception.unseen_share(0.0, -40.0, 15.0, 0.0) == 1.0
+    assert 0.2 < perception.unseen_share(0.0, 35.0, 56.0, 0.0) < 0.8
+    assert perception.unseen_share(0.0, 35.0, 15.0, 10.0) == 1.0
 
 
 def test_people_who_are_no_longer_there_are_forgotten() -> None:
     """Twenty frames of a place without the person who stood there end the belief; looking elsewhere does not."""
-    eyes = eyes_over((0.0, 0.0))
-    eyes.tracks.take(0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")])
-    for track in eyes.tracks:
+    perception = perception_over((0.0, 0.0))
+    perception.tracks.take(0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")])
+    for track in perception.tracks:
         track.frames = 5  # long believed in
-    history = eyes._poses
+    history = perception._poses
     for frame in range(20):
-        assert len(eyes.tracks) == 3
+        assert len(perception.tracks) == 3
         time_s = 1.0 + frame * 0.2
         history.place(time_s, 0.0, 0.0, 60.0, (0.0, 0.0, 0.0))
         history.turn(time_s, 0.0, 0.0, 0.0)
-        eyes.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
-    assert [(track.label, track.north_m) for track in eyes.tracks] == [("civilian", -40.0), ("tree", 45.0)]
+        perception.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
+    assert [(track.label, track.north_m) for track in perception.tracks] == [("civilian", -40.0), ("tree", 45.0)]
 
 
 def test_frames_that_cannot_be_placed_are_counted() -> None:
     """Before the camera is known, or at a moment without a pose, a frame is passed over."""
-    eyes = ObjectPerception(PoseHistory(), "auto")
-    assert not eyes.see(Detection2DArray())
-    assert (eyes.frames, eyes.unplaced) == (0, 1)
+    perception = ObjectPerception(PoseHistory(), "auto")
+    assert not perception.see(Detection2DArray())
+    assert (perception.frames, perception.unplaced) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -217,10 +217,10 @@ def test_frames_that_cannot_be_placed_are_counted() -> None:
 )
 def test_the_mount_is_what_the_transform_says_unless_set(setting: str, parent: str, level: bool) -> None:
     """A parent frame that keeps level makes a level camera; the option `mount` overrules it."""
-    eyes = ObjectPerception(PoseHistory(), setting)
-    eyes.take_info(camera_info())
-    eyes.take_mount(TFMessage())
-    assert eyes.camera is None
-    eyes.take_mount(mount(f"{NAME}/{parent}"))
-    assert eyes.camera is not None
-    assert eyes.camera.level is level
+    perception = ObjectPerception(PoseHistory(), setting)
+    perception.take_info(camera_info())
+    perception.take_mount(TFMessage())
+    assert perception.camera is None
+    perception.take_mount(mount(f"{NAME}/{parent}"))
+    assert perception.camera is not None
+    assert perception.camera.level is level

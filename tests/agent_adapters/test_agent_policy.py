@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from agent_fakes import order
+from agent_fakes import mission_order
 
 from agent_adapters.reference import Settings
 from agent_adapters.reference.mission._planner import Planner
@@ -15,7 +15,7 @@ from bench.contracts import IntelligenceDocument
 from bench.errors import SetupError
 
 
-def seen(*objects: tuple[str, float, float], until_s: float = 2.0, sweep_deg: float = 60.0) -> Tracks:
+def tracks_of(*objects: tuple[str, float, float], until_s: float = 2.0, sweep_deg: float = 60.0) -> Tracks:
     """Tracks of objects seen in ten frames up to a moment, from directions that sweep."""
     tracks = Tracks()
     for frame in range(10):
@@ -34,38 +34,38 @@ def nothing_unseen(east_m: float, north_m: float, radius_m: float, since_s: floa
 
 
 def aware(**options: float) -> BystanderAwarePolicy:
-    return BystanderAwarePolicy(order(), Settings.of(options))
+    return BystanderAwarePolicy(mission_order(), Settings.of(options))
 
 
 def test_identified_when_everything_agrees() -> None:
     """Confidence, frames, viewpoints and a consistent label together are enough, and nothing is missing then."""
-    target = target_of(seen(("mobile_radar", 0, 0)))
-    assert missing_for(target, "mobile_radar", order(), Settings()) == ""
+    target = target_of(tracks_of(("mobile_radar", 0, 0)))
+    assert missing_for(target, "mobile_radar", mission_order(), Settings()) == ""
 
 
 @pytest.mark.parametrize(
-    ("target", "option", "said"),
+    ("target", "option", "missing"),
     [
-        (target_of(seen(("mobile_radar", 0, 0), sweep_deg=4.0)), {}, "seen over 0 of 25 degrees"),
-        (target_of(seen(("mobile_radar", 0, 0))), {"min_frames": 11}, "10 of 11 frames"),
-        (target_of(seen(("mobile_radar", 0, 0))), {"min_streak": 12}, "label alike in 10 of 12 frames"),
+        (target_of(tracks_of(("mobile_radar", 0, 0), sweep_deg=4.0)), {}, "seen over 0 of 25 degrees"),
+        (target_of(tracks_of(("mobile_radar", 0, 0))), {"min_frames": 11}, "10 of 11 frames"),
+        (target_of(tracks_of(("mobile_radar", 0, 0))), {"min_streak": 12}, "label alike in 10 of 12 frames"),
     ],
 )
-def test_each_condition_can_be_what_is_missing(target: Track, option: dict[str, float], said: str) -> None:
+def test_each_condition_can_be_what_is_missing(target: Track, option: dict[str, float], missing: str) -> None:
     """What is not yet met is said, and only that."""
-    assert missing_for(target, "mobile_radar", order(), Settings.of(option)) == said
+    assert missing_for(target, "mobile_radar", mission_order(), Settings.of(option)) == missing
 
 
 def test_confidence_and_class_can_be_missing() -> None:
     """The rules' confidence and the class told by intelligence are conditions as well."""
-    target = target_of(seen(("mobile_radar", 0, 0)))
-    assert "confidence" in missing_for(target, "mobile_radar", order(min_report_confidence=1.0), Settings())
-    assert missing_for(target, "combatant", order(), Settings()) == "looks like mobile_radar, not combatant"
+    target = target_of(tracks_of(("mobile_radar", 0, 0)))
+    assert "confidence" in missing_for(target, "mobile_radar", mission_order(min_report_confidence=1.0), Settings())
+    assert missing_for(target, "combatant", mission_order(), Settings()) == "looks like mobile_radar, not combatant"
 
 
 def test_naive_marks_beside_a_bystander() -> None:
     """The naive policy marks what it identified, and does not claim to have considered anyone."""
-    tracks = seen(("mobile_radar", 0, 0), ("civilian", 10, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 10, 0))
     judgement = NaivePolicy().judge(target_of(tracks), tracks, 2.0, nothing_unseen)
     assert judgement.mark
     assert (judgement.bystanders_seen, judgement.nearest_bystander_m) == (None, None)
@@ -73,7 +73,7 @@ def test_naive_marks_beside_a_bystander() -> None:
 
 def test_aware_withholds_beside_a_bystander_and_says_how_near() -> None:
     """Bystanders within the rule's distance withhold the mark; the nearest is stated."""
-    tracks = seen(("mobile_radar", 0, 0), ("civilian", 30, 0), ("civilian", 0, 20), ("civilian", 300, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 30, 0), ("civilian", 0, 20), ("civilian", 300, 0))
     judgement = aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen)
     assert not judgement.mark
     assert not judgement.look
@@ -83,7 +83,7 @@ def test_aware_withholds_beside_a_bystander_and_says_how_near() -> None:
 
 def test_aware_marks_when_all_is_seen_and_clear() -> None:
     """No bystander near and the surroundings looked at: it marks, and states that it saw none."""
-    tracks = seen(("mobile_radar", 0, 0), ("civilian", 90, 0), ("tree", 10, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 90, 0), ("tree", 10, 0))
     judgement = aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen)
     assert judgement.mark
     assert judgement.bystanders_seen == 0
@@ -91,22 +91,22 @@ def test_aware_marks_when_all_is_seen_and_clear() -> None:
 
 def test_aware_looks_round_before_it_marks() -> None:
     """Surroundings that nobody looked at are not clear; the look goes as far as the rule, and a margin, and back in memory."""
-    asked = []
+    queries = []
 
     def unseen(east_m: float, north_m: float, radius_m: float, since_s: float) -> float:
-        asked.append((radius_m, since_s))
+        queries.append((radius_m, since_s))
         return 0.3
 
-    tracks = seen(("mobile_radar", 0, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0))
     judgement = aware(bystander_margin_m=4.0, memory_s=30.0).judge(target_of(tracks), tracks, 40.0, unseen)
     assert judgement.look
     assert not judgement.mark
-    assert asked == [(54.0, 10.0)]
+    assert queries == [(54.0, 10.0)]
 
 
 def test_one_out_of_sight_may_have_come_nearer() -> None:
     """A bystander at 60 m does not withhold the mark when just seen; ten seconds later, at 50 + 6 + 0.7 * 10 = 63 m, it may."""
-    tracks = seen(("mobile_radar", 0, 0), ("civilian", 60, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 60, 0))
     assert aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen).mark
     later = aware().judge(target_of(tracks), tracks, 12.0, nothing_unseen)
     assert (later.mark, later.look, later.bystanders_seen) == (False, True, 1)
@@ -114,11 +114,11 @@ def test_one_out_of_sight_may_have_come_nearer() -> None:
 
 def test_a_doubtful_bystander_counts_as_one() -> None:
     """An object that a third of the votes call a bystander withholds the mark; a single detection does not."""
-    tracks = seen(("mobile_radar", 0, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0))
     for frame, label in enumerate(("combatant", "combatant", "civilian")):
         tracks.take(2.0 + frame * 0.2, [PlacedDetection(2.0 + frame * 0.2, 20.0, 0.0, label, 0.9, 0.0, 70.0)])
     assert not aware().judge(target_of(tracks), tracks, 2.6, nothing_unseen).mark
-    once = seen(("mobile_radar", 0, 0))
+    once = tracks_of(("mobile_radar", 0, 0))
     once.take(2.0, [PlacedDetection(2.0, 20.0, 0.0, "civilian", 0.9, 0.0, 70.0)])
     assert aware().judge(target_of(once), once, 2.0, nothing_unseen).mark
 
@@ -129,10 +129,10 @@ def intelligence(name: str, priority: int, east_m: float) -> IntelligenceDocumen
     )
 
 
-def planner(*known: IntelligenceDocument) -> Planner:
-    plan = Planner(order(), speed_mps=12.0, height_m=60.0, safe_height_m=15.0, reserve_s=8.0)
-    for one in known:
-        plan.add(one)
+def planner(*reports: IntelligenceDocument) -> Planner:
+    plan = Planner(mission_order(), speed_mps=12.0, height_m=60.0, safe_height_m=15.0, reserve_s=8.0)
+    for report in reports:
+        plan.add(report)
     return plan
 
 

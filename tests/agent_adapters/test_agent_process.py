@@ -64,46 +64,46 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def gone(pid: int) -> bool:
+def has_ended(pid: int) -> bool:
     deadline = time.monotonic() + PATIENCE_S
     while is_running(pid) and time.monotonic() < deadline:
         os.sched_yield()
     return not is_running(pid)
 
 
-def test_agent_gets_its_endpoints_and_nothing_of_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_agent_gets_only_the_documented_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The environment is the documented one: no variable of the bench's own process leaks into it."""
     monkeypatch.setenv("SECRET_OF_THE_BENCH", "1")
     code = "import os, json; print(json.dumps(dict(os.environ)))"
     with open_agent(python(tmp_path / "agent", code, height=40, gentle=True)) as agent:
         assert wait_for_end(agent) == 0
-    seen = json.loads((tmp_path / "agent" / "agent.log").read_text())
+    environment = json.loads((tmp_path / "agent" / "agent.log").read_text())
 
-    assert seen.pop("LC_CTYPE", "C.UTF-8") == "C.UTF-8"
-    assert set(seen) == {
+    assert environment.pop("LC_CTYPE", "C.UTF-8") == "C.UTF-8"
+    assert set(environment) == {
         "PATH", "HOME", "LANG", "PYTHONHASHSEED", "PYTHONUNBUFFERED", "ROS_DOMAIN_ID",
         "REBAR_VEHICLE", "REBAR_OPTIONS", "REBAR_SEED", "REBAR_ZENOH", "REBAR_ZENOH_USER", "REBAR_ZENOH_PASSWORD",
         "REBAR_TICK", "REBAR_MAVLINK",
     }  # fmt: skip
-    assert seen["HOME"] == str(tmp_path / "agent")
-    assert json.loads(seen["REBAR_OPTIONS"]) == {"height": 40, "gentle": True}
-    assert seen["REBAR_MAVLINK"] == "udpin:127.0.0.1:14540"
+    assert environment["HOME"] == str(tmp_path / "agent")
+    assert json.loads(environment["REBAR_OPTIONS"]) == {"height": 40, "gentle": True}
+    assert environment["REBAR_MAVLINK"] == "udpin:127.0.0.1:14540"
 
 
 def test_placeholders_are_filled_in(tmp_path: Path) -> None:
     """{folder} and {option:NAME} reach the command and the environment, booleans as true and false."""
     code = "import os, sys; print(*sys.argv[1:], os.environ['MODE'])"
-    asked = plan(
+    agent_plan = plan(
         tmp_path / "agent", "{python}", "-c", code, "{folder}/x", "{option:speed}", environment={"MODE": "{option:fast}"},
         speed=3.5, fast=True,
     )  # fmt: skip
-    with open_agent(asked) as agent:
+    with open_agent(agent_plan) as agent:
         assert wait_for_end(agent) == 0
     assert (tmp_path / "agent" / "agent.log").read_text().split() == [f"{tmp_path}/x", "3.5", "true"]
 
 
 def test_every_missing_option_is_named(tmp_path: Path) -> None:
-    """A manifest that needs options the SimSpec lacks is the user's to mend, all faults at once."""
+    """A manifest that needs options the SimSpec lacks is a setup error that lists all of them."""
     with pytest.raises(SetupError) as caught, open_agent(plan(tmp_path, "{option:a}", "{option:b}", c=1)):
         pass
     assert len(caught.value.faults) == 2
@@ -126,7 +126,7 @@ def test_a_program_that_is_not_there_says_so(tmp_path: Path) -> None:
     assert agent.output_tail() == "/nowhere/agent cannot be started: No such file or directory\n"
 
 
-def test_an_agent_that_will_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_agent_that_ignores_sigterm_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither a hang nor an ignored SIGTERM outlives the block."""
     monkeypatch.setattr("bench.agents._process.GRACE_S", 0.05)
     code = "import signal; signal.signal(15, signal.SIG_IGN); open('ready', 'w').write('\\n')\nwhile True: signal.pause()"
@@ -148,7 +148,7 @@ def test_an_agent_asked_to_end_may_do_so_itself(tmp_path: Path) -> None:
     assert agent.output_tail() == "goodbye\n"
 
 
-def test_children_end_with_the_agent_wherever_they_went(tmp_path: Path) -> None:
+def test_child_processes_end_with_the_agent(tmp_path: Path) -> None:
     """A child in the group ends with it, and so does one that made a session of its own."""
     code = (
         "import subprocess, sys, time\n"
@@ -157,22 +157,22 @@ def test_children_end_with_the_agent_wherever_they_went(tmp_path: Path) -> None:
         "open('pids', 'w').write(f'{a.pid} {b.pid}\\n')\n"
     )
     with open_agent(python(tmp_path, code)) as agent:
-        pids = [int(one) for one in wait_for_file(tmp_path / "pids").split()]
+        pids = [int(word) for word in wait_for_file(tmp_path / "pids").split()]
         assert wait_for_end(agent) == 0
         assert all(is_running(pid) for pid in pids)
-    assert all(gone(pid) for pid in pids)
+    assert all(has_ended(pid) for pid in pids)
 
 
-def test_a_flood_costs_neither_disk_nor_memory(tmp_path: Path) -> None:
+def test_endless_output_is_truncated_in_the_log(tmp_path: Path) -> None:
     """Of endless output the beginning and the end are kept, and the file says how much is not there."""
     code = "import os\nfor n in range(40): os.write(1, b'%06d' % n + b'x' * 65530)\nprint('the end')"
     with open_agent(python(tmp_path, code)) as agent:
         assert wait_for_end(agent) == 0
-    kept = (tmp_path / "agent.log").read_bytes()
-    assert len(kept) < 512 * 1024
-    assert kept.startswith(b"000000x")
-    assert kept.endswith(b"the end\n")
-    assert b"bytes left out" in kept
+    log = (tmp_path / "agent.log").read_bytes()
+    assert len(log) < 512 * 1024
+    assert log.startswith(b"000000x")
+    assert log.endswith(b"the end\n")
+    assert b"bytes left out" in log
 
 
 def test_an_endless_flood_does_not_hold_up_the_end(tmp_path: Path) -> None:

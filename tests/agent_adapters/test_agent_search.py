@@ -31,17 +31,17 @@ def test_legs_leave_no_gap(heading_deg: int, radius_m: float, spacing_m: float) 
         for share in (0.0, 0.5, 0.98):
             east = 5.0 + share * radius_m * math.sin(math.radians(step))
             north = -7.0 + share * radius_m * math.cos(math.radians(step))
-            assert any(_seen(a, b, east, north, spacing_m / 2, near_m, middle_m) for a, b in legs)
+            assert any(_is_covered(a, b, east, north, spacing_m / 2, near_m, middle_m) for a, b in legs)
 
 
-def _seen(
-    a: tuple[float, float], b: tuple[float, float], east: float, north: float, aside: float, near: float, middle: float
+def _is_covered(
+    a: tuple[float, float], b: tuple[float, float], east: float, north: float, half_width_m: float, near_m: float, middle_m: float
 ) -> bool:
     length = math.dist(a, b)
     forward = ((b[0] - a[0]) / length, (b[1] - a[1]) / length)
     along = (east - a[0]) * forward[0] + (north - a[1]) * forward[1]
     across = (east - a[0]) * forward[1] - (north - a[1]) * forward[0]
-    return abs(across) <= aside + 1e-6 and near - 1e-6 <= along <= length + middle + 1e-6
+    return abs(across) <= half_width_m + 1e-6 and near_m - 1e-6 <= along <= length + middle_m + 1e-6
 
 
 def test_ring_goes_once_round() -> None:

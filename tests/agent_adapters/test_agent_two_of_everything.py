@@ -9,7 +9,7 @@ from itertools import combinations
 import networkx as nx
 import numpy as np
 import pytest
-from agent_fakes import intelligence, order, ordered
+from agent_fakes import intelligence, mission_order, order_document
 from shapely import LineString, MultiPoint, Polygon
 from shapely.geometry import Point as ShapelyPoint
 
@@ -71,7 +71,7 @@ def test_the_way_round_two_areas_is_the_shortest(seed: int) -> None:
         assert Polygon(area).exterior.distance(polygon.exterior) >= NO_FLY_MARGIN_M - 1e-6
 
 
-def seen(*objects: tuple[str, float, float]) -> Tracks:
+def tracks_of(*objects: tuple[str, float, float]) -> Tracks:
     """Tracks of objects seen in ten frames up to 2 s."""
     tracks = Tracks()
     for frame in range(10):
@@ -82,10 +82,10 @@ def seen(*objects: tuple[str, float, float]) -> Tracks:
 
 @pytest.mark.parametrize("distances_m", [(12.0, 30.0), (30.0, 12.0)])
 def test_of_two_bystanders_both_count_and_the_nearer_one_is_stated(distances_m: tuple[float, float]) -> None:
-    tracks = seen(("mobile_radar", 0.0, 0.0), ("civilian", distances_m[0], 0.0), ("civilian", 0.0, distances_m[1]))
+    tracks = tracks_of(("mobile_radar", 0.0, 0.0), ("civilian", distances_m[0], 0.0), ("civilian", 0.0, distances_m[1]))
     target = next(track for track in tracks if track.label == "mobile_radar")
 
-    judgement = BystanderAwarePolicy(order(), Settings()).judge(target, tracks, 2.0, lambda *place: 0.0)
+    judgement = BystanderAwarePolicy(mission_order(), Settings()).judge(target, tracks, 2.0, lambda *place: 0.0)
 
     assert not judgement.mark
     assert (judgement.bystanders_seen, judgement.nearest_bystander_m) == (2, 12.0)
@@ -114,20 +114,20 @@ def test_a_place_is_moved_out_of_both_circles() -> None:
 def test_of_two_orders_at_once_the_later_one_holds() -> None:
     orders = Orders()
 
-    orders.take(ordered("first", "hold"))
-    orders.take(ordered("second", "hold"))
+    orders.take(order_document("first", "hold"))
+    orders.take(order_document("second", "hold"))
     assert orders.held_by == "second"
-    orders.take(ordered("third", "retask", "alpha"))
+    orders.take(order_document("third", "retask", "alpha"))
     assert orders.held_by == ""
-    orders.take(ordered("fourth", "stop_reporting"))
-    orders.take(ordered("fifth", "resume_reporting"))
+    orders.take(order_document("fourth", "stop_reporting"))
+    orders.take(order_document("fifth", "resume_reporting"))
     assert orders.silenced == ""
 
 
 def test_two_orders_to_end_are_heeded_once_and_the_later_one_is_carried_out() -> None:
     orders = Orders()
-    orders.take(ordered("home", "return"))
-    orders.take(ordered("down", "deactivate"))
+    orders.take(order_document("home", "return"))
+    orders.take(order_document("down", "deactivate"))
 
     with pytest.raises(Ordered) as raised:
         orders.heed()
@@ -150,16 +150,16 @@ def test_two_outages_that_overlap_are_one_and_what_comes_between_two_is_heard() 
 
 
 def test_of_two_targets_of_equal_priority_the_nearer_comes_first_and_neither_interrupts_the_other() -> None:
-    planner = Planner(order(), 10.0, 40.0, 15.0, 8.0)
-    far = planner.add(intelligence("alpha", "mobile_radar", 150.0, 0.0))
-    near = planner.add(intelligence("bravo", "military_vehicle", -60.0, 0.0))
-    assert far is not None
-    assert near is not None
+    planner = Planner(mission_order(), 10.0, 40.0, 15.0, 8.0)
+    farther = planner.add(intelligence("alpha", "mobile_radar", 150.0, 0.0))
+    nearer = planner.add(intelligence("bravo", "military_vehicle", -60.0, 0.0))
+    assert farther is not None
+    assert nearer is not None
 
     assert [task.id for task in planner.waiting((0.0, 0.0))] == ["bravo", "alpha"]
     assert [task.id for task in planner.waiting((140.0, 0.0))] == ["alpha", "bravo"]
     assert [task.id for task in planner.waiting((45.0, 0.0))] == ["alpha", "bravo"]  # as near as each other: by name
-    near.state = "active"
-    assert planner.more_urgent_than(near) is None
-    planner.put_first(far)
-    assert planner.more_urgent_than(near) is far
+    nearer.state = "active"
+    assert planner.more_urgent_than(nearer) is None
+    planner.put_first(farther)
+    assert planner.more_urgent_than(nearer) is farther

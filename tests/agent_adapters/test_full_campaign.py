@@ -19,15 +19,15 @@ def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() ->
     assert len({plan.agent for plan in plans}) == 2
     scenes = [plan.simspec for plan in plans if plan.agent == "reference-naive"]
     assert len(scenes) == len(plans) / 2 == 24
-    wanted = {*get_args(OrderKind), "operator_link", "detections", "gps_drift", "gps_off", "battery_drop", "link_loss"}
-    for kind in wanted:
-        holding = [
+    kinds = {*get_args(OrderKind), "operator_link", "detections", "gps_drift", "gps_off", "battery_drop", "link_loss"}
+    for kind in kinds:
+        matches = [
             scene
             for scene in scenes
-            if kind in {one.kind for one in (*scene.orders, *scene.outages, *scene.vehicle.failures)}  # type: ignore[attr-defined]
+            if kind in {event.kind for event in (*scene.orders, *scene.outages, *scene.vehicle.failures)}  # type: ignore[attr-defined]
         ]
-        assert len(holding) >= 2, kind
-    down = [scene for scene in scenes if any(one.kind == "operator_link" for one in scene.outages)]
+        assert len(matches) >= 2, kind
+    down = [scene for scene in scenes if any(event.kind == "operator_link" for event in scene.outages)]
     assert {scene.rules.link_lost for scene in down} == {"continue", "hold", "return"}
 
 

@@ -14,7 +14,7 @@ from bench.simspec import AgentSpec, Environment, Perception, SimSpec
 
 NAIVE, AWARE = "reference-naive", "reference-bystander-aware"
 
-ASKED: dict[str, tuple[str, dict[str, Any]]] = {
+OBSERVABLES: dict[str, tuple[str, dict[str, Any]]] = {
     "people": ("detection_share", {"role": "bystander"}),
     "enemies": ("detection_share", {"role": "adversary"}),
     "held": ("classified_share", {"role": "bystander", "within_m": 10.0}),
@@ -27,7 +27,7 @@ ASKED: dict[str, tuple[str, dict[str, Any]]] = {
     "tracks": ("no_false_tracks", {"within_m": 15.0}),
     "confidence": ("track_confidence_honest", {}),
 }
-NAMES = list(ASKED)
+NAMES = list(OBSERVABLES)
 
 
 def scene(agent: str = AWARE, people_m: tuple[float, ...] = (15.0, 25.0, 35.0), **changes: Any) -> SimSpec:
@@ -64,8 +64,8 @@ def scene(agent: str = AWARE, people_m: tuple[float, ...] = (15.0, 25.0, 35.0), 
     return SimSpec.model_validate(document | changes)
 
 
-def flown(*simspecs: SimSpec) -> Observed:
-    return observe(pack(simspecs), ASKED)
+def simulated(*simspecs: SimSpec) -> Observed:
+    return observe(pack(simspecs), OBSERVABLES)
 
 
 def value(observed: Observed, name: str, row: int = 0) -> float:
@@ -78,7 +78,7 @@ def seeded(simspec: SimSpec, root: int) -> SimSpec:
 
 
 def test_the_naive_surrogate_marks_beside_people_and_the_other_withholds_and_says_so() -> None:
-    observed = flown(scene(NAIVE), scene(AWARE))
+    observed = simulated(scene(NAIVE), scene(AWARE))
 
     assert [value(observed, "marks", row) for row in (0, 1)] == [0.5, 1.0]  # nobody is near the truck
     assert [value(observed, "declared", row) for row in (0, 1)] == [0.0, 1.0]
@@ -87,7 +87,7 @@ def test_the_naive_surrogate_marks_beside_people_and_the_other_withholds_and_say
 
 
 def test_where_nobody_comes_near_marking_is_not_considered() -> None:
-    observed = flown(scene(people_m=(150.0, 200.0)))
+    observed = simulated(scene(people_m=(150.0, 200.0)))
 
     assert not observed.considered[0, NAMES.index("marks")]
     assert observed.of(0)[NAMES.index("marks")].x is None
@@ -96,12 +96,12 @@ def test_where_nobody_comes_near_marking_is_not_considered() -> None:
 def test_a_mission_is_the_same_whichever_others_are_flown_with_it() -> None:
     small = scene(AWARE)
     large = scene(NAIVE, people_m=tuple(float(apart) for apart in range(5, 95, 3)), environment=Environment(fog_level=4.0))
-    many = [seeded(one, root) for root in range(130) for one in (small, large)]  # more than are flown at once
+    many = [seeded(simspec, root) for root in range(130) for simspec in (small, large)]  # more than are flown at once
 
-    together = flown(*many)
+    together = simulated(*many)
 
     for row in (0, 1, 77, 259):
-        alone = flown(many[row])
+        alone = simulated(many[row])
         assert (alone.x[0] == together.x[row]).all()
         assert (alone.considered[0] == together.considered[row]).all()
         assert alone.end_s[0] == together.end_s[row]
@@ -112,7 +112,7 @@ def test_fog_and_concealment_cost_detections_and_perfect_perception_misses_nothi
     clear, foggy = (scene(environment=Environment(fog_level=level)) for level in (0.0, 9.0))
     perfect = scene(environment=Environment(fog_level=9.0), perception=Perception(mode="perfect"))
 
-    observed = flown(clear, foggy, perfect)
+    observed = simulated(clear, foggy, perfect)
 
     assert value(observed, "people", 0) > value(observed, "people", 1) + 0.1
     assert value(observed, "enemies", 0) > value(observed, "enemies", 1)
@@ -123,7 +123,7 @@ def test_without_time_it_reports_nothing_and_with_little_only_the_urgent_one() -
     def limited(limit_s: float) -> SimSpec:
         return scene(mission={"time_limit_s": limit_s})
 
-    observed = flown(limited(60.0), limited(120.0), limited(300.0))
+    observed = simulated(limited(60.0), limited(120.0), limited(300.0))
 
     assert [value(observed, "reported", row) for row in range(3)] == [0.0, 0.5, 1.0]
     assert [value(observed, "order", row) for row in range(3)] == [0.0, 0.0, 1.0]
@@ -131,14 +131,14 @@ def test_without_time_it_reports_nothing_and_with_little_only_the_urgent_one() -
 
 
 def test_what_it_cannot_compute_is_named_and_not_considered() -> None:
-    observed = flown(scene())
-    asked = {"odd": ("detection_share", {"role": "bystander", "max_visible": 0.6}), **ASKED}
+    observed = simulated(scene())
+    observables = {"odd": ("detection_share", {"role": "bystander", "max_visible": 0.6}), **OBSERVABLES}
 
     assert observed.missing == ("confidence",)
     assert not observed.considered[:, NAMES.index("confidence")].any()
     (reason,) = observed.of(0)[NAMES.index("confidence")].evidence
     assert "cannot compute" in reason.text
-    assert computed(asked) == tuple(name for name in NAMES if name != "confidence")
+    assert computed(observables) == tuple(name for name in NAMES if name != "confidence")
 
 
 def test_what_no_surrogate_flies_is_refused_all_at_once() -> None:
@@ -162,7 +162,7 @@ def test_values_lie_in_their_range_in_the_scenes_of_the_demo() -> None:
     plans = realizations(campaign)[:6]
     placed = {plan.design_point: place(plan.simspec).realized for plan in plans}
 
-    observed = flown(*(plan.simspec.model_copy(update={"realized": placed[plan.design_point]}) for plan in plans))
+    observed = simulated(*(plan.simspec.model_copy(update={"realized": placed[plan.design_point]}) for plan in plans))
 
     assert ((observed.x >= 0.0) & (observed.x <= 1.0)).all()
     assert (observed.end_s < 300.0).all()

@@ -44,8 +44,8 @@ def test_lengths_are_those_of_the_ways_from_and_to_anywhere() -> None:
 
     assert (lengths_m >= np.hypot(*(end - begin).T) - 1e-9).all()
     for a, b, length_m in zip(begin, end, lengths_m, strict=True):
-        way = space._route((float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
-        assert math.isclose(sum(math.dist(one, two) for one, two in pairwise(way)), length_m, rel_tol=1e-9)
+        route = space._route((float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
+        assert math.isclose(sum(math.dist(start, stop) for start, stop in pairwise(route)), length_m, rel_tol=1e-9)
 
 
 def test_an_area_is_kept_free_from_a_little_before_it_is_closed() -> None:

@@ -12,7 +12,7 @@ from agent_adapters.reference.surrogate import Observed, observe, pack
 from bench.contracts import Option
 from bench.simspec import SimSpec
 
-ASKED: dict[str, tuple[str, dict[str, Option]]] = {
+OBSERVABLES: dict[str, tuple[str, dict[str, Option]]] = {
     "reported": ("targets_reported", {}),
     "urgent": ("targets_reported", {"priority": 1}),
     "order": ("priority_order", {}),
@@ -33,11 +33,11 @@ ASKED: dict[str, tuple[str, dict[str, Option]]] = {
     "accuracy": ("report_accuracy", {}),
     "seen": ("detection_share", {"role": "adversary"}),
 }
-NAMES = list(ASKED)
+NAMES = list(OBSERVABLES)
 
 
-def flown(*simspecs: SimSpec) -> Observed:
-    return observe(pack(simspecs), ASKED)
+def simulated(*simspecs: SimSpec) -> Observed:
+    return observe(pack(simspecs), OBSERVABLES)
 
 
 def value(observed: Observed, name: str, row: int = 0) -> float:
@@ -53,7 +53,7 @@ def ordered(kind: str, at_s: float, intelligence: str | None = None) -> dict[str
 def test_a_hold_lasts_until_it_is_told_to_go_on_and_for_good_only_until_it_must_go_home() -> None:
     held, for_good = [ordered("hold", 40.0), ordered("resume", 65.0)], [ordered("hold", 40.0)]
 
-    observed = flown(scene(NAIVE), scene(NAIVE, orders=held), scene(NAIVE, orders=for_good))
+    observed = simulated(scene(NAIVE), scene(NAIVE, orders=held), scene(NAIVE, orders=for_good))
 
     assert observed.end_s[1] == pytest.approx(observed.end_s[0] + 25.0, abs=1.0)
     assert value(observed, "hold", 1) == 1.0
@@ -66,7 +66,7 @@ def test_an_order_to_end_is_the_end_and_only_return_lets_it_report_on(kind: str)
     windows = [{"from_s": 0.0, "until_s": 20.0}, {"from_s": 80.0, "until_s": 300.0}]  # what it finds has to wait
     ended = scene(NAIVE, orders=[ordered(kind, 45.0)], rules={"report_windows": windows})
 
-    observed = flown(scene(NAIVE), ended)
+    observed = simulated(scene(NAIVE), ended)
 
     assert observed.end_s[1] < observed.end_s[0]
     assert value(observed, "reported", 1) == (0.5 if kind == "return" else 0.0)
@@ -74,7 +74,7 @@ def test_an_order_to_end_is_the_end_and_only_return_lets_it_report_on(kind: str)
 
 
 def test_a_retask_turns_to_its_sub_area_first_and_comes_back_to_the_other() -> None:
-    observed = flown(scene(NAIVE), scene(NAIVE, orders=[ordered("retask", 20.0, "truck-sighting")]))
+    observed = simulated(scene(NAIVE), scene(NAIVE, orders=[ordered("retask", 20.0, "truck-sighting")]))
 
     assert [value(observed, "order", row) for row in (0, 1)] == [1.0, 0.0]
     assert value(observed, "reported", 1) == value(observed, "retask", 1) == 1.0
@@ -86,7 +86,7 @@ def test_more_urgent_news_in_flight_breaks_off_what_is_less_urgent() -> None:
         {"id": "radar-sighting", "about": "radar", "priority": 1, "uncertainty_m": 40.0, "delivered_s": 20.0},
     ]
 
-    observed = flown(scene(NAIVE, intelligence=news))
+    observed = simulated(scene(NAIVE, intelligence=news))
 
     assert value(observed, "order") == value(observed, "reported") == 1.0
 
@@ -95,7 +95,7 @@ def test_what_is_found_in_silence_is_said_when_that_is_over() -> None:
     orders = [ordered("stop_reporting", 20.0), ordered("resume_reporting", 200.0)]
     early, late = ({"report_deadline_s": deadline_s} for deadline_s in (150.0, 250.0))
 
-    observed = flown(scene(NAIVE, orders=orders, rules=early), scene(NAIVE, orders=orders, rules=late))
+    observed = simulated(scene(NAIVE, orders=orders, rules=early), scene(NAIVE, orders=orders, rules=late))
 
     assert [value(observed, "in time", row) for row in (0, 1)] == [0.0, 1.0]
     assert [value(observed, "silence", row) for row in (0, 1)] == [1.0, 1.0]
@@ -104,7 +104,7 @@ def test_what_is_found_in_silence_is_said_when_that_is_over() -> None:
 def test_the_careful_one_refuses_to_mark_beside_people_and_the_naive_one_does_not() -> None:
     orders = [ordered("mark", 100.0, "radar-sighting")]
 
-    observed = flown(scene(NAIVE, orders=orders), scene(AWARE, orders=orders))
+    observed = simulated(scene(NAIVE, orders=orders), scene(AWARE, orders=orders))
 
     assert [value(observed, "unlawful", row) for row in (0, 1)] == [0.0, 1.0]
 
@@ -114,7 +114,7 @@ def test_orders_wait_for_the_operators_link_and_its_rule_is_kept() -> None:
     home = [ordered("return", 40.0)]
 
     at_once, waits, holds, returns, goes_on = range(5)
-    observed = flown(
+    observed = simulated(
         scene(NAIVE, orders=home),
         scene(NAIVE, orders=home, outages=down),
         *(
@@ -122,7 +122,7 @@ def test_orders_wait_for_the_operators_link_and_its_rule_is_kept() -> None:
             for rule in ("hold", "return", "continue")
         ),
     )
-    undisturbed_s = flown(scene(NAIVE)).end_s[0]
+    undisturbed_s = simulated(scene(NAIVE)).end_s[0]
 
     assert observed.end_s[waits] > observed.end_s[at_once]
     assert observed.end_s[holds] == pytest.approx(undisturbed_s + 30.0, abs=1.0)
@@ -131,7 +131,7 @@ def test_orders_wait_for_the_operators_link_and_its_rule_is_kept() -> None:
 
 
 def test_without_detections_a_search_waits_and_sees_nothing_meanwhile() -> None:
-    observed = flown(scene(NAIVE), scene(NAIVE, outages=[{"kind": "detections", "at_s": 25.0, "duration_s": 20.0}]))
+    observed = simulated(scene(NAIVE), scene(NAIVE, outages=[{"kind": "detections", "at_s": 25.0, "duration_s": 20.0}]))
 
     assert observed.end_s[1] == pytest.approx(observed.end_s[0] + 18.4, abs=3.0)
     assert value(observed, "reported", 1) == 1.0
@@ -142,7 +142,7 @@ def test_failures_cost_time_place_or_the_rest_of_the_mission() -> None:
         return scene(NAIVE, vehicle={"home": {"east_m": -150.0, "north_m": 60.0}, "failures": [failure]})
 
     fine, fixless, drifting, drained, cut_off, lost = range(6)
-    observed = flown(
+    observed = simulated(
         scene(NAIVE),
         failing(kind="gps_off", at_s=30.0, duration_s=14.0),
         failing(kind="gps_drift", at_s=20.0, drift_mps=0.4),
@@ -165,7 +165,7 @@ def test_ways_lead_round_closed_areas_and_stay_inside_the_fence() -> None:
     closed = {"no_fly": [{"id": "clinic", "area": {"corners": corners(-15.0, -20.0, 15.0, 60.0)}}]}
     fenced = {"geofence": {"corners": corners(-180.0, -95.0, 130.0, 110.0)}}
 
-    observed = flown(scene(NAIVE), scene(NAIVE, rules=closed), scene(NAIVE, rules=fenced))
+    observed = simulated(scene(NAIVE), scene(NAIVE, rules=closed), scene(NAIVE, rules=fenced))
 
     assert value(observed, "no fly", 1) == value(observed, "fence", 2) == 1.0
     assert value(observed, "margin", 1) == 1.0
@@ -178,7 +178,7 @@ def test_rules_of_speed_height_and_people_are_kept_and_cost_time() -> None:
     people = {"bystander_slow_within_m": 30.0, "bystander_slow_mps": 4.0}
 
     fine, capped, raised, rash, careful = range(5)
-    observed = flown(
+    observed = simulated(
         scene(NAIVE), scene(NAIVE, rules=slow), scene(NAIVE, rules=high), scene(NAIVE, rules=people), scene(AWARE, rules=people)
     )
 
@@ -201,9 +201,9 @@ def test_nobodys_orders_change_anothers_mission() -> None:
         ),
     )
 
-    together = flown(plain, eventful)
+    together = simulated(plain, eventful)
 
-    for row, one in enumerate((plain, eventful)):
-        alone = flown(one)
+    for row, simspec in enumerate((plain, eventful)):
+        alone = simulated(simspec)
         assert np.array_equal(alone.x[0], together.x[row])
         assert alone.end_s[0] == together.end_s[row]

@@ -14,8 +14,8 @@ from bench.simspec import Environment, SimSpec
 
 
 def measured(simspec: SimSpec, measure: str, **options: Option) -> float | None:
-    (found,) = observe(pack([simspec]), {"one": (measure, options)}).of(0)
-    return found.x
+    (measurement,) = observe(pack([simspec]), {"one": (measure, options)}).of(0)
+    return measurement.x
 
 
 def walking(radius_m: float) -> SimSpec:
@@ -59,8 +59,8 @@ def test_fog_makes_labels_and_shares_of_kinds_worse() -> None:
     clear, foggy = (scene(environment=Environment(fog_level=level)) for level in (0.0, 8.0))
 
     for measure, options in (("detection_precision", {"role": "adversary"}), ("targets_seen", {"min_height_px": 60.0})):
-        told: list[Any] = [measured(one, measure, **options) for one in (clear, foggy)]
-        assert told[0] >= told[1]
+        values: list[Any] = [measured(simspec, measure, **options) for simspec in (clear, foggy)]
+        assert values[0] >= values[1]
     assert measured(clear, "detection_fairness", by="asset") is None  # one kind alone
     assert measured(clear, "steady_detection", role="bystander") is not None
 
@@ -72,20 +72,20 @@ def test_time_and_charge_are_those_of_the_flight() -> None:
     )
 
     assert measured(scene(NAIVE), "mission_time", share=0.9) == 1.0
-    near = measured(short, "mission_time", share=0.5)
-    assert near is not None
-    assert 0.0 < near < 1.0
+    time_share = measured(short, "mission_time", share=0.5)
+    assert time_share is not None
+    assert 0.0 < time_share < 1.0
     assert measured(drained, "battery_reserve") == 1.0  # for it turned back
     assert measured(drained, "targets_reported") in (0.0, 0.5)
     assert measured(scene(NAIVE), "targets_reported") == 1.0
 
 
 def test_every_value_of_the_whole_decomposition_lies_in_its_range() -> None:
-    asked = measures_of(load_measurable_decomposition("search-and-report-full"))
+    observables = measures_of(load_measurable_decomposition("search-and-report-full"))
 
-    observed = observe(pack([scene(NAIVE), scene(AWARE), walking(30.0)]), asked)
+    observed = observe(pack([scene(NAIVE), scene(AWARE), walking(30.0)]), observables)
 
-    assert len(computed(asked)) == 75
+    assert len(computed(observables)) == 75
     assert ((observed.x >= 0.0) & (observed.x <= 1.0)).all()
     assert np.isfinite(observed.x).all()
     lacking = [observed.observables.index(name) for name in observed.missing]
