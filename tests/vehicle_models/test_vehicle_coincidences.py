@@ -1,0 +1,305 @@
+"""Coincidences: two causes of a failsafe, a return without a position, two clients, a battery that dips twice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+
+import pytest
+from vehicle_client import Client, mavlink, simspec
+
+from bench.contracts import LinkSpec, VehiclePlan
+from vehicle_models import open_x500
+
+Make = Callable[..., Client]
+PX4_HOLD = (1, 4, 3)
+ALTCTL, POSCTL = (1, 2), (1, 3)
+ALT_HOLD, GUIDED, RTL = 2, 4, 6
+
+
+def beat(client: Client) -> None:
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+
+
+def sticks(client: Client) -> None:
+    client.send(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+
+
+def beat_and_sticks(client: Client) -> Callable[[], None]:
+    def send() -> None:
+        beat(client)
+        sticks(client)
+
+    return send
+
+
+def put(client: Client, name: str, value: float) -> None:
+    client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    client.fly(0.1, lambda: beat(client))
+
+
+def state(client: Client) -> tuple[str, str]:
+    condition = client.vehicle.condition()
+    return condition.mode, condition.failsafe
+
+
+def lose_position(client: Client) -> None:
+    """Take the satellites away until the estimate of the position is given up, five seconds later."""
+    client.vehicle._navigation.set_off(True)  # type: ignore[attr-defined]
+    client.fly(5.2, beat_and_sticks(client))
+
+
+def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: float) -> Client:
+    """A PX4 flown by a joystick, with a ground station. They count as lost 2.8 s and 2.9 s after they fall silent."""
+    # COM_DL_LOSS_T is exceeded by 1.9 s before a station counts as lost.
+    silence = {"COM_RC_LOSS_T": 2.8, "COM_DL_LOSS_T": 1.0}
+    client = make(simspec(vehicle={"parameters": {**silence, "NAV_DLL_ACT": 2, "NAV_RCL_ACT": 2, **parameters}}))
+    client.airborne(3.0)
+    client.fly(0.5, beat_and_sticks(client))
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, *mode)
+    client.fly(0.5, beat_and_sticks(client))
+    return client
+
+
+def copter(make: Make, **parameters: float) -> Client:
+    """An ArduCopter in GUIDED, 10 m up, with a ground station."""
+    client = make(simspec("ardupilot", vehicle={"parameters": parameters}), system=255)
+    client.fly(42.0, lambda: beat(client))
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10.0) == [0]
+    client.fly(12.0, lambda: beat(client))
+    return client
+
+
+# Two causes of equal strength at once.
+
+
+def test_px4_holds_once_for_two_causes_and_shows_the_later(make: Make) -> None:
+    """Sticks and station are lost in the same tenth of a second: one Hold, one return."""
+    client = px4_by_sticks(make)
+    client.fly(3.2)
+    assert state(client) == ("AUTO_LOITER", "link")
+    client.fly(5.0)
+    assert state(client) == ("AUTO_RTL", "link")
+    texts = [text.strip() for text in client.texts() if "Failsafe" in text]
+    assert texts == ["Failsafe activated: entering Hold for 5 seconds", "Failsafe activated"]
+
+
+def test_px4_returns_although_the_second_cause_has_ended(make: Make) -> None:
+    """The Hold is the first cause's, so a station that is back does not end it."""
+    client = px4_by_sticks(make)
+    client.fly(3.2)
+    client.fly(1.0, lambda: beat(client))
+    assert state(client) == ("AUTO_LOITER", "link")
+    client.fly(4.5, lambda: beat(client))
+    assert state(client) == ("AUTO_RTL", "link")
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, *PX4_HOLD)[-1] == 0
+    assert state(client) == ("AUTO_LOITER", "")
+
+
+@pytest.mark.xfail(strict=True, raises=KeyError, reason="the Hold still names the cause that has ended")
+def test_px4_keeps_the_second_cause_when_the_first_has_ended(make: Make) -> None:
+    """The sticks come back during their Hold; the station stays lost, so it returns."""
+    client = px4_by_sticks(make)
+    client.fly(3.2)
+    client.fly(1.0, lambda: sticks(client))
+    assert state(client) == ("AUTO_LOITER", "link")
+    client.fly(4.5, lambda: sticks(client))
+    assert state(client) == ("AUTO_RTL", "link")
+
+
+def test_copter_returns_until_both_causes_have_ended(make: Make) -> None:
+    """The remaining cause is shown, whichever of the two ends first; the mode stays."""
+    client = copter(make, FS_GCS_ENABLE=1, FS_THR_ENABLE=1)
+    client.fly(4.1)
+    client.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_RC_FAIL", 1, 9))
+    client.fly(1.3)
+    assert state(client)[0] == "RTL"
+    assert {text for text in client.texts() if text.endswith("Failsafe")} == {"GCS Failsafe", "Radio Failsafe"}
+    beat(client)
+    client.fly(0.1)
+    assert state(client) == ("RTL", "radio")
+    put(client, "SIM_RC_FAIL", 0)
+    assert state(client) == ("RTL", "")
+
+
+def test_copter_follows_the_later_of_two_causes(make: Make) -> None:
+    """No reaction is stronger than another: a return replaces a landing."""
+    client = copter(make, FS_GCS_ENABLE=1, FS_THR_ENABLE=3)
+    client.fly(3.0)
+    client.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_RC_FAIL", 1, 9))
+    client.fly(1.2)
+    assert state(client) == ("LAND", "radio")
+    client.fly(1.5)
+    assert state(client) == ("RTL", "link")
+
+
+# A return without a position.
+
+
+def test_px4_lands_when_a_return_is_ordered_without_a_position(make: Make) -> None:
+    client = px4_by_sticks(make, ALTCTL)
+    lose_position(client)
+    assert state(client) == ("ALTCTL", "")
+    results = client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    client.fly(0.2, beat_and_sticks(client))
+    assert (results, state(client)) == ([0], ("AUTO_LAND", "position"))
+
+
+def test_px4_lands_when_a_failsafe_returns_without_a_position(make: Make) -> None:
+    """Lost sticks hold and return; without a position it lands at once and stays in the landing."""
+    client = px4_by_sticks(make, ALTCTL)
+    lose_position(client)
+    client.fly(3.2, lambda: beat(client))
+    assert state(client) == ("AUTO_LAND", "sticks")
+    client.fly(1.0, lambda: beat(client))
+    assert state(client) == ("AUTO_LAND", "sticks")
+
+
+def test_copter_lands_when_a_return_is_ordered_without_a_position(make: Make) -> None:
+    """The order is accepted, and the failsafe lands in the same step. A second order does return, by reckoning."""
+    client = copter(make)
+    client.fly(0.5, beat_and_sticks(client))
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
+    lose_position(client)
+    assert state(client) == ("ALT_HOLD", "")
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
+    assert state(client) == ("LAND", "position")
+    # The position failsafe acts once: it is active already.
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, RTL) == [0]
+    client.fly(1.0, beat_and_sticks(client))
+    assert state(client) == ("RTL", "position")
+
+
+def test_copter_lands_when_a_failsafe_returns_without_a_position(make: Make) -> None:
+    client = copter(make, FS_GCS_ENABLE=1)
+    client.fly(0.5, beat_and_sticks(client))
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
+    lose_position(client)
+    assert state(client) == ("ALT_HOLD", "")
+    client.fly(5.2, lambda: sticks(client))
+    assert state(client) == ("LAND", "link")
+
+
+# Two clients at once.
+
+
+@pytest.fixture
+def pair() -> Iterator[Callable[[str], tuple[Client, Client]]]:
+    """Two clients of one vehicle, each on a link of its own; the first flies for both."""
+    with ExitStack() as stack:
+
+        def build(autopilot: str) -> tuple[Client, Client]:
+            first, second = clients = Client(245), Client(246)
+            for client in clients:
+                stack.callback(client.socket.close)
+            links = tuple(
+                LinkSpec(name, "udp_out", port=client.port, streams="none")
+                for name, client in zip(("first", "second"), clients, strict=True)
+            )
+            first.vehicle = second.vehicle = stack.enter_context(open_x500(VehiclePlan(simspec(autopilot), links)))
+            first.fly(1.1)
+            second._listen()
+            return first, second
+
+        yield build
+
+
+def acknowledged(client: Client) -> list[tuple[int, int, int]]:
+    """Commands, results and target systems of the acknowledgements that came to a client."""
+    acknowledgements = [message for message in client.received if message.get_type() == "COMMAND_ACK"]
+    return [(message.command, message.result, message.target_system) for message in acknowledgements]
+
+
+def command_long(number: int, *params: float) -> mavlink.MAVLink_command_long_message:
+    return mavlink.MAVLink_command_long_message(1, 1, number, 0, *params, *[0.0] * (7 - len(params)))
+
+
+def test_px4_carries_out_the_commands_of_both_clients_in_the_order_of_their_links(
+    pair: Callable[[str], tuple[Client, Client]],
+) -> None:
+    """Both are accepted in one step. The second link's command is the one that is flown."""
+    first, second = pair("px4")
+    first.airborne(5.0)
+    second._listen()
+    first.received.clear()
+    second.received.clear()
+    second.send(command_long(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH))
+    first.send(command_long(mavlink.MAV_CMD_NAV_LAND))
+    first.fly(0.02)
+    second._listen()
+    assert acknowledged(first) == [(mavlink.MAV_CMD_NAV_LAND, 0, 245)]
+    assert acknowledged(second) == [(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, 0, 246)]
+    assert first.vehicle.condition().mode == "AUTO_RTL"
+
+
+def test_copter_answers_each_client_for_itself(pair: Callable[[str], tuple[Client, Client]]) -> None:
+    """The first arms and the second disarms in one step: it stands disarmed; the next pair is the other way round."""
+    first, second = pair("ardupilot")
+    first.fly(42.0)
+    assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
+    second._listen()
+    first.received.clear()
+    second.received.clear()
+    arm, disarm = (command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, value) for value in (1.0, 0.0))
+    for messages, armed in (((arm, disarm), False), ((disarm, arm), True)):
+        for client, message in zip((first, second), messages, strict=True):
+            client.send(message)
+        first.fly(0.02)
+        second._listen()
+        assert first.vehicle.condition().armed is armed
+    assert acknowledged(first) == [(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 245)] * 2
+    assert acknowledged(second) == [(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 246)] * 2
+
+
+# A battery that dips twice.
+
+
+def test_copter_counts_the_time_of_each_dip_anew(make: Make) -> None:
+    """Two dips of six seconds are no failsafe where BATT_LOW_TIMER is ten."""
+    client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
+    for _ in range(2):
+        put(client, "SIM_BATT_VOLTAGE", 10.5)
+        client.fly(6.0, lambda: beat(client))
+        put(client, "SIM_BATT_VOLTAGE", 12.6)
+        client.fly(1.0, lambda: beat(client))
+    assert state(client) == ("GUIDED", "")
+
+
+def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
+    """A level that was passed is not passed again in the same flight, although the voltage was good in between."""
+    client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
+    put(client, "SIM_BATT_VOLTAGE", 10.5)
+    client.fly(10.5, lambda: beat(client))
+    assert state(client) == ("RTL", "battery")
+    put(client, "SIM_BATT_VOLTAGE", 12.6)
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
+    client.fly(1.0, lambda: beat(client))
+    assert state(client) == ("GUIDED", "battery")
+    put(client, "SIM_BATT_VOLTAGE", 10.5)
+    client.fly(10.5, lambda: beat(client))
+    assert state(client) == ("GUIDED", "battery")
+    assert client.texts().count("Battery Failsafe") == 1
+
+
+def test_px4_warns_of_the_first_dip_and_acts_when_the_second_goes_deeper(make: Make) -> None:
+    """SIM_BAT_MIN_PCT moves the charge: 10 % is low, 6 % critical."""
+    client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 10.0, "SIM_BAT_MIN_PCT": 10.0, "COM_LOW_BAT_ACT": 3}}))
+    client.fly(5.0)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, float("nan"), float("nan"), float("nan"), 493.0)
+    client.fly(12.0)
+    warnings = [text for text in client.texts() if text.strip() == "Low battery"]
+    put(client, "SIM_BAT_MIN_PCT", 50.0)
+    client.fly(1.0)
+    put(client, "SIM_BAT_MIN_PCT", 10.0)
+    client.fly(6.0)
+    assert [text for text in client.texts() if text.strip() == "Low battery"] == warnings
+    assert len(warnings) == 1
+    assert state(client) == ("AUTO_LOITER", "")
+    put(client, "SIM_BAT_MIN_PCT", 6.0)
+    client.fly(1.0)
+    assert state(client) == ("AUTO_LOITER", "battery")
+    client.fly(5.0)
+    assert state(client) == ("AUTO_RTL", "battery")
